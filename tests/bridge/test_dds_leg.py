@@ -1,6 +1,7 @@
 """The leg over DDS where there is nothing but such legs: two in this process, on loopback."""
 
 import logging
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,7 +18,8 @@ from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.ros_names import domain_of
 
 LOG = logging.getLogger("leg")
-DOMAIN = 201
+# One for each process: tests that run at once would hear each other.
+DOMAIN = 100 + os.getpid() % 131
 # "hi", in CDR.
 HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
 CHATTER = RosTopic("/chatter", STRING)
@@ -51,6 +53,18 @@ def test_messages_come_as_their_bytes_with_the_gid_of_the_sender(legs: tuple[Leg
     sender.send(HI)
     eventually(lambda: heard)
     assert heard == [("two", HI, sender.gid)]
+
+
+def test_a_writer_that_came_after_the_last_look_is_known(legs: tuple[Any, Any]) -> None:
+    """Its first message may come between a look at who is there and one at what has come."""
+    one, two = legs
+    two._safely = lambda *_: None
+    sender = one.publisher(CHATTER)
+    reader = two.subscribe(CHATTER, lambda *_: None)._reader
+    eventually(lambda: sender.heard)
+    sender.send(HI)
+    [sample] = eventually(lambda: reader.take(1))
+    assert two._watch.gid_of(sample.sample_info.publication_handle) == sender.gid
 
 
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:

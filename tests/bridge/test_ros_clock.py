@@ -1,5 +1,8 @@
 """The simulated time goes from the side that has a clock to the other."""
 
+import time
+from functools import partial
+
 import pytest
 
 from tests.bridge.conftest import Bridged
@@ -8,6 +11,8 @@ from tests.builders import S
 from tests.fakes import Lines
 from tests.live_bus import Bus, eventually, send_until
 from tfbus import Node
+from tfbus.bridge import ros_clock
+from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.ros_clock import TOPIC, read_clock, write_clock
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
@@ -125,14 +130,15 @@ def test_a_second_clock_ends_the_way_of_the_first(
     assert bridge._clock.way == ""
 
 
+@pytest.mark.parametrize("to_ros", [True, False])
 def test_a_bridge_that_is_gone_does_not_hide_two_clocks(
-    bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node
+    to_ros: bool, bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node
 ) -> None:
     """Nor one to another ROS."""
     elsewhere = FakeRos()
     bridged("elsewhere", to=elsewhere)
     node = bus.node("former")
-    former = bridged("former", on=node)
+    former = bridged("former", on=node, to_ros=to_ros)
     bridge = bridged()
     eventually(lambda: len(bridge._bridges.others) == 2)
     former.close()
@@ -146,3 +152,68 @@ def test_a_bridge_that_is_gone_does_not_hide_two_clocks(
         clock.publish(Clock(100 * S))
 
     send_until(send, lambda: any("neither crosses" in each for each in lines.lines))
+
+
+# Two bridges between the same bus and the same ROS
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bridges decide soon."""
+    monkeypatch.setattr(ros_clock, "_DECIDE_S", 0.2)
+
+
+def stands_by(bridge: Bridge, way: str) -> bool:
+    """Whether it has had time to begin this way, and has none."""
+    clock = bridge._clock
+    first_s = clock._first_s.get(way)
+    return first_s is not None and time.monotonic() > first_s + 1.0 and clock.way == ""
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("tells", [True, False])
+def test_of_two_bridges_one_gives_the_time_to_ros(
+    tells: bool, ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """That which was started first; when it ends the other does."""
+    nav2 = ros.leg("nav2")
+    clock = sender.create_clock_publisher()
+    send = partial(clock.publish, Clock(100 * S))
+    one = bridged("one", tells_publishers=tells)
+    send_until(send, lambda: one._clock.way == "to ROS")
+    two = bridged("two", tells_publishers=tells)
+    send_until(send, lambda: stands_by(two, "to ROS"))
+    assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/tfbus_one"]
+    one.close()
+    send_until(send, lambda: two._clock.way == "to ROS")
+    assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/tfbus_two"]
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("options", [{}, {"clock": "from-ros"}, {"to_ros": False}])
+def test_of_two_bridges_one_gives_the_time_of_ros_to_the_bus(
+    options: dict[str, object], ros: FakeRos, bridged: Bridged
+) -> None:
+    """That which was started first, whatever options both have; when it leaves the bus the other
+    does, without a word of two clocks.
+    """
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    send = partial(gazebo.send, write_clock(100 * S))
+    one, two = bridged("one", **options), bridged("two", **options)
+    lines = Lines(two._node.log)
+    send_until(send, lambda: one._clock.way == "from ROS" and stands_by(two, "from ROS"))
+    one._node.close()
+    send_until(send, lambda: two._clock.way == "from ROS")
+    assert not [each for each in lines.lines if "neither crosses" in each]
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_time_of_ros_does_not_go_back_by_another_bridge(ros: FakeRos, bridged: Bridged) -> None:
+    """Even where that has to send the time to ROS."""
+    nav2 = ros.leg("nav2")
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    send = partial(gazebo.send, write_clock(100 * S))
+    one = bridged("one", clock="from-ros")
+    two = bridged("two", clock="to-ros")
+    send_until(send, lambda: one._clock.way == "from ROS" and stands_by(two, "to ROS"))
+    assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/gazebo"]

@@ -56,17 +56,50 @@ def test_publishers_have_the_gids_of_their_tokens() -> None:
     assert [each.node for each in seen.publishers("/tf")] == ["/arm"]
 
 
-def test_the_only_publisher_of_a_session_is_found() -> None:
-    """For messages with a gid that is not that of the token."""
+def test_a_gid_without_a_token_is_that_of_the_only_publisher_of_its_session() -> None:
+    """Once no token of its own is to be expected; until that publisher is gone, also where the
+    session has others since.
+    """
     camera = token("camera")
     seen = graph(camera, token("arm", session="b2"), token("arm2", session="b2"))
-    found = seen.only_publisher("/tf", "a1")
-    assert found is not None and found.node == "/camera" and found.gid in seen.gids
-    assert seen.only_publisher("/tf", "b2") is None
-    assert seen.only_publisher("/scan", "a1") is None
+    now_s = 100.0
+    seen._clock_s = lambda: now_s
+    for gid, session in (("11", "a1"), ("22", "b2"), ("33", "")):
+        seen.heard("/tf", gid, lambda session=session: session)
+    seen.heard("/scan", "44", lambda: "a1")
+    assert len(seen.publishers("/tf")) == 3
+    now_s += 1.0
+    made_up = RosPublisher("11", "/camera")
+    assert len(seen.publishers("/tf")) == 4 and made_up in seen.publishers("/tf")
+    assert seen.publishers("/scan") == []
+    seen.on_token(token("camera2"), True)
+    assert made_up in seen.publishers("/tf")
     seen.on_token(camera, False)
-    assert seen.only_publisher("/tf", "a1") is None
-    assert found.gid not in seen.gids
+    seen.on_token(token("camera3"), True)
+    assert made_up not in seen.publishers("/tf")
+
+
+def test_a_gid_whose_token_comes_late_is_never_that_of_another() -> None:
+    """It may come after messages of the publisher, those of others of its session before."""
+    early, late = token("early"), token("late")
+    seen = graph(early)
+    gid = gid_of(late).hex()
+    seen.heard("/tf", gid, lambda: "a1")
+    assert [each.node for each in seen.publishers("/tf")] == ["/early"]
+    seen.on_token(late, True)
+    seen._clock_s = lambda: 1e9
+    assert RosPublisher(gid, "/late") in seen.publishers("/tf")
+    assert len(seen.publishers("/tf")) == 2
+
+
+def test_made_up_gids_are_limited() -> None:
+    """The oldest make room."""
+    seen = graph(token("camera"))
+    for number in range(2000):
+        seen.heard("/tf", str(number), lambda: "a1")
+    seen._clock_s = lambda: 1e9
+    assert len(seen.publishers("/tf")) == 1001
+    assert RosPublisher("1999", "/camera") in seen.publishers("/tf")
 
 
 def test_a_token_that_comes_twice_is_one() -> None:

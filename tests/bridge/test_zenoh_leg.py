@@ -2,6 +2,7 @@
 
 import json
 import logging
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -10,13 +11,13 @@ import pytest
 import zenoh
 
 from tests.bridge.ros_router import RosRouter
-from tests.live_bus import eventually, send_until
+from tests.live_bus import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs import open_leg
 from tfbus.bridge.zenoh_leg import ZenohLeg
 from tfbus.ros.definitions import STRING, TF_MESSAGE
-from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes
+from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
 TF = RosTopic("/tf", TF_MESSAGE, depth=100)
 TF_STATIC = RosTopic("/tf_static", TF_MESSAGE, retained=True, depth=1)
@@ -83,6 +84,27 @@ def test_a_peer_without_a_router_says_so(ros: Ros) -> None:
     """It opens at once, and finds the router when it comes."""
     leg = ros.leg(peer=True)
     eventually(lambda: "No Zenoh router" in "".join(leg.warnings()))
+    ros.router.start()
+    eventually(lambda: not leg.warnings())
+
+
+def test_a_router_that_neither_answers_nor_refuses_is_named(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a host that is unplugged, while Zenoh still waits for it; it is joined in the end."""
+    is_there = threading.Event()
+    opening = zenoh.open
+
+    def open_at_last(config: zenoh.Config) -> zenoh.Session:
+        assert is_there.wait(DEADLINE_S)
+        return opening(config)
+
+    monkeypatch.setattr("tfbus.bus.ros_session.zenoh.open", open_at_last)
+    leg = ros.leg()
+    [said] = eventually(leg.warnings)
+    assert said.startswith(f"No Zenoh router of ROS answers at {ros.router.endpoint}, tried until")
+    assert leg.warnings() == [said]
+    is_there.set()
     ros.router.start()
     eventually(lambda: not leg.warnings())
 
@@ -269,15 +291,34 @@ def test_publishers_with_another_gid_are_known_by_their_session(ros: Ros) -> Non
     token = f"@ros2_lv/0/{stranger.zid()}/0/1/MP/%/%/arm/%tf/{place}/::,100:,:,:,,"
     held = stranger.liveliness().declare_token(token)
     eventually(lambda: leg.publishers("/tf"))
-    (publisher,) = leg.publishers("/tf")
     attachment = attachment_bytes(Attachment(1, time.time_ns(), bytes(16)))
     send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
-    assert heard[0] == (b"x", publisher.gid)
+    made_up = RosPublisher(bytes(16).hex(), "/arm")
+    assert heard[0] == (b"x", made_up.gid)
+    eventually(lambda: made_up in leg.publishers("/tf"))
     held.undeclare()
     eventually(lambda: not leg.publishers("/tf"))
-    heard.clear()
-    send_until(lambda: stranger.put(TF_KEY, b"y", attachment=attachment), lambda: bool(heard))
-    assert heard[-1] == (b"y", bytes(16).hex())
+
+
+def test_a_message_that_is_faster_than_its_publishers_token_is_of_no_other(ros: Ros) -> None:
+    """Of a session that has another publisher of the topic, whose token was there before."""
+    ros.router.start()
+    leg, stranger = ros.leg(), ros.stranger()
+    heard = Heard()
+    leg.subscribe(TF, heard.add)
+    place = TF_KEY.removeprefix("0/tf/")
+    tokens = [
+        f"@ros2_lv/0/{stranger.zid()}/0/{number}/MP/%/%/{node}/%tf/{place}/::,100:,:,:,,"
+        for number, node in enumerate(("early", "late"))
+    ]
+    held = [stranger.liveliness().declare_token(tokens[0])]
+    eventually(lambda: [each.node for each in leg.publishers("/tf")] == ["/early"])
+    gid = gid_of(tokens[1])
+    attachment = attachment_bytes(Attachment(1, time.time_ns(), gid))
+    send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
+    held.append(stranger.liveliness().declare_token(tokens[1]))
+    eventually(lambda: RosPublisher(gid.hex(), "/late") in leg.publishers("/tf"))
+    assert {each for _, each in heard} == {gid.hex()}
 
 
 def test_an_exception_of_the_callback_is_logged_once(

@@ -3,6 +3,7 @@
 import json
 import logging
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.live_bus import Bus, eventually
+from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
@@ -157,3 +158,34 @@ def test_a_second_session_that_opens_while_the_first_closes_is_closed(
     with pytest.raises(BusError, match="the session is closed"):
         session.placed("/elsewhere/tf/sim")
     assert opened[0].zenoh.is_closed()
+
+
+def test_a_publisher_may_end_while_another_thread_sends_by_it(bus: Bus) -> None:
+    """The thread that ends it sees no error; the one that sends is told that it is closed."""
+    node = bus.node("sender")
+    node.session.subscriber("a", lambda key, payload: None)
+    payload = b"x" * 10_000
+    for _ in range(20):
+        publisher = node.session.publisher("a")
+        sent: list[bytes] = []
+        errors: list[BusError] = []
+
+        def send(
+            put: Callable[[bytes], object] = publisher.put,
+            sent: list[bytes] = sent,
+            errors: list[BusError] = errors,
+        ) -> None:
+            while not errors:
+                try:
+                    put(payload)
+                    sent.append(payload)
+                except BusError as error:
+                    errors.append(error)
+
+        thread = threading.Thread(target=send, daemon=True)
+        thread.start()
+        eventually(lambda sent=sent: sent)
+        publisher.close()
+        publisher.close()
+        thread.join(DEADLINE_S)
+        assert "could not publish a" in str(errors[0])

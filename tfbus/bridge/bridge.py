@@ -140,7 +140,9 @@ class Bridge:
             from_ros=options.from_ros,
             executor=self._executor,
             once=self._once,
-            has_others=self._has_others,
+            others=self._living_bridges,
+            is_senior=self._bridges.is_senior,
+            on_way=self._tell,
         )
         self._parts.callback(self._clock.close)
         if table is not None:
@@ -219,7 +221,7 @@ class Bridge:
             self._met.add(other.session)
             self._node.log.warning(
                 "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
-                "frame or topic crosses by the one that was started first",
+                "frame, a topic or the clock crosses by the one that was started first",
                 printable(other.node, 60),
                 "it was started first" if self._bridges.is_senior(other) else "it came later",
             )
@@ -239,15 +241,18 @@ class Bridge:
         self._say("to ROS", to_ros)
         self._say("from ROS", from_ros)
         self._say_nothing_came(from_ros)
-        self._bridges.tell(self._status(to_ros, from_ros))
+        self._tell()
 
-    def _has_others(self) -> bool:
-        """Whether another bridge joins this bus and this ROS; one that sends nothing to ROS may."""
+    def _living_bridges(self) -> list[RosBridge]:
+        """The other bridges that join this bus and this ROS, or may: one without gids sends
+        nothing to ROS.
+        """
         there = self._publishers.nodes
-        return any(
-            not other.gids or any(gid in there for gid in other.gids)
-            for other in self._bridges.others
-        )
+        return [
+            other
+            for other in self._bridges.living
+            if not other.gids or any(gid in there for gid in other.gids)
+        ]
 
     def _meet_new_bridges(self) -> None:
         there = self._publishers.nodes
@@ -259,7 +264,13 @@ class Bridge:
 
     # What it says
 
-    def _status(self, to_ros: dict[str, int], from_ros: dict[str, int]) -> RosBridge:
+    def _tell(self) -> None:
+        to_ros = self._to_ros.streams if self._to_ros else {}
+        self._bridges.tell(self._status(to_ros, self._from_ros.streams, self._clock.way))
+
+    def _status(
+        self, to_ros: dict[str, int], from_ros: dict[str, int], clock: str = ""
+    ) -> RosBridge:
         return RosBridge(
             self._node.full_name,
             self._node.session.id,
@@ -269,6 +280,7 @@ class Bridge:
             self._gids,
             sum(to_ros.values()),
             sum(from_ros.values()),
+            clock,
         )
 
     def _say_nothing_came(self, from_ros: dict[str, int]) -> None:

@@ -5,14 +5,15 @@ Two bridges between the same bus and the same ROS must not send the same frames 
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import node_key
+from tfbus.wire.keys import ALL_NODES, full_name, node_key
 from tfbus.wording import printable
 
 TOPIC = "ros_bridges"
@@ -28,7 +29,8 @@ _ANSWER_WITHIN_S = 1.0
 class RosBridge:
     """A bridge: its node on the bus (full name) and its session, its node in ROS and the middleware
     that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are those
-    of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross.
+    of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
+    `clock` is which way it passes the simulated time on: "to ROS", "from ROS" or "".
     """
 
     node: str
@@ -39,6 +41,7 @@ class RosBridge:
     gids: tuple[str, ...] = ()
     to_ros: int = 0
     from_ros: int = 0
+    clock: str = ""
 
 
 def check_name_is_free(node: Node) -> None:
@@ -69,6 +72,9 @@ class Bridges:
         self._on_change = on_change
         self._lock = threading.Lock()
         self._others: dict[str, RosBridge] = {}
+        # The full names of the nodes that are there.
+        self._living: set[str] = set()
+        self._namespace = node.namespace
         self._publisher: Publisher[RosBridge] | None = None
         try:
             self._publisher = node.create_publisher(RosBridge, TOPIC, retained=True)
@@ -78,12 +84,20 @@ class Bridges:
         self._subscription = node.create_raw_subscription(
             TOPIC, self._on_message, type_name=RosBridge.__name__, retained=True
         )
+        self._tokens = node.session.watch_living(ALL_NODES, self._on_token)
 
     @property
     def others(self) -> list[RosBridge]:
         """The other bridges that there are or were."""
         with self._lock:
             return [*self._others.values()]
+
+    @property
+    def living(self) -> list[RosBridge]:
+        """The other bridges that are there."""
+        with self._lock:
+            by_node = {each.node: each for each in self._others.values()}
+        return [each for each in by_node.values() if each.node in self._living]
 
     def of_gid(self, gid: str) -> RosBridge | None:
         """The other bridge of this bus that publishes in ROS by this gid."""
@@ -102,10 +116,16 @@ class Bridges:
                 self._publisher.publish(own)
 
     def close(self) -> None:
-        """Tell and hear nothing more. Twice is fine."""
+        """Tell and hear nothing more. Twice is fine.
+
+        The publisher ends with its node, which may stay: Zenoh may wait for ever for the end of one
+        to whose key the same process subscribes.
+        """
+        self._tokens.close()
         self._subscription.close()
-        if self._publisher is not None:
-            self._publisher.close()
+        # The node may be gone already.
+        with suppress(TfbusError):
+            self.tell(replace(self._own, to_ros=0, from_ros=0, clock=""))
 
     def _on_message(self, payload: bytes) -> None:
         try:
@@ -121,3 +141,6 @@ class Bridges:
                 del self._others[next(iter(self._others))]
         if former is None or former.gids != other.gids:
             self._on_change()
+
+    def _on_token(self, key: str, alive: bool) -> None:
+        (self._living.add if alive else self._living.discard)(full_name(key, self._namespace))

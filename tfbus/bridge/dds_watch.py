@@ -75,7 +75,17 @@ class DdsWatch:
                         self._take_nodes(each.data)
 
     def gid_of(self, handle: int) -> str:
-        """The gid of the writer of a message, by the handle in its info; "" where it is unknown."""
+        """The gid of the writer of a message, by the handle in its info; "" where it is unknown.
+        From the thread of `update`.
+        """
+        found = self._known_gid(handle)
+        if not found:
+            # The writer, and its first message, have come since the last update.
+            self.update()
+            found = self._known_gid(handle)
+        return found
+
+    def _known_gid(self, handle: int) -> str:
         with self._lock:
             writer = self._writers.get(handle)
             return self._gone.get(handle, "") if writer is None else writer.gid

@@ -18,7 +18,7 @@ from tfbus.bridge.ros_sources import RosSource, RosSources
 from tfbus.bridge.ros_streams import RosStream
 from tfbus.bridge.routes import Route, Routes, chosen, route
 from tfbus.bridge.valid_rows import invalid_rows
-from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
@@ -53,6 +53,7 @@ class FromRos:
         on_names: Callable[[], object],
     ) -> None:
         self.rejected = 0
+        self._node = node
         self._leg = leg
         self._options = options
         self._names = names
@@ -282,10 +283,19 @@ class FromRos:
                 self._refuse_row(source, child, "name", f"a name of a frame {mistake}")
             elif on_bus[parent] == on_bus[child]:
                 self._refuse_row(source, child, "own parent", "it is its own parent")
+            elif missing := self._missing_right(on_bus[child]):
+                self._refuse_row(source, child, "right", missing)
             else:
                 continue
             refused.add((parent, child))
         return refused
+
+    def _missing_right(self, child: str) -> str:
+        try:
+            self._node.settings.check_right("frames", child)
+        except RightsError as error:
+            return str(error)
+        return ""
 
     def _refuse_row(self, source: RosSource, child: str, kind: str, mistake: str) -> None:
         self.rejected += 1

@@ -3,12 +3,13 @@
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
+from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import Closing, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
-from tfbus.errors import DecodeError, TfbusError
+from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.ros.cdr import HEADER, CdrReader
@@ -17,6 +18,7 @@ from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message
+from tfbus.wording import printable
 
 TOPIC = RosTopic("/clock", CLOCK, depth=1)
 
@@ -34,9 +36,12 @@ class RosClock:
     """Passes the time on in one direction, until `close()`.
 
     With `way` "auto" it is that of the first clock that is heard; where both sides have one,
-    neither crosses, also where the second comes later, which is logged. While the bus `has_others`
-    that bridge to the same ROS, its clock may be theirs: then nothing is logged, and a way that has
-    begun stays. Messages come on threads of the leg's and of Zenoh's.
+    neither crosses, also where the second comes later, which is logged. Messages come on threads of
+    the leg's and of Zenoh's.
+
+    `others()` are the bridges between the same bus and the same ROS, or maybe the same. While there
+    are any, a clock may be theirs: then nothing is logged, and a way that has begun stays, unless
+    one that `is_senior` has the same. `on_way()` is called when the way has changed.
     """
 
     def __init__(
@@ -49,7 +54,9 @@ class RosClock:
         from_ros: bool,
         executor: Executor,
         once: LogOnce,
-        has_others: Callable[[], bool] = lambda: False,
+        others: Callable[[], Sequence[RosBridge]] = lambda: (),
+        is_senior: Callable[[RosBridge], bool] = lambda other: True,
+        on_way: Callable[[], object] = lambda: None,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.way: Literal["", "to ROS", "from ROS"] = ""
@@ -60,13 +67,17 @@ class RosClock:
             "from ROS": from_ros and way in ("auto", "from-ros"),
         }
         self._is_auto = way == "auto"
-        self._has_others = has_others
+        self._others = others
+        self._is_senior = is_senior
+        self._on_way = on_way
         self._once = once
         self._clock_s = clock_s
         self._lock = threading.Lock()
         # When each side was heard first, and last.
         self._first_s: dict[str, float] = {}
         self._last_s: dict[str, float] = {}
+        # When the clock of other bridges is gone.
+        self._alone_from_s = 0.0
         self._bridge_gids: frozenset[str] = frozenset()
         self._sender: RosSender | None = None
         self._publisher: Closing | None = None
@@ -95,43 +106,75 @@ class RosClock:
         self._bridge_gids = frozenset(
             each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)
         )
+        others = self._others()
         with self._lock:
-            now_s = self._clock_s()
-            there = {side for side, last_s in self._last_s.items() if now_s < last_s + _SILENT_S}
-            for side in self._first_s.keys() - there:
-                del self._first_s[side]
-            if self._has_two(now_s) and not self._has_others():
-                self._once.warning(
-                    "two clocks",
-                    "The bus has a clock, and ROS has one: neither crosses. Stop one of them, or "
-                    "choose one by --clock to-ros or --clock from-ros",
-                )
-                self._end()
-            if self.way and self.way not in there:
-                self._end()
-            if not self.way and there:
-                self._choose(there, now_s)
+            former = self.way
+            self._decide(others)
+        if self.way != former:
+            self._on_way()
+
+    def _decide(self, others: Sequence[RosBridge]) -> None:
+        now_s = self._clock_s()
+        there = {side for side, last_s in self._last_s.items() if now_s < last_s + _SILENT_S}
+        for side in self._first_s.keys() - there:
+            del self._first_s[side]
+        if others:
+            self._alone_from_s = now_s + _SILENT_S + _DECIDE_S
+        if self._has_two(now_s) and now_s >= self._alone_from_s:
+            self._once.warning(
+                "two clocks",
+                "The bus has a clock, and ROS has one: neither crosses. Stop one of them, or "
+                "choose one by --clock to-ros or --clock from-ros",
+            )
+            self._end()
+        if self.way and self.way not in there:
+            self._end()
+        if self.way and (senior := self._senior_with(self.way, others)):
+            self._node.log.info(
+                "The simulated time goes by bridge %s, which was started first: this one stands by",
+                printable(senior.node, 60),
+            )
+            self._end()
+        if not self.way and there:
+            self._choose(there, now_s, others)
 
     def _has_two(self, now_s: float) -> bool:
         """Whether both sides have had a clock for some time; another bridge is known by then."""
         firsts_s = self._first_s.values()
         return self._is_auto and len(firsts_s) == 2 and now_s >= max(firsts_s) + _DECIDE_S
 
-    def _choose(self, there: set[str], now_s: float) -> None:
+    def _senior_with(self, way: str, others: Sequence[RosBridge]) -> RosBridge | None:
+        return next((each for each in others if each.clock == way and self._is_senior(each)), None)
+
+    def _choose(self, there: set[str], now_s: float, others: Sequence[RosBridge]) -> None:
         if self._is_auto and len(there) == 2:
             return
+        # One that was there first goes first.
+        after_s = _DECIDE_S * (1 + any(map(self._is_senior, others)))
         for way in there:
-            if self._may[way] and now_s >= self._first_s[way] + _DECIDE_S:
+            is_due = now_s >= self._first_s[way] + after_s
+            if self._may[way] and is_due and not self._is_theirs(way, others):
                 self._begin(way)
+
+    def _is_theirs(self, way: str, others: Sequence[RosBridge]) -> bool:
+        """Whether another bridge has the way, or this clock from the other side."""
+        return bool(self._senior_with(way, others)) or any(
+            each.clock not in ("", way) and each.gids for each in others
+        )
 
     def _begin(self, way: str) -> None:
         if way == "to ROS":
             self._sender = self._leg.publisher(TOPIC)
             self.way = "to ROS"
         else:
+            try:
+                publisher = self._node.create_clock_publisher()
+            except RightsError as error:
+                self._may["from ROS"] = False
+                self._node.log.warning("The time of ROS does not come to the bus: %s", error)
+                return
             # Before the first message of its own comes.
             self.way = "from ROS"
-            publisher = self._node.create_clock_publisher()
             self._publisher, self._publish = publisher, publisher.publish
         self._node.log.info(
             "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"
@@ -165,7 +208,12 @@ class RosClock:
             self._heard("from ROS")
             publish = self._publish
         # Without the lock: what is sent comes to this session too, on this thread.
-        publish(Clock(stamp_ns))
+        try:
+            publish(Clock(stamp_ns))
+        except TfbusError as error:
+            if publish is not self._publish:
+                return  # the way has ended meanwhile
+            self._once.warning("clock", "The time does not come from ROS: %s", error)
 
     def _on_bus(self, payload: bytes) -> None:
         try:

@@ -1,8 +1,10 @@
 """Who is there in ROS over Zenoh: publishers, subscribers and nodes, as their tokens say."""
 
 import threading
+import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from tfbus.bridge.leg import RosPublisher
 from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
@@ -10,22 +12,43 @@ from tfbus.wording import listed, printable
 
 # Tokens are strangers' to make up.
 _MOST = 20_000
+# So are gids.
+_MOST_UNTOLD = 1000
+
+# A message may be faster than the token of its publisher; a gid without one after this time is made
+# up.
+_MADE_UP_AFTER_S = 1.0
+
+
+@dataclass
+class _Untold:
+    """A gid of messages that no token has: from which session they are, and since when."""
+
+    session: str
+    since_s: float
+    # The token of the publisher that it is another gid of.
+    token: str = ""
 
 
 class RosGraph:
     """The tokens of others that are alive: those of the session `own` are left out."""
 
-    def __init__(self, domain: int, own: str) -> None:
+    def __init__(
+        self, domain: int, own: str, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
         # Tokens that are not of that form, or beyond what is kept.
         self.dropped = 0
         self._domain = domain
         self._own = own
+        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._elsewhere: Counter[int] = Counter()
         self._tokens: dict[str, Token] = {}
         self._publishers: dict[str, dict[str, RosPublisher]] = {}
         # Those of all publishers.
         self.gids: set[str] = set()
+        # By topic and gid.
+        self._untold: dict[tuple[str, str], _Untold] = {}
 
     def on_token(self, text: str, alive: bool) -> None:
         """A token has come, or is gone."""
@@ -47,6 +70,7 @@ class RosGraph:
             publisher = RosPublisher(gid_of(text).hex(), token.full_node_name)
             self._publishers.setdefault(token.topic, {})[text] = publisher
             self.gids.add(publisher.gid)
+            self._untold.pop((token.topic, publisher.gid), None)
 
     def _forget(self, text: str) -> None:
         token = self._tokens.pop(text, None)
@@ -60,21 +84,38 @@ class RosGraph:
             if not publishers:
                 del self._publishers[token.topic]
 
-    def publishers(self, topic: str) -> list[RosPublisher]:
-        """The publishers of a topic, in order of their gids."""
+    def heard(self, topic: str, gid: str, session: Callable[[], str]) -> None:
+        """A message has come by a gid that may have no token, from a session."""
+        if gid in self.gids or (topic, gid) in self._untold:
+            return
         with self._lock:
-            found = list(self._publishers.get(topic, {}).values())
+            if gid not in self.gids:
+                self._untold[topic, gid] = _Untold(session(), self._clock_s())
+                if len(self._untold) > _MOST_UNTOLD:
+                    del self._untold[next(iter(self._untold))]
+
+    def publishers(self, topic: str) -> list[RosPublisher]:
+        """The publishers of a topic, in order of their gids. One that puts other gids into its
+        messages than that of its token, as zenoh-ros2-sdk does, is there with these too, where its
+        session has no other publisher of the topic.
+        """
+        with self._lock:
+            there = self._publishers.get(topic, {})
+            found = list(there.values())
+            for (name, gid), untold in self._untold.items():
+                if name == topic and (token := self._token_of(untold, there)):
+                    found.append(RosPublisher(gid, there[token].node))
         return sorted(found, key=lambda each: each.gid)
 
-    def only_publisher(self, topic: str, session: str) -> RosPublisher | None:
-        """The publisher of a topic in a session, where it has one alone."""
-        with self._lock:
-            found = [
-                publisher
-                for text, publisher in self._publishers.get(topic, {}).items()
-                if self._tokens[text].session == session
-            ]
-        return found[0] if len(found) == 1 else None
+    def _token_of(self, untold: _Untold, there: dict[str, RosPublisher]) -> str:
+        """The token of a gid that has none of its own, "" where that is not known."""
+        if untold.token not in there:
+            untold.token = ""
+            of_session = [each for each in there if self._tokens[each].session == untold.session]
+            is_late = self._clock_s() >= untold.since_s + _MADE_UP_AFTER_S
+            if is_late and len(of_session) == 1:
+                untold.token = of_session[0]
+        return untold.token
 
     def other_domains(self) -> list[int]:
         """The domains that have nodes, where that of this graph has none."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.ros_publishers import RosPublishers
-from tfbus.bridge.ros_streams import RosStream, stream_name
+from tfbus.bridge.ros_streams import RosStream, lacks_right, stream_name
 from tfbus.bridge.routes import Routes
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
@@ -89,6 +89,7 @@ class RosSources:
         self._on_lost = on_lost
         self._clock_s = clock_s
         self._lines = lines_of(node.log)
+        self._once = LogOnce(node.log)
         self._sources: dict[str, RosSource] = {}
         self._unknown: dict[str, _Unknown] = {}
         # The gids of sources that ROS did not list when they were made.
@@ -194,6 +195,15 @@ class RosSources:
 
     def _make(self, gid: str, node: str) -> RosSource:
         name = stream_name(self._node, node)
+        if unused := lacks_right(self._node, node):
+            self._once.warning(
+                "right",
+                "This identity may not publish stream '%s': nodes of ROS share stream '%s'. Give "
+                "it nodes: ['%s*'] in rights.yaml",
+                printable(unused, 60),
+                name,
+                name,
+            )
         former = self._streams.get(name)
         if former is not None and node:
             for each in self._publishers.replaced_by(gid, former.gids - {""}):

@@ -94,11 +94,23 @@ def stream_name(node: Node, ros_node: str) -> str:
     That of the bridge's node alone where ROS does not tell, or the name cannot be shown or may not
     be used on this bus.
     """
+    name = _own_name(node, ros_node)
+    return name if name and not lacks_right(node, ros_node) else node.name
+
+
+def lacks_right(node: Node, ros_node: str) -> str:
+    """The name that the stream for a node of ROS would have, but that this identity may not use;
+    "" where it may.
+    """
+    name = _own_name(node, ros_node)
+    if name:
+        try:
+            node.settings.check_right("nodes", escape(name))
+        except RightsError:
+            return name
+    return ""
+
+
+def _own_name(node: Node, ros_node: str) -> str:
     name = f"{node.name}/{ros_node.strip('/')}"
-    if not ros_node.strip("/") or not is_printable(name):
-        return node.name
-    try:
-        node.settings.check_right("nodes", escape(name))
-    except RightsError:
-        return node.name
-    return name
+    return name if ros_node.strip("/") and is_printable(name) else ""

@@ -33,9 +33,6 @@ from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
-# Messages may have made up gids.
-_MOST_GIDS = 1000
-
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
     """Join ROS through its Zenoh router, which may start later.
@@ -65,7 +62,6 @@ class ZenohLeg:
         self.graph = RosGraph(self.domain, self._session.id)
         self._numbers = itertools.count(1)
         self._own_gids: set[bytes] = set()
-        self._known_as: dict[str, str] = {}
         self._topics: dict[str, tuple[str, str, str]] = {}
         self._has_seen_named_fields = False
         # Messages without an attachment of rmw_zenoh's.
@@ -104,8 +100,7 @@ class ZenohLeg:
                 self._drop(topic.name, attachment)
             elif read.gid not in self._own_gids:
                 gid = read.gid.hex()
-                if gid not in self.graph.gids:
-                    gid = self._gid_in_graph(topic.name, gid, sample)
+                self.graph.heard(topic.name, gid, lambda: sender_of(sample))
                 if not self._has_seen_named_fields and has_named_fields(attachment or b""):
                     self._has_seen_named_fields = True
                 subscription.call(payload, gid)
@@ -170,21 +165,6 @@ class ZenohLeg:
                 qos=Qos(topic.retained, topic.depth).text,
             )
         return token.text
-
-    def _gid_in_graph(self, topic: str, gid: str, sample: Any) -> str:
-        """The gid by which the graph knows the publisher that puts another one into its messages,
-        as zenoh-ros2-sdk does: where its session has no other publisher of the topic.
-        """
-        known = self._known_as.get(gid, "")
-        if known in self.graph.gids:
-            return known
-        publisher = self.graph.only_publisher(topic, sender_of(sample))
-        if publisher is None:
-            return gid
-        if len(self._known_as) >= _MOST_GIDS:
-            self._known_as.clear()
-        self._known_as[gid] = publisher.gid
-        return publisher.gid
 
     def _drop(self, topic: str, attachment: bytes | None) -> None:
         self.dropped += 1

@@ -12,6 +12,13 @@ from tfbus.bus.zenoh_errors import as_bus_error
 from tfbus.errors import BusError
 from tfbus.wire.limits import Limits, kind_of
 
+# A publisher that is sending when it ends ends as soon as that is done; or with its session.
+_TRY_AGAIN_S = 0.001
+_MOST_TRIES = 5000
+
+# As Zenoh says it.
+_UNDECLARED = "Undeclared publisher"
+
 
 class Declaration:
     """Something that a session has declared; it ends with the session, or by `close()` before."""
@@ -114,6 +121,33 @@ class BytesPublisher(Declaration):
             self._declared.put(payload)
         except zenoh.ZError as error:
             raise as_bus_error(f"publish {self._key}", error, self._node) from error
+
+    def close(self) -> None:
+        """End it; twice is fine, and so are other threads that send by it."""
+        declared = self._declared
+        if forks.is_lost() or isinstance(declared, _Ended):
+            return
+        # First, so that no further message begins: Zenoh ends no publisher that is sending.
+        self._declared = _Ended()
+        pause = threading.Event()
+        for _ in range(_MOST_TRIES):
+            try:
+                with suppress(zenoh.ZError):
+                    declared.undeclare()
+                return
+            except RuntimeError:  # "Already borrowed"
+                pause.wait(_TRY_AGAIN_S)
+
+
+class _Ended:
+    """A publisher that has ended."""
+
+    def put(self, payload: bytes) -> None:
+        raise zenoh.ZError(_UNDECLARED)
+
+    @property
+    def matching_status(self) -> Any:
+        raise zenoh.ZError(_UNDECLARED)
 
 
 class PublishersWithin:

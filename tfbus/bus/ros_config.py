@@ -17,6 +17,9 @@ ROUTER = "tcp/localhost:7447"
 # Before an endpoint: link to other processes as well, as ROS's own do, instead of to it alone.
 _PEER = "peer:"
 
+# A router that does not answer within this time is tried again.
+_OPEN_TIMEOUT_MS = 5000
+
 # As Zenoh says what is wrong in JSON.
 _MESSAGE = re.compile(r'msg: "(.*?)"')
 
@@ -74,6 +77,8 @@ def _linked(endpoints: Sequence[str]) -> dict[str, object]:
         # A peer goes on to try; a client is opened again and again.
         "connect/timeout_ms": {"peer": -1, "client": 0},
         "connect/exit_on_failure": {"peer": False, "client": True},
+        # By default 10 s, which a host that is unplugged would hold up the end of the process.
+        "transport/unicast/open_timeout": _OPEN_TIMEOUT_MS,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
         "scouting/gossip/autoconnect": {"peer": ["router", "peer"]},

@@ -26,6 +26,8 @@ from tfbus.wording import printable
 
 # A router that does not answer is tried again after this time.
 _RETRY_S = 0.5
+# A router that neither answers nor refuses, as on a host that is unplugged, is missed after this.
+_SILENT_AFTER_S = 3.0
 # A try that hangs is waited for at the end, at most for this long.
 _CLOSING_S = 10.0
 
@@ -95,6 +97,7 @@ class RosSession:
         self._lock = threading.Lock()
         self._parts: list[_Part] = []
         self._closing = threading.Event()
+        self._started_s = time.monotonic()
         self._links: set[str] = set()
         self._had_links = False
         self._timers: list[threading.Timer] = []
@@ -112,7 +115,11 @@ class RosSession:
     @property
     def trouble(self) -> str:
         """Why it has no link, in a sentence; "" where it has one, or has just begun to try."""
-        return "" if self.is_linked else self._why
+        if self.is_linked:
+            return ""
+        if not self._why and time.monotonic() >= self._started_s + _SILENT_AFTER_S:
+            self._miss()
+        return self._why
 
     def _missing(self) -> str:
         return (
@@ -122,13 +129,12 @@ class RosSession:
     # Opening
 
     def _open(self) -> None:
-        started_s = time.monotonic()
         while not self._closing.is_set():
             try:
                 session = zenoh.open(self._config)
             except zenoh.ZError as error:
                 # A router that is just being started is no matter.
-                if time.monotonic() >= started_s + 2 * _RETRY_S:
+                if time.monotonic() >= self._started_s + 2 * _RETRY_S:
                     self._miss(error)
                 self._closing.wait(_RETRY_S)
             else:

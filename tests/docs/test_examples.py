@@ -21,14 +21,14 @@ from tfbus import Buffer, Recording, TransformListener
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-def start(bus: Bus, name: str) -> Process:
+def start(bus: Bus, name: str, *arguments: str) -> Process:
     """An example as a process on the bus."""
-    return bus.start_command([sys.executable, str(ROOT / "examples" / name)])
+    return bus.start_command([sys.executable, str(ROOT / "examples" / name), *arguments])
 
 
-def run(bus: Bus, name: str) -> list[str]:
+def run(bus: Bus, name: str, *arguments: str) -> list[str]:
     """What an example that ends by itself prints."""
-    process = start(bus, name)
+    process = start(bus, name, *arguments)
     assert process.wait(within_s=60.0) == 0, process.err
     return process.out
 
@@ -185,10 +185,12 @@ def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
     assert calibration.stop() == 0
 
 
-def test_a_marker_is_found_in_the_world(bus: Bus) -> None:
-    """marker_in_world.py finds its tag to a centimetre, and shows the path to it."""
-    needs.module("cv2")
-    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py")
+def test_a_marker_is_found_in_the_world(bus: Bus, tmp_path: Path) -> None:
+    """marker_in_world.py finds its tag to a centimetre, shows the path to it, and its picture."""
+    cv2 = needs.module("cv2")
+    picture = tmp_path / "tag.png"
+    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py", str(picture))
+    assert cv2.imread(str(picture)).shape == (480, 640, 3)
     assert path == "   └─ tag *  (1 sample)"
     words = off.split()
     assert float(words[2]) < 10.0 and float(words[5]) < 5.0

@@ -208,11 +208,11 @@ def test_a_service_is_called_and_a_parameter_set(bus: Bus) -> None:
     ruler, mast = start(bus, "service_and_parameter.py"), start(bus, "broadcaster.py")
     ruler.wait_for_line("ready")
     request = ("call", "distance", "{target: world, source: camera}")
-    # It answers that there is no frame until the mast has sent.
-    eventually(lambda: bus.run(*request).returncode == 0)
-    assert bus.run(*request).stdout == '{"distance_m": 1.803}\n'
-    assert bus.run("param", "set", "ruler", "digits", "1").returncode == 0
-    assert bus.run(*request).stdout == '{"distance_m": 1.8}\n'
+    # It answers that there is no frame until the mast has sent; and where the machine is busy, a
+    # command may end before it has found the node.
+    eventually(lambda: bus.run(*request).stdout == '{"distance_m": 1.803}\n')
+    eventually(lambda: bus.run("param", "set", "ruler", "digits", "1").returncode == 0)
+    eventually(lambda: bus.run(*request).stdout == '{"distance_m": 1.8}\n')
     for process in (ruler, mast):
         assert process.stop() == 0
 

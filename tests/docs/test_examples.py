@@ -17,6 +17,7 @@ from tests import needs
 from tests.docs.pages import ROOT
 from tests.live_bus import Bus, Process, eventually
 from tfbus import Buffer, Recording, TransformListener
+from tfbus.discover.presence import list_nodes
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
@@ -64,8 +65,10 @@ def test_a_listener_says_why_there_is_no_answer(bus: Bus) -> None:
 
 def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
     """wait_asyncio.py ends when static_frames.py and broadcaster.py have sent."""
-    waiting = start(bus, "wait_asyncio.py")
     sensors, mast = start(bus, "static_frames.py"), start(bus, "broadcaster.py")
+    for process in (sensors, mast):
+        process.wait_for_line("ready")  # it waits no longer than 10 s
+    waiting = start(bus, "wait_asyncio.py")
     assert waiting.wait(within_s=60.0) == 0, waiting.err
     assert sorted(waiting.out) == [
         "camera in world: [1.  0.  1.5]",
@@ -77,8 +80,9 @@ def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
 
 def test_asyncio_ends_with_ctrl_c(bus: Bus) -> None:
     """wait_asyncio.py ends without a traceback while it waits."""
+    watcher = bus.node("watcher")
     waiting = start(bus, "wait_asyncio.py")
-    eventually(lambda: bus.run("node", "list").stdout.count("async_listener"))
+    eventually(lambda: "/async_listener" in list_nodes(watcher.session))
     assert waiting.stop() == 0, waiting.err
     assert waiting.err == []
 

@@ -5,6 +5,7 @@ Chromium.
 """
 
 import asyncio
+import math
 import os
 import re
 import signal
@@ -12,10 +13,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+import yaml
 
 from tfbus import NodeSettings
 from tfbus.frames.command_listener import listening
@@ -24,6 +28,7 @@ from tfbus.top.source import Source
 from tfbus.view.screenshot import find_browser
 
 IMAGES = Path(__file__).parent / "images"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 TFBUS = [sys.executable, "-m", "tfbus"]
 
 # Long enough for the second turtle to be where it follows.
@@ -56,23 +61,88 @@ def view_recording() -> None:
 
 def robot() -> None:
     """The view of an arm, with its sliders."""
+    with bus(), running([["launch", "robot"]]):
+        photograph("robot.png", tab="Robot", width=1280, height=800)
+
+
+def two_robots() -> None:
+    """The view of examples/two_robots.py, and where they drove."""
+
+    def are_apart() -> bool:
+        return abs(math.remainder(0.4 * time.time(), math.tau)) > 2.7
+
+    with bus(), example("two_robots.py"):
+        seen = {"trails": ["robot1/base_link", "robot2/base_link"], "trail_s": 14.0}
+        photograph(
+            "two_robots.png",
+            "--fleet",
+            "--shared",
+            "map",
+            pause_when=are_apart,
+            after_s=12.0,
+            settings=seen,
+        )
+
+
+def mujoco_world() -> None:
+    """The view of examples/mujoco_world.py, and where its camera swung."""
+    with bus(), example("mujoco_world.py"):
+        photograph("mujoco_world.png", after_s=6.0, settings={"trails": ["camera"], "trail_s": 3.0})
+
+
+def drone_log() -> None:
+    """The recording that examples/drone_log.py makes, in the view."""
+    with TemporaryDirectory() as folder, bus():
+        with example("drone_log.py", cwd=folder):
+            time.sleep(_SETTLED_S)
+        bag = str(Path(folder) / "drone_example.mcap")
+        seen = {"trails": ["drone"], "trail_s": 10.0}
+        photograph("drone_log.png", "--bag", bag, "--at=-4", settings=seen)
+
+
+def marker_in_world() -> None:
+    """What the camera of examples/marker_in_world.py sees, and the tag that it finds."""
+    with example("marker_in_world.py", str(IMAGES / "marker_in_world.png")) as process:
+        process.wait()
+
+
+def photograph(
+    name: str,
+    *options: str,
+    tab: str = "",
+    width: int = 960,
+    height: int = 600,
+    after_s: float = 4.0,
+    pause_when: Callable[[], bool] | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> None:
+    """A picture of the view, which is started with these options, once it shows all frames."""
     from playwright.sync_api import sync_playwright
 
     port = str(_free_port())
-    commands = [["launch", "robot"], ["view", "--port", port]]
-    with bus(), running(commands), sync_playwright() as playwright:
+    with TemporaryDirectory() as folder, sync_playwright() as playwright, ExitStack() as ended:
+        chosen = Path(folder) / "view.yaml"
+        chosen.write_text(yaml.safe_dump(dict(settings or {})))
+        view = ["view", "--port", port, "--settings", str(chosen), *options]
+        ended.enter_context(running([view]))
         browser = playwright.chromium.launch(executable_path=find_browser(), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page = browser.new_page(viewport={"width": width, "height": height})
         page.goto(f"http://127.0.0.1:{port}")
-        page.get_by_role("tab", name="Robot").click()
+        if tab:
+            page.get_by_role("tab", name=tab).click()
+        page.wait_for_timeout(1000 * after_s)
+        if pause_when:
+            while not pause_when():
+                page.wait_for_timeout(100)
+            page.get_by_role("button", name="Pause").click()
         page.get_by_role("button", name="All (H)").click()
         page.wait_for_timeout(4000)
         # The notice of a machine without a graphics card, and the hint under the mouse.
         for notice in page.locator(".mantine-Notification-closeButton").all():
             notice.click()
-        page.mouse.move(480, 780)
+        page.mouse.move(width * 3 / 8, height - 20)
         page.wait_for_timeout(1000)
-        page.screenshot(path=IMAGES / "robot.png")
+        page.screenshot(path=IMAGES / name)
 
 
 def plot() -> None:
@@ -97,7 +167,23 @@ async def _photograph_top() -> None:
     (IMAGES / "top.svg").write_text(re.sub(r"\s*@font-face {.*?}", "", drawn, flags=re.S))
 
 
-PICTURES = {each.__name__: each for each in (turtle, view, view_recording, robot, plot, top)}
+PICTURES = {
+    each.__name__: each
+    for each in (
+        turtle,
+        view,
+        view_recording,
+        robot,
+        plot,
+        top,
+        two_robots,
+        mujoco_world,
+        drone_log,
+        marker_in_world,
+    )
+}
+# What they need beside .venv; without it they stay as they are.
+PACKAGES = {"mujoco_world": "mujoco", "marker_in_world": "cv2"}
 
 
 @contextmanager
@@ -138,6 +224,20 @@ def running(commands: Sequence[Sequence[str]]) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def example(
+    name: str, *arguments: str, cwd: str | None = None
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a program of examples/ until the end, once it has settled."""
+    command = [sys.executable, str(EXAMPLES / name), *arguments]
+    process = subprocess.Popen(command, cwd=cwd, start_new_session=True, stdout=subprocess.DEVNULL)
+    try:
+        time.sleep(4.0)
+        yield process
+    finally:
+        _end(process)
+
+
 def _end(process: "subprocess.Popen[bytes]") -> None:
     process.send_signal(signal.SIGINT)
     process.wait(20.0)
@@ -154,6 +254,9 @@ def main(names: Sequence[str]) -> None:
         raise SystemExit(f"there is no picture {', '.join(unknown)}: {', '.join(PICTURES)}")
     for name, take in PICTURES.items():
         if not names or name in names:
+            if name in PACKAGES and find_spec(PACKAGES[name]) is None:
+                print(f"{name}: stays as it is, {PACKAGES[name]} is not installed")
+                continue
             print(f"{name}: {take.__doc__}", flush=True)
             take()
 

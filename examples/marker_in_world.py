@@ -2,11 +2,15 @@
 
     pip install opencv-python-headless
     python examples/marker_in_world.py
+    python examples/marker_in_world.py tag.png
 
 The program draws the picture itself, as a camera on a mast sees the tag, so that it can compare
-what it finds with what is true. With a camera of your own take its picture, and put the numbers of
-its calibration into CAMERA.
+what it finds with what is true. With a name of a file it writes the picture, and in it the axes
+of the tag (x red, y green, z blue). With a camera of your own take its picture, and put the numbers
+of its calibration into CAMERA.
 """
+
+import sys
 
 import cv2
 import numpy as np
@@ -54,6 +58,19 @@ def find(image: Image) -> dict[int, Transform]:
     return found
 
 
+def write(path: str, image: Image, camera_from_tag: Transform) -> None:
+    """The picture, with the axes of what was found."""
+    marked = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    turn, xyz = camera_from_tag.as_rotvec(), camera_from_tag.xyz
+    cv2.drawFrameAxes(marked, CAMERA, NO_DISTORTION, turn, xyz, SIZE_M)
+    try:
+        written = cv2.imwrite(path, marked)
+    except cv2.error:  # no kind of picture that it knows
+        written = False
+    if not written:
+        raise SystemExit(f"cannot write {path}: is the folder there, and is it a .png or .jpg?")
+
+
 def main() -> None:
     stamp_ns = 1_700_000_000_000_000_000
     camera = Transform.look_at((0, 0, 1.5), (2, 0, 1), convention="camera")
@@ -61,9 +78,12 @@ def main() -> None:
     buffer.set_transform(TransformStamped(0, "world", "camera", camera), static=True)
 
     true = Transform.from_rpy(90, 0, -70, degrees=True, xyz=(1.6, 0.2, 1.1))
-    found = find(draw(camera.inverse() @ true))
+    image = draw(camera.inverse() @ true)
+    found = find(image)
     if TAG not in found:
         raise SystemExit(f"no tag {TAG} in the picture")
+    for path in sys.argv[1:]:
+        write(path, image, found[TAG])
     buffer.set_transform(TransformStamped(stamp_ns, "camera", "tag", found[TAG]))
     buffer.show("world", "tag")
     seen = buffer.lookup_transform("world", "tag", stamp_ns).transform

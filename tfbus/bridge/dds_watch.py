@@ -75,15 +75,19 @@ class DdsWatch:
                         self._take_nodes(each.data)
 
     def gid_of(self, handle: int) -> str:
-        """The gid of the writer of a message, by the handle in its info; "" where it is unknown."""
-        with self._lock:
-            writer = self._writers.get(handle)
-            return self._gone.get(handle, "") if writer is None else writer.gid
+        """The gid of the writer of a message, by the handle in its info; "" where it is unknown.
+        From the thread of `update`.
+        """
+        if not (gid := self._known_gid(handle)):
+            # Its writer has come since the last update.
+            self.update()
+            gid = self._known_gid(handle)
+        return gid
 
-    def writers(self, topic: str | None = None) -> Sequence[Writer]:
-        """The writers of a topic, or all."""
+    def writers(self, topic: str) -> Sequence[Writer]:
+        """The writers of a topic."""
         with self._lock:
-            return [each for each in self._writers.values() if topic in (None, each.topic)]
+            return [each for each in self._writers.values() if each.topic == topic]
 
     def node_of(self, writer: Writer) -> str:
         """The full name of the node of a writer, "" where it has told none."""
@@ -99,6 +103,11 @@ class DdsWatch:
         """Whether another participant has told of its nodes."""
         with self._lock:
             return bool(self._names)
+
+    def _known_gid(self, handle: int) -> str:
+        with self._lock:
+            writer = self._writers.get(handle)
+            return self._gone.get(handle, "") if writer is None else writer.gid
 
     def _take_publication(self, sample: Any) -> None:
         handle = sample.sample_info.instance_handle

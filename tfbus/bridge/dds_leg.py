@@ -202,7 +202,7 @@ class DdsLeg:
         # Of what follows, and of what ROS hears of it.
         self._lock = threading.RLock()
         self._closing = False
-        self._topics: dict[str, Topic[RawSample]] = {}
+        self._topics: dict[tuple[str, type[RawSample]], Topic[RawSample]] = {}
         self._senders: list[DdsSender] = []
         self._subscriptions: list[DdsSubscription] = []
         graph = RosTopic(GRAPH_TOPIC, graph_definition(self._gid_size), retained=True, depth=1)
@@ -325,9 +325,10 @@ class DdsLeg:
         return self._topic(dds_topic(topic.name), topic.definition)
 
     def _topic(self, name: str, definition: Definition) -> "Topic[RawSample]":
-        if name not in self._topics:
-            self._topics[name] = Topic(self._participant, name, raw_type(definition))
-        return self._topics[name]
+        key = name, raw_type(definition)
+        if key not in self._topics:
+            self._topics[key] = Topic(self._participant, *key)
+        return self._topics[key]
 
     def _tell_nodes(self) -> None:
         """Tell ROS what is this node's; at the end the participant is gone with all of it."""

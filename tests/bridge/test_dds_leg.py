@@ -24,6 +24,9 @@ DOMAINS = range(50, 100)
 # "hi", in CDR.
 HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
 CHATTER = RosTopic("/chatter", STRING)
+# The same topic, of another type, and a message of that.
+OTHER = RosTopic("/chatter", TF_MESSAGE)
+NO_TRANSFORMS = b"\x00\x01\x00\x00" + bytes(4)
 KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
 
 
@@ -109,6 +112,60 @@ def test_a_message_that_comes_with_its_publisher_has_its_gid(legs: tuple[Any, An
     assert set(heard) == {first.gid, second.gid}
 
 
+def test_a_topic_may_change_its_type(legs: tuple[Leg, Leg]) -> None:
+    """One that has had another is published, and subscribed to, as what it is now."""
+    one, two = legs
+    for leg in legs:
+        leg.subscribe(CHATTER, lambda *_: None).close()
+        leg.publisher(CHATTER).close()
+    heard: list[bytes] = []
+    one.subscribe(OTHER, lambda data, _: heard.append(data))
+    sender = two.publisher(OTHER)
+    send_until(lambda: sender.send(NO_TRANSFORMS), lambda: bool(heard))
+    assert heard[0].startswith(NO_TRANSFORMS)
+    assert not one.warnings()
+
+
+def test_a_publisher_that_is_closed_is_gone_at_once(legs: tuple[Any, Any]) -> None:
+    """Also where something of cyclonedds is still referred to."""
+    one, two = legs
+    sender = two.publisher(CHATTER)
+    writer = sender._writer
+    eventually(lambda: one._watch.writers("rt/chatter"))
+    sender.close()
+    sender.close()
+    eventually(lambda: not one._watch.writers("rt/chatter"))
+    assert writer is not None and not sender.heard
+    with pytest.raises(TfbusError, match="the publisher of /chatter is closed"):
+        sender.send(HI)
+
+
+def test_no_call_goes_on_after_its_subscription_is_closed(legs: tuple[Leg, Leg]) -> None:
+    """What closes it waits for the call, except the call itself."""
+    one, two = legs
+    closed = threading.Event()
+    was_closed: list[bool] = []
+
+    def close() -> None:
+        subscription.close()
+        closed.set()
+
+    def hear(*_: object) -> None:
+        closing.start()
+        was_closed.append(closed.wait(0.2))
+
+    def end(*_: object) -> None:
+        itself.close()
+        ended.append(True)
+
+    closing = threading.Thread(target=close, daemon=True)
+    ended: list[bool] = []
+    subscription, itself = one.subscribe(CHATTER, hear), one.subscribe(CHATTER, end)
+    sender = two.publisher(CHATTER)
+    send_until(lambda: sender.send(HI), lambda: closed.is_set() and bool(ended))
+    assert was_closed == [False] and ended == [True]
+
+
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:
     """The last message of a retained topic is there for who comes later."""
     one, two = legs
@@ -159,7 +216,7 @@ def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:
     """The warnings say who publishes the topic with another type."""
     one, two = legs
     one.subscribe(CHATTER, lambda *_: None)
-    two.publisher(RosTopic("/chatter", TF_MESSAGE))
+    two.publisher(OTHER)
     eventually(lambda: any("/robot1/two" in said for said in one.warnings()))
 
 

@@ -30,6 +30,7 @@ from tfbus.wording import did_you_mean, listed, printable
 try:
     from cyclonedds.core import (
         DDSException,
+        Entity,
         GuardCondition,
         Policy,
         Qos,
@@ -124,7 +125,10 @@ class DdsSender:
     def heard(self) -> bool:
         """Whether a reader matches."""
         writer = self._writer
-        return writer is not None and bool(writer.get_matched_subscriptions())
+        try:
+            return writer is not None and bool(writer.get_matched_subscriptions())
+        except DDSException:
+            return False  # it has been closed meanwhile
 
     def send(self, payload: bytes) -> None:
         """Publish one message. Raises TfbusError where it is none of the topic's type."""
@@ -138,8 +142,9 @@ class DdsSender:
 
     def close(self) -> None:
         """It is gone, and what it kept."""
-        self._writer = None
-        self._leg.drop_sender(self)
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            self._leg.drop_sender(self, writer)
 
 
 class DdsSubscription:
@@ -154,19 +159,34 @@ class DdsSubscription:
         self._leg = leg
         self._reader: DataReader[RawSample] | None = reader
         self._on_message = on_message
+        # Held while it calls; a call may close it.
+        self._lock = threading.RLock()
 
     def take(self, watch: "DdsWatch") -> None:
         """Hand on all that is there."""
-        while (reader := self._reader) is not None and (taken := reader.take(MOST_TAKEN)):
+        while taken := self._taken():
             for sample in taken:
-                info = sample.sample_info
-                if info.valid_data and self._reader is not None:
-                    self._on_message(sample.data, watch.gid_of(info.publication_handle))
+                if sample.sample_info.valid_data:
+                    self._call(sample, watch)
 
     def close(self) -> None:
         """It takes no message after this."""
-        self._reader = None
-        self._leg.drop_subscription(self)
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            with self._lock:
+                pass  # a call under way has ended
+            self._leg.drop_subscription(self, reader)
+
+    def _taken(self) -> Sequence[RawSample]:
+        with self._lock:
+            reader = self._reader
+            return [] if reader is None else reader.take(MOST_TAKEN)
+
+    def _call(self, sample: RawSample, watch: "DdsWatch") -> None:
+        with self._lock:
+            if self._reader is not None:
+                gid = watch.gid_of(sample.sample_info.publication_handle)
+                self._on_message(sample.data, gid)
 
 
 class DdsLeg:
@@ -267,20 +287,25 @@ class DdsLeg:
             topics = [each.topic for each in self._subscriptions]
         return [said for topic in topics for said in self._unheard(topic)]
 
-    def drop_sender(self, sender: DdsSender) -> None:
+    def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""
         with self._lock:
             if sender in self._senders:
                 self._senders.remove(sender)
                 self._tell_nodes()
+                _end(writer)
 
-    def drop_subscription(self, subscription: DdsSubscription) -> None:
+    def drop_subscription(
+        self, subscription: DdsSubscription, reader: DataReader[RawSample]
+    ) -> None:
         """It is closed."""
         with self._lock:
             if subscription in self._subscriptions:
                 self._subscriptions.remove(subscription)
                 self._waits.detach(subscription.condition)
                 self._tell_nodes()
+                _end(subscription.condition)
+                _end(reader)
 
     def close(self) -> None:
         """Leave ROS."""
@@ -292,15 +317,13 @@ class DdsLeg:
         if threading.current_thread() is not self._thread:
             self._thread.join()
         with self._lock:
-            for sender in tuple(self._senders):
-                sender.close()
-            for subscription in tuple(self._subscriptions):
-                subscription.close()
-            for condition in (self._end, *self._watch.conditions):
-                self._waits.detach(condition)
-        # Now, and with all that it has: cyclonedds would wait for the last reference to any of it,
-        # and ROS then for the end of the lease.
-        self._participant.__del__()
+            ends: list[Closing] = [*self._senders, *self._subscriptions]
+        for each in ends:
+            each.close()
+        for condition in (self._end, *self._watch.conditions):
+            self._waits.detach(condition)
+        # With all that it has.
+        _end(self._participant)
         _DOMAINS.give_back(self._number)
 
     def _run(self) -> None:
@@ -367,6 +390,13 @@ class DdsLeg:
                 "local: such messages do not come"
             )
         return said
+
+
+def _end(entity: Entity) -> None:
+    """End it now: cyclonedds would wait for the last reference, and ROS then for the end of the
+    lease.
+    """
+    entity.__del__()
 
 
 def _publish(nodes: Sequence[str]) -> str:

@@ -81,7 +81,9 @@ class Closing(Protocol):
     """What ends."""
 
     def close(self) -> None:
-        """End it: its callback is not called after that. Twice is fine."""
+        """End it: its callback is not called after that, and a call under way has ended, where it
+        is not that which closes it. Twice is fine.
+        """
 
 
 class Leg(Protocol):

@@ -315,12 +315,3 @@ def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFi
 def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
     """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
     assert expected in configuration((), LOG, environ)
-
-
-def test_nodes_are_named_once_and_with_their_verb() -> None:
-    """Several publishers of one topic may have no name."""
-    needs.module("cyclonedds")
-    from tfbus.bridge.dds_leg import _publish
-
-    assert _publish(["a node without a name"] * 2) == "a node without a name publishes"
-    assert _publish(["/a", "/b", "/a"]) == "/a, /b publish"

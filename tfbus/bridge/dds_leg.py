@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from tfbus.bridge.dds_config import configuration
-from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.leg import (
+    LEAST_READER_DEPTH,
+    Closing,
+    LegSettings,
+    OnMessage,
+    RosPublisher,
+    RosSender,
+    RosTopic,
+)
+from tfbus.bridge.unheard import Offer, unheard
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import (
@@ -51,9 +60,6 @@ except ImportError as error:
         "ROS 2 by DDS needs cyclonedds, which is not installed, and has no wheel for Python 3.14 "
         f"and later: {install_command('ros2')}"
     ) from error
-
-# In keyless topics a reader keeps at least this many messages of all writers.
-_LEAST_READER_DEPTH = 100
 
 # Nodes of ROS may be found as late as this: they announce themselves every 3 s, and on Wi-Fi some
 # of that is lost.
@@ -256,7 +262,7 @@ class DdsLeg:
             hashed = f"typehash={type_hash(topic.definition)};".encode()
             qos = Qos(
                 Policy.Userdata(hashed),
-                Policy.History.KeepLast(max(topic.depth, _LEAST_READER_DEPTH)),
+                Policy.History.KeepLast(max(topic.depth, LEAST_READER_DEPTH)),
                 base=_qos(topic) + _IGNORING_OWN,
             )
             reader = DataReader(self._participant, self._ros_topic(topic), qos=qos)
@@ -367,29 +373,11 @@ class DdsLeg:
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Who publishes a topic so that it does not come here."""
-        own_type = dds_type(topic.definition.name)
-        best_effort, volatile = [], []
-        said = []
-        for each in self._watch.writers(dds_topic(topic.name)):
-            name = printable(self._watch.node_of(each) or "a node without a name", 100)
-            if each.type != own_type:
-                shown = printable(each.type, 100)
-                said.append(f"{name} publishes {topic.name} as {shown}, not {own_type}")
-            elif not each.is_reliable:
-                best_effort.append(name)
-            elif topic.retained and not each.is_retained:
-                volatile.append(name)
-        if best_effort:
-            said.append(
-                f"{_publish(best_effort)} {topic.name} as best effort, and it is read "
-                "as reliable: such messages do not come"
-            )
-        if volatile:
-            said.append(
-                f"{_publish(volatile)} {topic.name} as volatile, and it is read as transient "
-                "local: such messages do not come"
-            )
-        return said
+        offers = [
+            Offer(self._watch.node_of(each), each.type, each.is_reliable, each.is_retained)
+            for each in self._watch.writers(dds_topic(topic.name))
+        ]
+        return unheard(topic, dds_type(topic.definition.name), offers)
 
 
 def _end(entity: Entity) -> None:
@@ -397,12 +385,6 @@ def _end(entity: Entity) -> None:
     lease.
     """
     entity.__del__()
-
-
-def _publish(nodes: Sequence[str]) -> str:
-    """The nodes, each once, with their verb."""
-    names = [*dict.fromkeys(nodes)]
-    return f"{listed(names)} {'publish' if names[1:] else 'publishes'}"
 
 
 def _by(connect: Sequence[str]) -> str:

@@ -13,6 +13,10 @@ from tfbus.ros.definitions import Definition
 # What it calls for each message: `on_message(payload, gid)`; the gid is that of the publisher.
 OnMessage = Callable[[bytes, str], None]
 
+# All publishers of a topic together are behind one subscription: each of their last messages must
+# fit.
+LEAST_READER_DEPTH = 100
+
 
 @dataclass(frozen=True)
 class LegSettings:

@@ -8,7 +8,16 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
-from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.leg import (
+    LEAST_READER_DEPTH,
+    Closing,
+    LegSettings,
+    OnMessage,
+    RosPublisher,
+    RosSender,
+    RosTopic,
+)
+from tfbus.bridge.unheard import Offer, unheard
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
@@ -28,9 +37,6 @@ except ImportError as error:
         "Python, made with `python3 -m venv --system-site-packages`; ROS 2 Humble and earlier have "
         f"a Python before 3.11: use --via zenoh or --via dds ({printable(str(error), 100)})"
     ) from error
-
-# All publishers together are behind one subscription: each of their last messages must fit.
-_LEAST_READER_DEPTH = 100
 
 # In the place of the name of a node.
 _NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
@@ -191,7 +197,7 @@ class RclpyLeg:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         message = _message_class(topic.definition.name)
         subscription = RclpySubscription(self, topic, on_message)
-        qos = _qos(topic, max(topic.depth, _LEAST_READER_DEPTH))
+        qos = _qos(topic, max(topic.depth, LEAST_READER_DEPTH))
 
         # rclpy counts the arguments of a function, to know whether it wants the info.
         def take(payload: bytes, info: dict[str, Any]) -> None:
@@ -292,26 +298,16 @@ class RclpyLeg:
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Who publishes a topic so that it does not come here."""
-        said = []
-        for each in self._endpoints(topic.name):
-            name = printable(_node_name(each) or "a node without a name", 100)
-            qos = each.qos_profile
-            if each.topic_type != topic.definition.name:
-                shown = printable(each.topic_type, 100)
-                said.append(
-                    f"{name} publishes {topic.name} as {shown}, not {topic.definition.name}"
-                )
-            elif qos.reliability == ReliabilityPolicy.BEST_EFFORT:
-                said.append(
-                    f"{name} publishes {topic.name} as best effort, and it is read as reliable: "
-                    "such messages do not come"
-                )
-            elif topic.retained and qos.durability == DurabilityPolicy.VOLATILE:
-                said.append(
-                    f"{name} publishes {topic.name} as volatile, and it is read as transient "
-                    "local: such messages do not come"
-                )
-        return said
+        offers = [
+            Offer(
+                _node_name(each),
+                each.topic_type,
+                each.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT,
+                each.qos_profile.durability != DurabilityPolicy.VOLATILE,
+            )
+            for each in self._endpoints(topic.name)
+        ]
+        return unheard(topic, topic.definition.name, offers)
 
 
 def _message_class(name: str) -> Any:

@@ -133,8 +133,8 @@ def test_late_nodes_hear_each_other(scene: Scene) -> None:
     """While a leg is there, late nodes of ROS still have the frames of other nodes."""
     later = [scene.network.start_node(f"later_{number}") for number in range(TRIES)]
     for node in later:
-        node.wait_for(TF, "early_moving")
-        node.wait_for(TF_STATIC, "early_fixed")
+        node.wait_for(TF, "early_dynamic")
+        node.wait_for(TF_STATIC, "early_static")
     for node in later:
         node.process.stop(signal.SIGINT)
 

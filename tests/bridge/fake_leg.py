@@ -112,6 +112,8 @@ class FakeSubscription:
         self.leg = leg
         self.topic = topic
         self._on_message: OnMessage | None = on_message
+        # Held while it calls; a call may close it.
+        self._calling = threading.RLock()
         with leg.ros.lock:
             leg.ros.subscriptions.append(self)
             for sender in leg.ros.senders:
@@ -130,13 +132,17 @@ class FakeSubscription:
     def close(self) -> None:
         """It takes no message after this."""
         self._on_message = None
+        with self._calling:
+            pass  # a call under way has ended
         with self.leg.ros.lock:
             if self in self.leg.ros.subscriptions:
                 self.leg.ros.subscriptions.remove(self)
 
     def _call(self, payload: bytes, gid: str) -> None:
-        if self._on_message is not None:
-            self._on_message(payload, gid)
+        with self._calling:
+            on_message = self._on_message
+            if on_message is not None:
+                on_message(payload, gid)
 
 
 class FakeLeg:

@@ -1,14 +1,15 @@
 """The leg over DDS where there is nothing but such legs: two in this process, on loopback."""
 
 import logging
-import os
-from collections.abc import Iterator
+import socket
+import threading
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from tests import needs
-from tests.live_bus import eventually
+from tests.live_bus import DEADLINE_S, eventually, send_until
 from tfbus.bridge.dds_config import configuration
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
@@ -18,28 +19,61 @@ from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.ros_names import domain_of
 
 LOG = logging.getLogger("leg")
-# One for each process: tests that run at once would hear each other.
-DOMAIN = 100 + os.getpid() % 131
+# Their ports are below those that systems give out, so that each has its own.
+DOMAINS = range(50, 100)
 # "hi", in CDR.
 HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
 CHATTER = RosTopic("/chatter", STRING)
+# The same topic, of another type, and a message of that.
+OTHER = RosTopic("/chatter", TF_MESSAGE)
+NO_TRANSFORMS = b"\x00\x01\x00\x00" + bytes(4)
 KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
 
 
-def open_leg(node: str, namespace: str = "") -> Leg:
-    needs.module("cyclonedds")
-    from tfbus.bridge import dds_leg
+OpenLeg = Callable[..., Any]
 
-    settings = LegSettings(node, namespace, domain=DOMAIN, connect=("lo",))
-    return dds_leg.open_leg(settings, LOG)
+
+def claim_domain() -> tuple[int, socket.socket]:
+    """A domain that no other process with these tests has, until the socket is closed."""
+    for domain in DOMAINS:
+        claim = socket.socket()
+        try:
+            # That of its multicast, by UDP; nothing else is at the same port by TCP.
+            claim.bind(("127.0.0.1", 7400 + 250 * domain))
+        except OSError:
+            claim.close()
+        else:
+            return domain, claim
+    raise OSError("all domains of DDS are in use")
+
+
+@pytest.fixture(scope="module")
+def domain() -> Iterator[int]:
+    domain, claim = claim_domain()
+    with claim:
+        yield domain
 
 
 @pytest.fixture
-def legs() -> Iterator[tuple[Leg, Leg]]:
-    legs = open_leg("one"), open_leg("two", "robot1")
-    yield legs
+def open_leg(domain: int) -> Iterator[OpenLeg]:
+    needs.module("cyclonedds")
+    from tfbus.bridge import dds_leg
+
+    legs: list[Leg] = []
+
+    def open_leg(node: str, namespace: str = "") -> Leg:
+        settings = LegSettings(node, namespace, domain=domain, connect=("lo",))
+        legs.append(dds_leg.open_leg(settings, LOG))
+        return legs[-1]
+
+    yield open_leg
     for leg in legs:
         leg.close()
+
+
+@pytest.fixture
+def legs(open_leg: OpenLeg) -> tuple[Leg, Leg]:
+    return open_leg("one"), open_leg("two", "robot1")
 
 
 def test_messages_come_as_their_bytes_with_the_gid_of_the_sender(legs: tuple[Leg, Leg]) -> None:
@@ -50,21 +84,86 @@ def test_messages_come_as_their_bytes_with_the_gid_of_the_sender(legs: tuple[Leg
     two.subscribe(CHATTER, lambda data, gid: heard.append(("two", data[: len(HI)], gid)))
     sender = one.publisher(CHATTER)
     eventually(lambda: sender.heard)
-    sender.send(HI)
-    eventually(lambda: heard)
-    assert heard == [("two", HI, sender.gid)]
+    # The other side may not know the publisher yet.
+    send_until(lambda: sender.send(HI), lambda: bool(heard))
+    assert set(heard) == {("two", HI, sender.gid)}
 
 
-def test_a_writer_that_came_after_the_last_look_is_known(legs: tuple[Any, Any]) -> None:
-    """Its first message may come between a look at who is there and one at what has come."""
+def test_a_message_that_comes_with_its_publisher_has_its_gid(legs: tuple[Any, Any]) -> None:
+    """Also where other messages were taken since ROS was last asked who publishes."""
     one, two = legs
-    two._safely = lambda *_: None
-    sender = one.publisher(CHATTER)
-    reader = two.subscribe(CHATTER, lambda *_: None)._reader
-    eventually(lambda: sender.heard)
-    sender.send(HI)
-    [sample] = eventually(lambda: reader.take(1))
-    assert two._watch.gid_of(sample.sample_info.publication_handle) == sender.gid
+    heard: list[str] = []
+    goes_on = threading.Event()
+
+    def hear(_: bytes, gid: str) -> None:
+        heard.append(gid)
+        assert goes_on.wait(DEADLINE_S)
+
+    reader = one.subscribe(CHATTER, hear)._reader
+    first = two.publisher(CHATTER)
+    send_until(lambda: first.send(HI), lambda: bool(heard))
+    second = two.publisher(CHATTER)
+    eventually(lambda: second.heard and len(reader.get_matched_publications()) == 2)
+    second.send(HI)
+    # Then the reader has it.
+    assert second._writer.wait_for_acks(int(DEADLINE_S * 1e9))
+    goes_on.set()
+    eventually(lambda: len(heard) > 1 and heard[-1] != first.gid)
+    assert set(heard) == {first.gid, second.gid}
+
+
+def test_a_topic_may_change_its_type(legs: tuple[Leg, Leg]) -> None:
+    """One that has had another is published, and subscribed to, as what it is now."""
+    one, two = legs
+    for leg in legs:
+        leg.subscribe(CHATTER, lambda *_: None).close()
+        leg.publisher(CHATTER).close()
+    heard: list[bytes] = []
+    one.subscribe(OTHER, lambda data, _: heard.append(data))
+    sender = two.publisher(OTHER)
+    send_until(lambda: sender.send(NO_TRANSFORMS), lambda: bool(heard))
+    assert heard[0].startswith(NO_TRANSFORMS)
+    assert not one.warnings()
+
+
+def test_a_publisher_that_is_closed_is_gone_at_once(legs: tuple[Any, Any]) -> None:
+    """Also where something of cyclonedds is still referred to."""
+    one, two = legs
+    sender = two.publisher(CHATTER)
+    writer = sender._writer
+    eventually(lambda: one._watch.writers("rt/chatter"))
+    sender.close()
+    sender.close()
+    eventually(lambda: not one._watch.writers("rt/chatter"))
+    assert writer is not None and not sender.heard
+    with pytest.raises(TfbusError, match="the publisher of /chatter is closed"):
+        sender.send(HI)
+
+
+def test_no_call_goes_on_after_its_subscription_is_closed(legs: tuple[Leg, Leg]) -> None:
+    """What closes it waits for the call, except the call itself."""
+    one, two = legs
+    closed = threading.Event()
+    was_closed: list[bool] = []
+
+    def close() -> None:
+        subscription.close()
+        closed.set()
+
+    def hear(*_: object) -> None:
+        closing.start()
+        was_closed.append(closed.wait(0.2))
+
+    def end(*_: object) -> None:
+        itself.close()
+        ended.append(True)
+
+    closing = threading.Thread(target=close, daemon=True)
+    ended: list[bool] = []
+    subscription, itself = one.subscribe(CHATTER, hear), one.subscribe(CHATTER, end)
+    sender = two.publisher(CHATTER)
+    send_until(lambda: sender.send(HI), lambda: closed.is_set() and bool(ended))
+    assert was_closed == [False] and ended == [True]
 
 
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:
@@ -117,7 +216,7 @@ def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:
     """The warnings say who publishes the topic with another type."""
     one, two = legs
     one.subscribe(CHATTER, lambda *_: None)
-    two.publisher(RosTopic("/chatter", TF_MESSAGE))
+    two.publisher(OTHER)
     eventually(lambda: any("/robot1/two" in said for said in one.warnings()))
 
 
@@ -127,7 +226,7 @@ def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]
         legs[0].publisher(CHATTER).send(HI[:4] + b"\xff\xff\xff\xff")
 
 
-def test_a_leg_alone_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_leg_alone_says_so(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without any other node, once one would be found, the warnings say what to look at."""
     leg = open_leg("alone")
     assert not leg.warnings()
@@ -138,12 +237,12 @@ def test_a_leg_alone_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     leg.close()
 
 
-def test_a_distribution_that_is_unknown_is_an_error() -> None:
+def test_a_distribution_that_is_unknown_is_an_error(domain: int) -> None:
     """Before anything is opened; one that is known says how long a gid is."""
     needs.module("cyclonedds")
     with pytest.raises(SettingsError, match="over DDS 'humbel'; did you mean 'humble'"):
         open_by_name("dds", LegSettings(distro="humbel"), LOG)
-    open_by_name("dds", LegSettings(distro="humble", domain=DOMAIN, connect=("lo",)), LOG).close()
+    open_by_name("dds", LegSettings(distro="humble", domain=domain, connect=("lo",)), LOG).close()
 
 
 def test_the_domain_is_that_of_ros() -> None:
@@ -216,12 +315,3 @@ def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFi
 def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
     """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
     assert expected in configuration((), LOG, environ)
-
-
-def test_nodes_are_named_once_and_with_their_verb() -> None:
-    """Several publishers of one topic may have no name."""
-    needs.module("cyclonedds")
-    from tfbus.bridge.dds_leg import _publish
-
-    assert _publish(["a node without a name"] * 2) == "a node without a name publishes"
-    assert _publish(["/a", "/b", "/a"]) == "/a, /b publish"

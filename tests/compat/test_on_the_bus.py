@@ -1,6 +1,7 @@
 """The ported listener and broadcasters on a bus, beside tfbus's own."""
 
 import gc
+import weakref
 from types import ModuleType
 from typing import Any
 
@@ -72,6 +73,22 @@ def test_a_listener_that_nothing_holds_goes_on(rclpy: ModuleType) -> None:
     tf2_ros.TransformListener(buffer, node)
     gc.collect()
     tf2_ros.TransformBroadcaster(node).sendTransform(edge("foo", "bar", 1.0))
+    assert buffer.can_transform("foo", "bar", Time(), LONG)
+
+
+def test_a_listener_that_is_unregistered_is_kept_no_longer(rclpy: ModuleType) -> None:
+    """Neither by its node, which goes on; others of the node still end its `spin_once`."""
+    node, buffer = rclpy.create_node("both"), tf2_ros.Buffer()
+    listener = tf2_ros.TransformListener(tf2_ros.Buffer(), node)
+    tf2_ros.TransformListener(buffer, node)
+    listener.unregister()
+    listener.unregister()
+    kept = weakref.ref(listener)
+    del listener
+    gc.collect()
+    assert kept() is None
+    tf2_ros.TransformBroadcaster(node).sendTransform(edge("foo", "bar", 1.0))
+    rclpy.spin_once(node)
     assert buffer.can_transform("foo", "bar", Time(), LONG)
 
 

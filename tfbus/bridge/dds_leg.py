@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from tfbus.bridge.dds_config import configuration
-from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.leg import (
+    LEAST_READER_DEPTH,
+    Closing,
+    LegSettings,
+    OnMessage,
+    RosPublisher,
+    RosSender,
+    RosTopic,
+)
+from tfbus.bridge.unheard import Offer, unheard
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import (
@@ -30,6 +39,7 @@ from tfbus.wording import did_you_mean, listed, printable
 try:
     from cyclonedds.core import (
         DDSException,
+        Entity,
         GuardCondition,
         Policy,
         Qos,
@@ -50,9 +60,6 @@ except ImportError as error:
         "ROS 2 by DDS needs cyclonedds, which is not installed, and has no wheel for Python 3.14 "
         f"and later: {install_command('ros2')}"
     ) from error
-
-# In keyless topics a reader keeps at least this many messages of all writers.
-_LEAST_READER_DEPTH = 100
 
 # Nodes of ROS may be found as late as this: they announce themselves every 3 s, and on Wi-Fi some
 # of that is lost.
@@ -124,7 +131,10 @@ class DdsSender:
     def heard(self) -> bool:
         """Whether a reader matches."""
         writer = self._writer
-        return writer is not None and bool(writer.get_matched_subscriptions())
+        try:
+            return writer is not None and bool(writer.get_matched_subscriptions())
+        except DDSException:
+            return False  # it has been closed meanwhile
 
     def send(self, payload: bytes) -> None:
         """Publish one message. Raises TfbusError where it is none of the topic's type."""
@@ -138,8 +148,9 @@ class DdsSender:
 
     def close(self) -> None:
         """It is gone, and what it kept."""
-        self._writer = None
-        self._leg.drop_sender(self)
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            self._leg.drop_sender(self, writer)
 
 
 class DdsSubscription:
@@ -154,19 +165,34 @@ class DdsSubscription:
         self._leg = leg
         self._reader: DataReader[RawSample] | None = reader
         self._on_message = on_message
+        # Held while it calls; a call may close it.
+        self._lock = threading.RLock()
 
     def take(self, watch: "DdsWatch") -> None:
         """Hand on all that is there."""
-        while (reader := self._reader) is not None and (taken := reader.take(MOST_TAKEN)):
+        while taken := self._taken():
             for sample in taken:
-                info = sample.sample_info
-                if info.valid_data and self._reader is not None:
-                    self._on_message(sample.data, watch.gid_of(info.publication_handle))
+                if sample.sample_info.valid_data:
+                    self._call(sample, watch)
 
     def close(self) -> None:
         """It takes no message after this."""
-        self._reader = None
-        self._leg.drop_subscription(self)
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            with self._lock:
+                pass  # a call under way has ended
+            self._leg.drop_subscription(self, reader)
+
+    def _taken(self) -> Sequence[RawSample]:
+        with self._lock:
+            reader = self._reader
+            return [] if reader is None else reader.take(MOST_TAKEN)
+
+    def _call(self, sample: RawSample, watch: "DdsWatch") -> None:
+        with self._lock:
+            if self._reader is not None:
+                gid = watch.gid_of(sample.sample_info.publication_handle)
+                self._on_message(sample.data, gid)
 
 
 class DdsLeg:
@@ -202,7 +228,7 @@ class DdsLeg:
         # Of what follows, and of what ROS hears of it.
         self._lock = threading.RLock()
         self._closing = False
-        self._topics: dict[str, Topic[RawSample]] = {}
+        self._topics: dict[tuple[str, type[RawSample]], Topic[RawSample]] = {}
         self._senders: list[DdsSender] = []
         self._subscriptions: list[DdsSubscription] = []
         graph = RosTopic(GRAPH_TOPIC, graph_definition(self._gid_size), retained=True, depth=1)
@@ -236,7 +262,7 @@ class DdsLeg:
             hashed = f"typehash={type_hash(topic.definition)};".encode()
             qos = Qos(
                 Policy.Userdata(hashed),
-                Policy.History.KeepLast(max(topic.depth, _LEAST_READER_DEPTH)),
+                Policy.History.KeepLast(max(topic.depth, LEAST_READER_DEPTH)),
                 base=_qos(topic) + _IGNORING_OWN,
             )
             reader = DataReader(self._participant, self._ros_topic(topic), qos=qos)
@@ -267,20 +293,25 @@ class DdsLeg:
             topics = [each.topic for each in self._subscriptions]
         return [said for topic in topics for said in self._unheard(topic)]
 
-    def drop_sender(self, sender: DdsSender) -> None:
+    def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""
         with self._lock:
             if sender in self._senders:
                 self._senders.remove(sender)
                 self._tell_nodes()
+                _end(writer)
 
-    def drop_subscription(self, subscription: DdsSubscription) -> None:
+    def drop_subscription(
+        self, subscription: DdsSubscription, reader: DataReader[RawSample]
+    ) -> None:
         """It is closed."""
         with self._lock:
             if subscription in self._subscriptions:
                 self._subscriptions.remove(subscription)
                 self._waits.detach(subscription.condition)
                 self._tell_nodes()
+                _end(subscription.condition)
+                _end(reader)
 
     def close(self) -> None:
         """Leave ROS."""
@@ -292,15 +323,13 @@ class DdsLeg:
         if threading.current_thread() is not self._thread:
             self._thread.join()
         with self._lock:
-            for sender in tuple(self._senders):
-                sender.close()
-            for subscription in tuple(self._subscriptions):
-                subscription.close()
-            for condition in (self._end, *self._watch.conditions):
-                self._waits.detach(condition)
-        # Now, and with all that it has: cyclonedds would wait for the last reference to any of it,
-        # and ROS then for the end of the lease.
-        self._participant.__del__()
+            ends: list[Closing] = [*self._senders, *self._subscriptions]
+        for each in ends:
+            each.close()
+        for condition in (self._end, *self._watch.conditions):
+            self._waits.detach(condition)
+        # With all that it has.
+        _end(self._participant)
         _DOMAINS.give_back(self._number)
 
     def _run(self) -> None:
@@ -325,9 +354,10 @@ class DdsLeg:
         return self._topic(dds_topic(topic.name), topic.definition)
 
     def _topic(self, name: str, definition: Definition) -> "Topic[RawSample]":
-        if name not in self._topics:
-            self._topics[name] = Topic(self._participant, name, raw_type(definition))
-        return self._topics[name]
+        key = name, raw_type(definition)
+        if key not in self._topics:
+            self._topics[key] = Topic(self._participant, *key)
+        return self._topics[key]
 
     def _tell_nodes(self) -> None:
         """Tell ROS what is this node's; at the end the participant is gone with all of it."""
@@ -343,35 +373,18 @@ class DdsLeg:
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Who publishes a topic so that it does not come here."""
-        own_type = dds_type(topic.definition.name)
-        best_effort, volatile = [], []
-        said = []
-        for each in self._watch.writers(dds_topic(topic.name)):
-            name = printable(self._watch.node_of(each) or "a node without a name", 100)
-            if each.type != own_type:
-                shown = printable(each.type, 100)
-                said.append(f"{name} publishes {topic.name} as {shown}, not {own_type}")
-            elif not each.is_reliable:
-                best_effort.append(name)
-            elif topic.retained and not each.is_retained:
-                volatile.append(name)
-        if best_effort:
-            said.append(
-                f"{_publish(best_effort)} {topic.name} as best effort, and it is read "
-                "as reliable: such messages do not come"
-            )
-        if volatile:
-            said.append(
-                f"{_publish(volatile)} {topic.name} as volatile, and it is read as transient "
-                "local: such messages do not come"
-            )
-        return said
+        offers = [
+            Offer(self._watch.node_of(each), each.type, each.is_reliable, each.is_retained)
+            for each in self._watch.writers(dds_topic(topic.name))
+        ]
+        return unheard(topic, dds_type(topic.definition.name), offers)
 
 
-def _publish(nodes: Sequence[str]) -> str:
-    """The nodes, each once, with their verb."""
-    names = [*dict.fromkeys(nodes)]
-    return f"{listed(names)} {'publish' if names[1:] else 'publishes'}"
+def _end(entity: Entity) -> None:
+    """End it now: cyclonedds would wait for the last reference, and ROS then for the end of the
+    lease.
+    """
+    entity.__del__()
 
 
 def _by(connect: Sequence[str]) -> str:

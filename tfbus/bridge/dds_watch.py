@@ -78,22 +78,16 @@ class DdsWatch:
         """The gid of the writer of a message, by the handle in its info; "" where it is unknown.
         From the thread of `update`.
         """
-        found = self._known_gid(handle)
-        if not found:
-            # The writer, and its first message, have come since the last update.
+        if not (gid := self._known_gid(handle)):
+            # Its writer has come since the last update.
             self.update()
-            found = self._known_gid(handle)
-        return found
+            gid = self._known_gid(handle)
+        return gid
 
-    def _known_gid(self, handle: int) -> str:
+    def writers(self, topic: str) -> Sequence[Writer]:
+        """The writers of a topic."""
         with self._lock:
-            writer = self._writers.get(handle)
-            return self._gone.get(handle, "") if writer is None else writer.gid
-
-    def writers(self, topic: str | None = None) -> Sequence[Writer]:
-        """The writers of a topic, or all."""
-        with self._lock:
-            return [each for each in self._writers.values() if topic in (None, each.topic)]
+            return [each for each in self._writers.values() if each.topic == topic]
 
     def node_of(self, writer: Writer) -> str:
         """The full name of the node of a writer, "" where it has told none."""
@@ -109,6 +103,11 @@ class DdsWatch:
         """Whether another participant has told of its nodes."""
         with self._lock:
             return bool(self._names)
+
+    def _known_gid(self, handle: int) -> str:
+        with self._lock:
+            writer = self._writers.get(handle)
+            return self._gone.get(handle, "") if writer is None else writer.gid
 
     def _take_publication(self, sample: Any) -> None:
         handle = sample.sample_info.instance_handle

@@ -10,7 +10,7 @@ from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.crossing_rule import CrossingRule
 from tfbus.bridge.frame_names import FrameNames
-from tfbus.bridge.leg import Closing, Leg, RosTopic
+from tfbus.bridge.leg import LEAST_READER_DEPTH, Closing, Leg, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.ros_publishers import RosPublishers
@@ -84,7 +84,7 @@ class FromRos:
         if self._subscriptions:
             return
         # Of each publisher the last message with all its static transforms; some send several.
-        late = replace(static, depth=100)
+        late = replace(static, depth=LEAST_READER_DEPTH)
         self._subscriptions = [
             self._leg.subscribe(late, partial(self._on_message, True)),
             self._leg.subscribe(dynamic, partial(self._on_message, False)),

@@ -13,6 +13,10 @@ from tfbus.ros.definitions import Definition
 # What it calls for each message: `on_message(payload, gid)`; the gid is that of the publisher.
 OnMessage = Callable[[bytes, str], None]
 
+# All publishers of a topic together are behind one subscription: each of their last messages must
+# fit.
+LEAST_READER_DEPTH = 100
+
 
 @dataclass(frozen=True)
 class LegSettings:
@@ -81,7 +85,9 @@ class Closing(Protocol):
     """What ends."""
 
     def close(self) -> None:
-        """End it: its callback is not called after that. Twice is fine."""
+        """End it: its callback is not called after that, and a call under way has ended, where it
+        is not that which closes it. Twice is fine.
+        """
 
 
 class Leg(Protocol):

@@ -4,11 +4,21 @@ import logging
 import os
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
-from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.leg import (
+    LEAST_READER_DEPTH,
+    Closing,
+    LegSettings,
+    OnMessage,
+    RosPublisher,
+    RosSender,
+    RosTopic,
+)
+from tfbus.bridge.unheard import Offer, unheard
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
@@ -28,9 +38,6 @@ except ImportError as error:
         "Python, made with `python3 -m venv --system-site-packages`; ROS 2 Humble and earlier have "
         f"a Python before 3.11: use --via zenoh or --via dds ({printable(str(error), 100)})"
     ) from error
-
-# All publishers together are behind one subscription: each of their last messages must fit.
-_LEAST_READER_DEPTH = 100
 
 # In the place of the name of a node.
 _NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
@@ -53,24 +60,24 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RclpyLeg":
 
 
 class _OwnMessages:
-    """Messages sent that have not come back yet: each comes back once. Thread-safe."""
+    """Messages of the leg that have not come back to a subscription yet: each comes back once.
+    Thread-safe.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._waiting: dict[tuple[str, int], int] = {}
+        self._waiting: dict[int, int] = {}
 
-    def add(self, topic: str, payload: bytes) -> None:
-        """One is sent."""
-        key = topic, hash(payload)
+    def add(self, key: int) -> None:
+        """One is sent, whose bytes have this hash."""
         with self._lock:
             # At the end, so that those which never come back go first.
             self._waiting[key] = self._waiting.pop(key, 0) + 1
             if len(self._waiting) > _MOST_OWN:
                 del self._waiting[next(iter(self._waiting))]
 
-    def take(self, topic: str, payload: bytes) -> bool:
+    def take(self, key: int) -> bool:
         """Whether one that came is one of them."""
-        key = topic, hash(payload)
         with self._lock:
             count = self._waiting.pop(key, 0)
             if count > 1:
@@ -81,10 +88,12 @@ class _OwnMessages:
 class RclpySender:
     """A publisher of rclpy."""
 
-    def __init__(self, leg: "RclpyLeg", topic: str, publisher: Any, gid: str) -> None:
+    def __init__(self, leg: "RclpyLeg", topic: RosTopic, publisher: Any, gid: str) -> None:
         self.gid = gid
+        self.topic = topic.name
+        # The hashes of what later subscriptions get, too; counted where ROS tells no publishers.
+        self.kept: deque[int] = deque(maxlen=topic.depth if topic.retained else 0)
         self._leg = leg
-        self._topic = topic
         self._publisher = publisher
 
     @property
@@ -93,15 +102,16 @@ class RclpySender:
         publisher = self._publisher
         if publisher is None:
             return False
-        own = self._leg.own_subscriptions(self._topic)
+        own = self._leg.own_subscriptions(self.topic)
         return bool(publisher.get_subscription_count() > own)
 
     def send(self, payload: bytes) -> None:
         """Publish one message."""
         publisher = self._publisher
         if publisher is None:
-            raise TfbusError(f"the publisher of {self._topic} is closed")
-        self._leg.own.add(self._topic, payload)
+            raise TfbusError(f"the publisher of {self.topic} is closed")
+        if not self._leg.tells_publishers:
+            self._leg.sends(self, payload)
         publisher.publish(payload)
 
     def close(self) -> None:
@@ -117,21 +127,29 @@ class RclpySubscription:
     def __init__(self, leg: "RclpyLeg", topic: RosTopic, on_message: OnMessage) -> None:
         self.topic = topic
         self.made: Any = None
+        self.own = _OwnMessages()
         self._leg = leg
         self._on_message: OnMessage | None = on_message
+        # Held while it calls; a call may close it.
+        self._lock = threading.RLock()
 
     def take(self, payload: bytes, info: dict[str, Any]) -> None:
         """A message for it."""
         # Only distributions since Kilted have it.
         gid = _gid(told["data"]) if (told := info.get("publisher_gid")) else ""
-        on_message = self._on_message
-        if on_message is not None and not self._leg.is_own(self.topic.name, payload, gid):
-            self._leg.safely(on_message, payload, gid)
+        if self._leg.has_sent(gid) if gid else self.own.take(hash(payload)):
+            return
+        with self._lock:
+            on_message = self._on_message
+            if on_message is not None:
+                self._leg.safely(on_message, payload, gid)
 
     def close(self) -> None:
         """It takes no message after this."""
-        if self._on_message is not None:
-            self._on_message = None
+        on_message, self._on_message = self._on_message, None
+        if on_message is not None:
+            with self._lock:
+                pass  # a call under way has ended
             self._leg.drop_subscription(self)
 
 
@@ -144,7 +162,6 @@ class RclpyLeg:
         self._senders: list[RclpySender] = []
         self._subscriptions: list[RclpySubscription] = []
         self._closing = False
-        self.own = _OwnMessages()
         self._context = Context()
         try:
             rclpy.init(
@@ -183,7 +200,7 @@ class RclpyLeg:
                 for each in self._endpoints(topic.name)
                 if self._is_own_node(each) and (gid := _gid(each.endpoint_gid)) not in known
             ]
-            sender = RclpySender(self, topic.name, made, found[0] if len(found) == 1 else "")
+            sender = RclpySender(self, topic, made, found[0] if len(found) == 1 else "")
             self._senders.append(sender)
         return sender
 
@@ -191,7 +208,7 @@ class RclpyLeg:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         message = _message_class(topic.definition.name)
         subscription = RclpySubscription(self, topic, on_message)
-        qos = _qos(topic, max(topic.depth, _LEAST_READER_DEPTH))
+        qos = _qos(topic, max(topic.depth, LEAST_READER_DEPTH))
 
         # rclpy counts the arguments of a function, to know whether it wants the info.
         def take(payload: bytes, info: dict[str, Any]) -> None:
@@ -199,6 +216,9 @@ class RclpyLeg:
 
         with self._lock:
             self._subscriptions.append(subscription)
+            if topic.retained:
+                for key in self._kept(topic.name):
+                    subscription.own.add(key)
             subscription.made = self._node.create_subscription(
                 message, topic.name, take, qos, raw=True
             )
@@ -224,11 +244,21 @@ class RclpyLeg:
             topics = [each.topic for each in self._subscriptions]
         return [said for topic in topics for said in self._unheard(topic)]
 
-    def is_own(self, topic: str, payload: bytes, gid: str) -> bool:
-        """Whether a message is of a publisher of this leg."""
-        if gid:
-            return any(each.gid == gid for each in self._senders)
-        return self.own.take(topic, payload)
+    def has_sent(self, gid: str) -> bool:
+        """Whether a message by this gid is of a publisher of this leg."""
+        return any(each.gid == gid for each in self._senders)
+
+    def sends(self, sender: RclpySender, payload: bytes) -> None:
+        """A publisher of this leg is about to send: it comes back to each subscription."""
+        key = hash(payload)
+        with self._lock:
+            sender.kept.append(key)
+            for each in self._subscriptions:
+                if each.topic.name == sender.topic:
+                    each.own.add(key)
+
+    def _kept(self, topic: str) -> list[int]:
+        return [key for each in self._senders if each.topic == topic for key in each.kept]
 
     def own_subscriptions(self, topic: str) -> int:
         """How many subscriptions of a topic are of this leg."""
@@ -292,26 +322,16 @@ class RclpyLeg:
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Who publishes a topic so that it does not come here."""
-        said = []
-        for each in self._endpoints(topic.name):
-            name = printable(_node_name(each) or "a node without a name", 100)
-            qos = each.qos_profile
-            if each.topic_type != topic.definition.name:
-                shown = printable(each.topic_type, 100)
-                said.append(
-                    f"{name} publishes {topic.name} as {shown}, not {topic.definition.name}"
-                )
-            elif qos.reliability == ReliabilityPolicy.BEST_EFFORT:
-                said.append(
-                    f"{name} publishes {topic.name} as best effort, and it is read as reliable: "
-                    "such messages do not come"
-                )
-            elif topic.retained and qos.durability == DurabilityPolicy.VOLATILE:
-                said.append(
-                    f"{name} publishes {topic.name} as volatile, and it is read as transient "
-                    "local: such messages do not come"
-                )
-        return said
+        offers = [
+            Offer(
+                _node_name(each),
+                each.topic_type,
+                each.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT,
+                each.qos_profile.durability != DurabilityPolicy.VOLATILE,
+            )
+            for each in self._endpoints(topic.name)
+        ]
+        return unheard(topic, topic.definition.name, offers)
 
 
 def _message_class(name: str) -> Any:

@@ -20,12 +20,9 @@ from tfbus.runtime.log_once import LogOnce
 # Where Debian has it, and ROS Noetic.
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
 
-# How often the master is asked whether it is there, and how long it may take to answer.
+# How often the master is asked what there is, and how long it may take to answer.
 _LOOK_EVERY_S = 1.0
 _ANSWER_WITHIN_S = 2.0
-
-# What it says of publishers counts this long.
-_STATE_COUNTS_S = 0.5
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
@@ -135,19 +132,24 @@ class RospyLeg:
         self._log = log
         self._once = LogOnce(log)
         self._lock = threading.Lock()
-        self._ends: dict[tuple[str, str], _Sender | _Subscription] = {}
+        self._ends: dict[tuple[str, str], list[_Sender | _Subscription]] = {}
         self._state_lock = threading.Lock()
-        self._master = Ros1Master(master, full_name)
         self._publishers: Mapping[str, Sequence[str]] = {}
+        self._is_simulated = False
+        self._is_there = True
         # The master forgets no node that was killed: those whose topics are asked for are called.
         self._asked: set[str] = set()
-        self._dead: set[str] = set()
-        self._state_s = -1e9
+        self._dead: frozenset[str] = frozenset()
         self._closed = threading.Event()
-        self._watch = threading.Thread(
-            target=self._watch_master, name=f"{full_name} master", daemon=True
-        )
-        self._watch.start()
+        with suppress(OSError):  # the thread that watches it says so
+            self._take_state(self._new_master())
+        # What does not answer holds up its thread alone.
+        self._threads = [
+            threading.Thread(target=run, name=f"{full_name} {what}", daemon=True)
+            for run, what in ((self._watch_master, "master"), (self._watch_nodes, "nodes"))
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def publisher(self, topic: RosTopic) -> "_Sender":
         """Begin to publish a topic."""
@@ -158,25 +160,18 @@ class RospyLeg:
         return _Subscription(self, self._rospy, topic, on_message, self._full_name, self._once)
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """Those of others that the master knows, and that answer. While it is gone they are as they
-        were.
+        """Those of others that the master knew when it was last asked, or that have sent since, and
+        that answer. While it is gone they are as they were.
         """
         with self._state_lock:
             self._asked.add(topic)
-            if time.monotonic() > self._state_s + _STATE_COUNTS_S:
-                with suppress(OSError):  # the thread that watches it says so
-                    self._take_state()
-            nodes = self._publishers.get(topic, [])
+            nodes = self._publishers.get(topic, ())
             away = {self._full_name, *self._dead}
         return [RosPublisher(_gid(node), node) for node in nodes if node not in away]
 
     def warnings(self) -> Sequence[str]:
         """What is odd with time in ROS 1."""
-        try:
-            is_simulated = self._master_alone().call("getParam", "/use_sim_time") is True
-        except OSError:
-            return ()
-        if not is_simulated:
+        if not self._is_simulated:
             return ()
         return ("/use_sim_time is set in ROS: nodes there follow the topic /clock",)
 
@@ -184,35 +179,56 @@ class RospyLeg:
         """Leave ROS 1. Twice is fine."""
         self._closed.set()
         with self._lock:
-            ends = list(self._ends.values())
+            ends = [end for of_topic in self._ends.values() for end in of_topic]
         for end in ends:
             end.close()
         self._rospy.signal_shutdown("the bridge ends")
-        if threading.current_thread() is not self._watch:
-            self._watch.join(_ANSWER_WITHIN_S)
+        for thread in self._threads:
+            if threading.current_thread() is not thread:
+                thread.join(_ANSWER_WITHIN_S)
 
     def began(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
         """One of its ends began."""
         with self._lock:
-            self._ends[kind, name] = end
+            self._ends.setdefault((kind, name), []).append(end)
 
-    def ended(self, kind: str, name: str) -> None:
+    def ended(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
         """It ended."""
         with self._lock:
-            self._ends.pop((kind, name), None)
+            ends = self._ends.get((kind, name), [])
+            if end in ends:
+                ends.remove(end)
+            if not ends:
+                self._ends.pop((kind, name), None)
 
-    def _take_state(self) -> None:
-        self._publishers = self._master.state().publishers
-        self._state_s = time.monotonic()
+    def heard(self, topic: str, node: str) -> None:
+        """A node has sent a message on a topic; the master may not have told of it yet."""
+        if node in self._publishers.get(topic, ()) and node not in self._dead:
+            return
+        with self._state_lock:
+            nodes = self._publishers.get(topic, ())
+            if node not in nodes:
+                self._publishers = {**self._publishers, topic: [*nodes, node]}
+            self._dead -= {node}
 
-    def _master_alone(self) -> Ros1Master:
-        return Ros1Master(self._uri, self._full_name)
+    def _new_master(self) -> Ros1Master:
+        return Ros1Master(self._uri, self._full_name, _ANSWER_WITHIN_S)
+
+    def _take_state(self, master: Ros1Master) -> Ros1State:
+        state = master.state()
+        try:
+            is_simulated = master.call("getParam", "/use_sim_time") is True
+        except OSError:
+            is_simulated = False
+        with self._state_lock:
+            self._publishers = state.publishers
+            self._is_simulated = is_simulated
+        return state
 
     # The master may be started again: then it knows nothing of this node.
 
     def _watch_master(self) -> None:
-        master = self._master_alone()
-        is_there = True
+        master = self._new_master()
         while not self._closed.wait(_LOOK_EVERY_S):
             if self._rospy.is_shutdown():
                 self._log.error(
@@ -222,38 +238,52 @@ class RospyLeg:
                 )
                 return
             try:
-                state = master.state()
+                state = self._take_state(master)
             except OSError as error:
-                if is_there:
+                if self._is_there:
                     self._log.warning("The ROS master at %s is gone (%s)", self._uri, error)
-                is_there = False
+                self._is_there = False
                 continue
-            if not is_there:
+            if not self._is_there:
                 self._log.info("The ROS master at %s is back", self._uri)
-            is_there = True
+            self._is_there = True
             try:
                 self._register_missing(master, state)
             except OSError as error:
                 self._once.warning("register", "Could not register in ROS again: %s", error)
-            self._call_publishers(master, state)
 
-    def _call_publishers(self, master: Ros1Master, state: Ros1State) -> None:
+    def _watch_nodes(self) -> None:
+        master = self._new_master()
+        while not self._closed.wait(_LOOK_EVERY_S):
+            if self._is_there:
+                with suppress(OSError):  # the master is gone: then all nodes are as they were
+                    self._call_nodes(master)
+
+    def _call_nodes(self, master: Ros1Master) -> None:
         with self._state_lock:
-            asked = [*self._asked]
-        nodes = {node for topic in asked for node in state.publishers.get(topic, ())}
+            nodes = {node for topic in self._asked for node in self._publishers.get(topic, ())}
         dead = set()
         for node in nodes - {self._full_name}:
-            try:
-                uri = str(master.call("lookupNode", node))
-                Ros1Master(uri, self._full_name).call("getPid")
-            except OSError:
+            if self._closed.is_set():
+                return
+            if not self._answers(master, node):
                 dead.add(node)
+        if dead:
+            master.call("getPid")
         with self._state_lock:
-            self._dead = dead
+            self._dead = frozenset(dead)
+
+    def _answers(self, master: Ros1Master, node: str) -> bool:
+        try:
+            uri = str(master.call("lookupNode", node))
+            Ros1Master(uri, self._full_name, _ANSWER_WITHIN_S).call("getPid")
+        except OSError:
+            return False
+        return True
 
     def _register_missing(self, master: Ros1Master, state: Ros1State) -> None:
         with self._lock:
-            ends = dict(self._ends)
+            ends = {key: of_topic[0] for key, of_topic in self._ends.items()}
         uri = self._rospy.get_node_uri()
         for (kind, name), end in ends.items():
             if kind == "pub" and self._full_name not in state.publishers.get(name, ()):
@@ -299,7 +329,7 @@ class _Sender:
 
     def close(self) -> None:
         """End it. Twice is fine."""
-        self._leg.ended("pub", self._name)
+        self._leg.ended("pub", self._name, self)
         self._publisher.unregister()
 
 
@@ -322,8 +352,8 @@ class _Subscription:
         self._once = once
         self._type = ros1_type(topic.definition)
         self.type_name = self._type.name
-        # Each connection has a thread of its own.
-        self._lock = threading.Lock()
+        # Each connection has a thread of its own. A call may close it.
+        self._lock = threading.RLock()
         self._subscriber = rospy.Subscriber(
             topic.name,
             _message_class(self._type),
@@ -336,15 +366,19 @@ class _Subscription:
     def close(self) -> None:
         """End it. Twice is fine."""
         self._on_message = None
-        self._leg.ended("sub", self._name)
+        with self._lock:
+            pass  # a call under way has ended
+        self._leg.ended("sub", self._name, self)
         self._subscriber.unregister()
 
     def _take(self, message: Any) -> None:
         node = str(message._connection_header.get("callerid", ""))
         if node == self._own_name:
             return
+        self._leg.heard(self._name, node)
         with self._lock:
-            if self._on_message is None:
+            on_message = self._on_message
+            if on_message is None:
                 return
             try:
                 payload = self._type.to_cdr(message.payload)
@@ -357,7 +391,7 @@ class _Subscription:
                     error,
                 )
                 return
-            self._on_message(payload, _gid(node))
+            on_message(payload, _gid(node))
 
 
 def _gid(node: str) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from tfbus import messages
 from tfbus.bridge.frame_names import FrameNames
-from tfbus.bridge.leg import Leg, RosTopic
+from tfbus.bridge.leg import LEAST_READER_DEPTH, Leg, RosTopic
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node
@@ -150,7 +150,7 @@ class TopicFromRos:
         self._closed = False
         self._publisher: RawPublisher | None = None
         definition = line.counterpart.definition
-        topic = RosTopic(ros_name, definition, line.retained, max(line.depth, 100))
+        topic = RosTopic(ros_name, definition, line.retained, max(line.depth, LEAST_READER_DEPTH))
         self._subscription = leg.subscribe(topic, self._take)
 
     def silence(self) -> None:

@@ -216,17 +216,20 @@ class _Subscription:
 
     def __init__(self, on_message: OnMessage) -> None:
         self._on_message: OnMessage | None = on_message
-        # Messages of several links come on as many threads.
-        self._lock = threading.Lock()
+        # Messages of several links come on as many threads. A call may close it.
+        self._lock = threading.RLock()
         self.undeclare: Callable[[], None] = lambda: None
 
     def call(self, payload: bytes, gid: str) -> None:
         """A message has come."""
         with self._lock:
-            if self._on_message is not None:
-                self._on_message(payload, gid)
+            on_message = self._on_message
+            if on_message is not None:
+                on_message(payload, gid)
 
     def close(self) -> None:
         """End it: no call begins after that. Twice is fine."""
         self._on_message = None
+        with self._lock:
+            pass  # a call under way has ended
         self.undeclare()

@@ -35,10 +35,10 @@ class Work:
     """The callbacks of a node that are ready to run, in the order in which they became so."""
 
     def __init__(self) -> None:
-        # How many messages of transforms each listener of the node has received, and how many all
-        # of them had when that was asked last.
+        # How many messages of transforms each listener of the node has received, and how many each
+        # had when that was asked last.
         self.listeners: list[Callable[[], int]] = []
-        self._heard = 0
+        self._heard: dict[Callable[[], int], int] = {}
         # Both are changed by single operations, which threads and signal handlers may mix.
         self._ready: deque[Callable[[], object]] = deque()
         self._wakes: dict[int, Callable[[], None]] = {}
@@ -64,8 +64,8 @@ class Work:
 
     def has_heard(self) -> bool:
         """Whether transforms have come since the last call."""
-        before, self._heard = self._heard, sum(count() for count in self.listeners)
-        return self._heard != before
+        before, self._heard = self._heard, {count: count() for count in [*self.listeners]}
+        return any(heard != before.get(count, 0) for count, heard in self._heard.items())
 
     def wake_by(self, wakeup: Wakeup) -> None:
         """Wake it at each submit, until `no_longer_wake`."""

@@ -71,6 +71,9 @@ class TransformListener:
         """Stop listening; the buffer keeps its transforms. Twice is fine."""
         if self._executor is not None:
             self._executor.shutdown()
+        if isinstance(self.node, Node):
+            with suppress(ValueError):  # it is unregistered already
+                self.node.work.listeners.remove(self._count)
         self.tfbus_listener.close()
 
     def _listen(self, buffer: Buffer) -> TfbusListener:

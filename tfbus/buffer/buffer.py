@@ -405,30 +405,28 @@ class Buffer:
         Raises StaleException if the newest sample of a dynamic edge is older than `max_age_s`, or,
         with `living`, if the publisher of an edge is gone.
         """
+        # What is of another type may have no hash, or one of its own.
+        if type(target_frame) is not str:
+            target_frame = check_frame_id(target_frame, "target_frame")
+        if type(source_frame) is not str:
+            source_frame = check_frame_id(source_frame, "source_frame")
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
         if sampling is not None:
             _check_sampling(sampling)
         if max_age_s is None and not living:
             # Nearly every lookup ends here, so nothing is made for it but its answer.
+            store = self._store
+            store.lock.enter()
             try:
-                store = self._store
-                store.lock.enter()
-                try:
-                    answer = store.tree.answer(
-                        target_frame,
-                        source_frame,
-                        stamp_ns,
-                        self.sampling if sampling is None else sampling,
-                    )
-                finally:
-                    store.lock.leave()
-            except (OverflowError, TypeError):
-                check_frame_id(target_frame, "target_frame")
-                check_frame_id(source_frame, "source_frame")
-                if stamp_ns is not None:
-                    check_stamp(stamp_ns)
-                raise
+                answer = store.tree.answer(
+                    target_frame,
+                    source_frame,
+                    stamp_ns,
+                    self.sampling if sampling is None else sampling,
+                )
+            finally:
+                store.lock.leave()
             if answer is not None:
                 return answer
         question = (target_frame, source_frame, stamp_ns)

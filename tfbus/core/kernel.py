@@ -1138,6 +1138,9 @@ class Path:
             if ratio < 0.0 or samples.mixed:
                 return False
             step = screw_at(samples, ratio) if screw else pose_at(samples, ratio)
+            if i == 0:
+                pose = step
+                continue
             if i == self.turn:
                 pose = invert(pose)
             pose = compose(pose, step)

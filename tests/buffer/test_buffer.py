@@ -66,6 +66,18 @@ def test_at_the_stamp_of_a_sample_the_answer_is_that_sample():
         assert buffer.lookup_transform("world", "robot", sample.stamp_ns) == sample
 
 
+@pytest.mark.parametrize(
+    "stamps", [(0, 10, 20, 30), (0, 4, 20, 30), (0, 10, 14, 30), (4, 10, 20, 26)]
+)
+def test_edges_with_equal_counts_are_each_read_between_their_own_samples(stamps: tuple[int, ...]):
+    """Each edge moves by its stamps, so that each of the two adds the time, whatever these are."""
+    upper = [moved(stamp, "world", "robot", float(stamp)) for stamp in (0, 10, 20, 30)]
+    lower = [moved(stamp, "robot", "arm", float(stamp)) for stamp in stamps]
+    buffer = filled(*upper, *lower)
+    for stamp_ns in (25, 5, 15, 12, 7, 22, 10, 25):
+        assert x_at(buffer, stamp_ns, child="arm") == pytest.approx(2 * stamp_ns)
+
+
 def test_the_rotation_takes_the_short_way_round():
     """From 170 to 190 degrees a frame turns by 20, whatever the signs of the quaternions."""
     a, b = math.radians(170), math.radians(190)

@@ -15,3 +15,6 @@ cdef class Buffer:
     cdef object __weakref__
 
     cdef _fill(self, cache_time_s, sampling, clock, max_samples)
+    cdef TransformStamped _answer(self, target_frame, source_frame, stamp_ns, sampling)
+    cdef _lookup(
+        self, target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living)

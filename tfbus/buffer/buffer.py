@@ -405,35 +405,68 @@ class Buffer:
         Raises StaleException if the newest sample of a dynamic edge is older than `max_age_s`, or,
         with `living`, if the publisher of an edge is gone.
         """
+        # Nearly every lookup is one of these: nothing is made for it but its answer.
+        if (
+            type(target_frame) is str
+            and type(source_frame) is str
+            and (stamp_ns is None or type(stamp_ns) is int)
+            and sampling is None
+            and max_age_s is None
+            and living is False
+        ):
+            answer = self._answer(target_frame, source_frame, stamp_ns, None)
+            if answer is not None:
+                return answer
+        return self._lookup(
+            target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living
+        )
+
+    def _lookup(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        timeout_s: float,
+        sampling: Sampling | None,
+        max_age_s: float | None,
+        living: bool,
+    ) -> TransformStamped:
+        """`lookup_transform` of any arguments."""
+        # What is of another type may have no hash, or one of its own.
+        if type(target_frame) is not str:
+            target_frame = check_frame_id(target_frame, "target_frame")
+        if type(source_frame) is not str:
+            source_frame = check_frame_id(source_frame, "source_frame")
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
         if sampling is not None:
             _check_sampling(sampling)
         if max_age_s is None and not living:
-            # Nearly every lookup ends here, so nothing is made for it but its answer.
-            try:
-                store = self._store
-                store.lock.enter()
-                try:
-                    answer = store.tree.answer(
-                        target_frame,
-                        source_frame,
-                        stamp_ns,
-                        self.sampling if sampling is None else sampling,
-                    )
-                finally:
-                    store.lock.leave()
-            except (OverflowError, TypeError):
-                check_frame_id(target_frame, "target_frame")
-                check_frame_id(source_frame, "source_frame")
-                if stamp_ns is not None:
-                    check_stamp(stamp_ns)
-                raise
+            answer = self._answer(target_frame, source_frame, stamp_ns, sampling)
             if answer is not None:
                 return answer
         question = (target_frame, source_frame, stamp_ns)
         fresh = _freshness(max_age_s, living)
         return Lookup(self._store, (question,), sampling, fresh).wait(timeout_s)[0]
+
+    def _answer(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        sampling: Sampling | None,
+    ) -> TransformStamped | None:
+        """The answer of this moment; None without one."""
+        self._store.lock.enter()
+        try:
+            return self._store.tree.answer(
+                target_frame,
+                source_frame,
+                stamp_ns,
+                self.sampling if sampling is None else sampling,
+            )
+        finally:
+            self._store.lock.leave()
 
     def lookup_transform_full(
         self,

@@ -27,10 +27,10 @@ from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
 from tfbus.wording import listed, near_names, stamp_text
 
 # The end of a sentence: the advice to wait, and what else helps.
-_WAIT = re.compile(r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$")
+_WAIT = r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$"
 
 # The same where it names the argument of a lookup that waits, which others do not have.
-_WAIT_ARGUMENT = re.compile(r"; wait (about \S+ s) \(timeout_s\)(, or .+)?$")
+_WAIT_ARGUMENT = r"; wait (about \S+ s) \(timeout_s\)(, or .+)?$"
 _LATER_MANY = r"; ask again in \1, or only for stamps that are known (lookup_known_transforms)"
 
 # What an error advises to query.
@@ -111,7 +111,7 @@ def may_come(error: TransformException) -> bool:
 
 def after_waiting(error: TransformException) -> str:
     """The sentence of an error without its advice to wait, for a lookup that did."""
-    return _WAIT.sub(lambda found: f"; {found[1]}" if found[1] else "", str(error))
+    return re.sub(_WAIT, lambda found: f"; {found[1]}" if found[1] else "", str(error))
 
 
 def after_waiting_with(error: TransformException, *, later: str, latest: str) -> str:
@@ -145,7 +145,7 @@ def without_timeout(error: TransformException, *, many: bool = False) -> Transfo
     stamps also to leave out those without an answer, where it would have one ask for the latest.
     """
     later = _LATER_MANY if many else r"; ask again in \1\2"
-    error.args = (_WAIT_ARGUMENT.sub(later, str(error)),)
+    error.args = (re.sub(_WAIT_ARGUMENT, later, str(error)),)
     return error
 
 

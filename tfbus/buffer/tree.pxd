@@ -1,4 +1,5 @@
 cimport cython
+from tfbus.core cimport packed
 from tfbus.core.kernel cimport History
 from tfbus.core.kernel cimport Path, seek_as
 from tfbus.core.kernel cimport pose_t, compose, invert, normalised

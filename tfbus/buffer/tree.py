@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from tfbus.buffer.info import Change, FrameInfo, Kind
+from tfbus.core import packed
 from tfbus.core.held import Held
 from tfbus.core.kernel import (
     ALL_STATIC,
@@ -26,7 +27,7 @@ from tfbus.core.kernel import (
 )
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
-from tfbus.geometry.transform import TransformStamped, check_frame_id, make_stamped
+from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 
 try:
     import cython
@@ -91,7 +92,9 @@ class Tree:
                 return None
             stamp = 0 if latest == ALL_STATIC else latest
         else:
-            stamp = stamp_ns
+            stamp = packed.int64(stamp_ns)
+            if stamp == NO_DATA:
+                check_stamp(stamp_ns)
         beyond = 0
         if sampling is not TF2:
             beyond = path.follow_as(stamp, sampling)

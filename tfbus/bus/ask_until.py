@@ -7,14 +7,13 @@ answer. So it is asked again after a pause, each time on the thread of an execut
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tfbus.errors import BusError
 from tfbus.runtime.executor import Executor
 
 
-@dataclass(frozen=True)
-class Pauses:
+class Pauses(NamedTuple):
     """The pauses between questions.
 
     `again_s` are the pauses in turn; with `forever` the last of them repeats, without it the

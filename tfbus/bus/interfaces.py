@@ -3,7 +3,7 @@
 import socket
 import struct
 import sys
-from dataclasses import dataclass
+from typing import NamedTuple
 
 # From Linux's <linux/sockios.h> and <net/if.h>.
 _GET_FLAGS = 0x8913
@@ -12,8 +12,7 @@ _LOOPBACK = 0x8
 _MULTICAST = 0x1000
 
 
-@dataclass(frozen=True)
-class Interface:
+class Interface(NamedTuple):
     """A network interface of this host, and whether it is up and carries multicast."""
 
     name: str

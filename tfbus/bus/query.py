@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -20,8 +19,7 @@ _NO_ANSWER_IN_TIME = b"Timeout"
 _MOST_OF_A_REFUSAL = 1000
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """One answer to a query: its key and payload, or a refusal with its text.
 
     `refusal` is "" where the answer has not come in time, None where it is no refusal. `sender` is

@@ -26,7 +26,7 @@ _TRUE = ("1", "true", "yes", "on")
 _FALSE = ("", "0", "false", "no", "off")
 
 # A port, then Zenoh's own additions: tcp/[::]:7447#iface=eth0
-_PORT = re.compile(r":\d{1,5}([?#].*)?$")
+_PORT = r":\d{1,5}([?#].*)?$"
 
 
 def log_level_of(text: str) -> str:
@@ -207,7 +207,7 @@ def check_endpoint(endpoint: str) -> None:
         raise SettingsError(
             f"endpoint {endpoint!r} has an unknown protocol: use one of {', '.join(PROTOCOLS)}"
         )
-    if protocol in ("tcp", "udp", "tls") and not _PORT.search(address):
+    if protocol in ("tcp", "udp", "tls") and not re.search(_PORT, address):
         raise SettingsError(f"endpoint {endpoint!r} has no port: write {protocol}/{address}:7447")
 
 

@@ -40,6 +40,11 @@ def pose_at(data: bytes, at: int) -> Pose:
     return pose
 
 
+def int64(number: int) -> int:
+    """The number as a signed integer of 64 bits; the least of these where it is none."""
+    return number if -(2**63) <= number < 2**63 else -(2**63)
+
+
 def fetch_pose(poses: Sequence[float], at: int) -> None:
     """Prefetch a pose of seven numbers into the processor's caches; nothing here."""
 

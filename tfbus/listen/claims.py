@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.wire.descriptions import StreamDescription
@@ -52,16 +52,14 @@ class Claimant:
         return f"{self.stream!r} of {by.node} (host {by.host or '?'}, pid {by.pid or '?'})"
 
 
-@dataclass(frozen=True)
-class Resolution:
+class Resolution(NamedTuple):
     """The frames of a stream that are accepted, and those that are rejected."""
 
     accepted: set[str]
     rejected: set[str]
 
 
-@dataclass(frozen=True)
-class Conflict:
+class Conflict(NamedTuple):
     """Two live streams that claim the same frames; `first` has priority, or was started first."""
 
     first: Claimant

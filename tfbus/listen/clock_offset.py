@@ -10,6 +10,7 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
@@ -30,8 +31,7 @@ _PATIENCE_S = 1.0
 _SKEW_S = 0.1
 
 
-@dataclass(frozen=True)
-class ClockOffset:
+class ClockOffset(NamedTuple):
     """How far another clock is ahead of ours, known to half of `round_trip_s`."""
 
     offset_s: float

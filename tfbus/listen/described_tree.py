@@ -5,7 +5,7 @@ It knows which stream sends which edge, and on which key, without a transform.
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames
@@ -18,8 +18,7 @@ _MOST_GONE = 1000
 Pair = tuple[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class DescribedEdge:
+class DescribedEdge(NamedTuple):
     """An edge from parent to child that a stream says it sends, and the key that carries it.
 
     An edge that only the buffer has has no stream and no key.

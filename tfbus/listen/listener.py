@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
@@ -17,7 +17,6 @@ from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.held import DisputedMessages
 from tfbus.listen.history import AskedHistory
-from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
 from tfbus.listen.reception import (
@@ -39,6 +38,9 @@ from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
+
+if TYPE_CHECKING:
+    from tfbus.listen.info import StreamInfo
 
 # What a listener reads.
 Reads = Literal["everything", "needed"]
@@ -210,8 +212,10 @@ class TransformListener:
         """How many messages of others, such as ROS 2, came between those of streams."""
         return self._foreign
 
-    def streams(self) -> list[StreamInfo]:
+    def streams(self) -> "list[StreamInfo]":
         """All streams that are or were there, sorted by name."""
+        from tfbus.listen.info import stream_info  # a process is to start soon
+
         states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
         receptions = {name: it.reception for name, it in self._registry.streams().items()}
         infos = [

@@ -2,15 +2,14 @@
 
 import threading
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 # As much may wait as a thousand large streams say of themselves.
 _MOST_BYTES = 64 * 2**20
 _OVERHEAD_BYTES = 500
 
 
-@dataclass(frozen=True, slots=True)
-class Letter:
+class Letter(NamedTuple):
     """A description: the key that it came at, its bytes, and the session it is from, "" for one
     that does not say.
     """

@@ -10,8 +10,7 @@ import logging
 import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
@@ -40,8 +39,7 @@ _TYPE_NAMES: dict[type, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Bounds:
+class Bounds(NamedTuple):
     """The least and the greatest value of a number, both allowed; None for no bound."""
 
     minimum: float | None = None

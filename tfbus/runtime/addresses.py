@@ -1,7 +1,10 @@
 """Addresses that a server of this machine listens on, and how browsers open them."""
 
-import ipaddress
 import socket
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import ipaddress
 
 
 def is_local(host: str) -> bool:
@@ -50,8 +53,10 @@ def main_address() -> str:
     return ""
 
 
-def address_of(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+def address_of(name: str) -> "ipaddress.IPv4Address | ipaddress.IPv6Address | None":
     """The address that a text is; None where it is a name."""
+    import ipaddress  # slow to import, and few processes need it
+
     try:
         return ipaddress.ip_address(name)
     except ValueError:

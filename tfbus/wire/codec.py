@@ -6,9 +6,9 @@ and 0 and 1 for false and true; nothing else is converted.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
-from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
@@ -89,8 +89,7 @@ def type_name(message_type: type) -> str:
     return message_type.__qualname__
 
 
-@dataclass(frozen=True)
-class _Field:
+class _Field(NamedTuple):
     read: Reader
     required: bool
 

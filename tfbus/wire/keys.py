@@ -6,7 +6,6 @@ part of no key here: Zenoh puts it in front (its `namespace` setting).
 """
 
 import re
-from urllib.parse import unquote
 
 from tfbus.errors import InvalidNameError
 from tfbus.names import is_printable
@@ -47,6 +46,10 @@ def escape(name: str) -> str:
 
 def unescape(chunk: str) -> str:
     """The name of a chunk that `escape` made."""
+    if "%" not in chunk:
+        return chunk
+    from urllib.parse import unquote  # slow to import, and most names need none
+
     return unquote(chunk)
 
 

@@ -11,7 +11,7 @@ from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.wording import printable
 
 _UNITS = {"": 1, "B": 1, "kB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
-_SIZE = re.compile(r"(\d{1,12})\s*(|B|kB|MB|GB)")
+_SIZE = r"(\d{1,12})\s*(|B|kB|MB|GB)"
 
 # Zenoh counts message sizes in 32 bits.
 _MOST = 2_000_000_000
@@ -121,7 +121,7 @@ def size_text(size: int) -> str:
 
 def size_in(text: str) -> int | None:
     """The bytes in a text such as `512 B`, `64MB` or `1000`; None where it is of another form."""
-    found = _SIZE.fullmatch(text.strip())
+    found = re.fullmatch(_SIZE, text.strip())
     return int(found[1]) * _UNITS[found[2]] if found else None
 
 

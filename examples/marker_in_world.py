@@ -87,7 +87,7 @@ def show(buffer: Buffer, image: Image) -> None:
     from tfbus.view import show
 
     with show(buffer) as view:
-        view.add_camera("picture", "camera", camera_matrix=CAMERA, image=image, depth_m=0.8)
+        view.add_camera("picture", "camera", camera_matrix=CAMERA, image=image, depth_m=0.5)
         view.add_image("paper", "tag", paper(), SIZE_M * (PIXELS + 2 * MARGIN) / PIXELS)
         print(f"View: {view.url}", flush=True)
         view.wait()

@@ -125,25 +125,29 @@ def marker_in_world() -> None:
 def undistort_scan() -> None:
     """A hall by the raw points of a lidar in red, and by the undistorted ones in blue."""
     with example_page("undistort_scan.py") as url:
-        photograph("undistort_scan", url, (1.0, -2.0, 6.5), (1.0, 0.2, 0.0))
+        photograph("undistort_scan", url, (1.0, -2.6, 9.2), (1.0, 0.3, 0.5))
 
 
 def two_robots() -> None:
     """Two robots on their circles."""
     robots = [f"robot{number}/base_link" for number in (1, 2)]
-    chosen = {"trails": robots, "trail_s": 12.0, "scale": 3.0}
+    chosen = {"trails": robots, "trail_s": 16.0, "scale": 1.3}
     with bus(), example("two_robots.py"), view_of("--fleet", "--shared", "map", **chosen) as url:
         tfbus("echo", *robots, "--fleet", "--shared", "map", "--once")
         time.sleep(chosen["trail_s"])
-        photograph("two_robots", url, (0.0, -4.0, 4.0), (0.0, -0.4, 0.0))
+        photograph("two_robots", url, (0.0, -3.6, 4.6), (0.0, -0.4, 0.0))
 
 
 def mujoco_world() -> None:
-    """The double pendulum, with the way of its camera."""
-    chosen = {"trails": ["camera"], "trail_s": 3.0, "scale": 1.5}
-    with bus(), example("mujoco_world.py"), view_of(**chosen) as url:
-        tfbus("echo", "world", "camera", "--once")
-        photograph("mujoco_world", url, (0.5, -2.0, 2.2), (0.0, 0.1, 1.6))
+    """The double pendulum, with the way of its camera, before it comes to rest."""
+    with TemporaryDirectory() as folder:
+        bag = f"{folder}/pendulum.mcap"
+        with bus(), running([["bag", "record", "-o", bag]]), example("mujoco_world.py"):
+            tfbus("echo", "world", "camera", "--once")
+            time.sleep(6.0)
+        chosen = {"trails": ["camera"], "trail_s": 5.0, "scale": 1.5}
+        with view_of("--bag", bag, "--at=-1", **chosen) as url:
+            photograph("mujoco_world", url, (0.9, -1.7, 2.3), (0.0, 0.1, 1.6))
 
 
 def drone_log() -> None:

@@ -77,8 +77,8 @@ def show(buffer: Buffer, raw: Points, straight: Points) -> None:
     from tfbus.view import show
 
     with show(buffer) as view:
-        view.add_points("raw", "lidar", raw, color=(220, 50, 40), size_m=0.03)
-        view.add_points("undistorted", "lidar", straight, color=(40, 90, 220), size_m=0.03)
+        view.add_points("raw", "lidar", raw, color=(220, 50, 40), size_m=0.02)
+        view.add_points("undistorted", "lidar", straight, color=(40, 90, 220), size_m=0.02)
         print(f"View: {view.url}", flush=True)
         view.wait()
 

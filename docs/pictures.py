@@ -119,7 +119,7 @@ def hand_eye() -> None:
 def marker_in_world() -> None:
     """A camera, the tag that it sees, and the picture between them."""
     with example_page("marker_in_world.py") as url:
-        photograph("marker_in_world", url, (-0.5, -1.0, 2.1), (0.65, 0.0, 0.95))
+        photograph("marker_in_world", url, (-0.35, -0.87, 1.95), (0.65, 0.0, 0.98))
 
 
 def undistort_scan() -> None:

@@ -1,11 +1,11 @@
 """Takes the pictures of the documentation from the running programs: `make pictures`.
 
 Each comes from processes on a bus of its own, so that nothing else is in it. Those of the view need
-Chromium.
+Chromium. Those of examples have the examples' names, and need what these need.
 """
 
 import asyncio
-import math
+import json
 import os
 import re
 import signal
@@ -13,23 +13,33 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import TYPE_CHECKING, Any
 
 import yaml
+from PIL import Image
 
 from tfbus import NodeSettings
 from tfbus.frames.command_listener import listening
 from tfbus.top.app import TopApp
 from tfbus.top.source import Source
-from tfbus.view.screenshot import find_browser
+from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, find_browser
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 IMAGES = Path(__file__).parent / "images"
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TFBUS = [sys.executable, "-m", "tfbus"]
+
+# What an example needs beyond tfbus: the module, and the package that has it.
+NEEDS = {"marker_in_world": ("cv2", "opencv-python-headless"), "mujoco_world": ("mujoco", "mujoco")}
 
 # Long enough for the second turtle to be where it follows.
 _SETTLED_S = 8.0
@@ -61,88 +71,15 @@ def view_recording() -> None:
 
 def robot() -> None:
     """The view of an arm, with its sliders."""
-    with bus(), running([["launch", "robot"]]):
-        photograph("robot.png", tab="Robot", width=1280, height=800)
-
-
-def two_robots() -> None:
-    """The view of examples/two_robots.py, and where they drove."""
-
-    def are_apart() -> bool:
-        return abs(math.remainder(0.4 * time.time(), math.tau)) > 2.7
-
-    with bus(), example("two_robots.py"):
-        seen = {"trails": ["robot1/base_link", "robot2/base_link"], "trail_s": 14.0}
-        photograph(
-            "two_robots.png",
-            "--fleet",
-            "--shared",
-            "map",
-            pause_when=are_apart,
-            after_s=12.0,
-            settings=seen,
-        )
-
-
-def mujoco_world() -> None:
-    """The view of examples/mujoco_world.py, and where its camera swung."""
-    with bus(), example("mujoco_world.py"):
-        photograph("mujoco_world.png", after_s=6.0, settings={"trails": ["camera"], "trail_s": 3.0})
-
-
-def drone_log() -> None:
-    """The recording that examples/drone_log.py makes, in the view."""
-    with TemporaryDirectory() as folder, bus():
-        with example("drone_log.py", cwd=folder):
-            time.sleep(_SETTLED_S)
-        bag = str(Path(folder) / "drone_example.mcap")
-        seen = {"trails": ["drone"], "trail_s": 10.0}
-        photograph("drone_log.png", "--bag", bag, "--at=-4", settings=seen)
-
-
-def marker_in_world() -> None:
-    """What the camera of examples/marker_in_world.py sees, and the tag that it finds."""
-    with example("marker_in_world.py", str(IMAGES / "marker_in_world.png")) as process:
-        process.wait()
-
-
-def photograph(
-    name: str,
-    *options: str,
-    tab: str = "",
-    width: int = 960,
-    height: int = 600,
-    after_s: float = 4.0,
-    pause_when: Callable[[], bool] | None = None,
-    settings: Mapping[str, object] | None = None,
-) -> None:
-    """A picture of the view, which is started with these options, once it shows all frames."""
-    from playwright.sync_api import sync_playwright
-
-    port = str(_free_port())
-    with TemporaryDirectory() as folder, sync_playwright() as playwright, ExitStack() as ended:
-        chosen = Path(folder) / "view.yaml"
-        chosen.write_text(yaml.safe_dump(dict(settings or {})))
-        view = ["view", "--port", port, "--settings", str(chosen), *options]
-        ended.enter_context(running([view]))
-        browser = playwright.chromium.launch(executable_path=find_browser(), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": width, "height": height})
-        page.goto(f"http://127.0.0.1:{port}")
-        if tab:
-            page.get_by_role("tab", name=tab).click()
-        page.wait_for_timeout(1000 * after_s)
-        if pause_when:
-            while not pause_when():
-                page.wait_for_timeout(100)
-            page.get_by_role("button", name="Pause").click()
+    arm = ["launch", "robot", "view:=false"]
+    with bus(), running([arm]), view_of() as url, opened(url, (1280, 800)) as page:
+        page.get_by_role("tab", name="Robot").click()
         page.get_by_role("button", name="All (H)").click()
         page.wait_for_timeout(4000)
-        # The notice of a machine without a graphics card, and the hint under the mouse.
-        for notice in page.locator(".mantine-Notification-closeButton").all():
-            notice.click()
-        page.mouse.move(width * 3 / 8, height - 20)
+        # The hint under the mouse.
+        page.mouse.move(480, 780)
         page.wait_for_timeout(1000)
-        page.screenshot(path=IMAGES / name)
+        page.screenshot(path=IMAGES / "robot.png")
 
 
 def plot() -> None:
@@ -167,23 +104,82 @@ async def _photograph_top() -> None:
     (IMAGES / "top.svg").write_text(re.sub(r"\s*@font-face {.*?}", "", drawn, flags=re.S))
 
 
-PICTURES = {
-    each.__name__: each
-    for each in (
-        turtle,
-        view,
-        view_recording,
-        robot,
-        plot,
-        top,
-        two_robots,
-        mujoco_world,
-        drone_log,
-        marker_in_world,
+def hand_eye() -> None:
+    """The hand of the arm, with the camera where the URDF has it and where it was found."""
+    places = ("shoulder_lift=0.4", "elbow=1.2", "wrist_pitch=-0.2", "wrist_roll=3.1")
+    joints = ["joints", *(word for place in places for word in ("--set", place))]
+    arm = ["launch", "robot", "view:=false", "joints:=none"]
+    chosen = {"link_axes": True, "only": "^camera(_found)?$"}
+    with bus(), running([arm, joints]), example("hand_eye.py"):
+        tfbus("echo", "base_link", "camera_found", "--once")
+        with view_of(**chosen) as url:
+            photograph("hand_eye", url, (0.74, -0.34, 0.76), (0.46, 0.0, 0.53))
+
+
+def marker_in_world() -> None:
+    """A camera, the tag that it sees, and the picture between them."""
+    with example_page("marker_in_world.py") as url:
+        photograph("marker_in_world", url, (-0.35, -0.87, 1.95), (0.65, 0.0, 0.98))
+
+
+def undistort_scan() -> None:
+    """A hall by the raw points of a lidar in red, and by the undistorted ones in blue."""
+    with example_page("undistort_scan.py") as url:
+        photograph("undistort_scan", url, (1.0, -2.6, 9.2), (1.0, 0.3, 0.5))
+
+
+def two_robots() -> None:
+    """Two robots on their circles."""
+    robots = [f"robot{number}/base_link" for number in (1, 2)]
+    chosen = {"trails": robots, "trail_s": 16.0, "scale": 1.3}
+    with bus(), example("two_robots.py"), view_of("--fleet", "--shared", "map", **chosen) as url:
+        tfbus("echo", *robots, "--fleet", "--shared", "map", "--once")
+        time.sleep(chosen["trail_s"])
+        photograph("two_robots", url, (0.0, -3.6, 4.6), (0.0, -0.4, 0.0))
+
+
+def mujoco_world() -> None:
+    """The double pendulum, with the way of its camera, before it comes to rest."""
+    with TemporaryDirectory() as folder:
+        bag = f"{folder}/pendulum.mcap"
+        with bus(), running([["bag", "record", "-o", bag]]), example("mujoco_world.py"):
+            tfbus("echo", "world", "camera", "--once")
+            time.sleep(6.0)
+        chosen = {"trails": ["camera"], "trail_s": 5.0, "scale": 1.5}
+        with view_of("--bag", bag, "--at=-1", **chosen) as url:
+            photograph("mujoco_world", url, (0.9, -1.7, 2.3), (0.0, 0.1, 1.6))
+
+
+def drone_log() -> None:
+    """The recording of the log, with the way of the drone."""
+    chosen = {"trails": ["drone"], "trail_s": 12.0, "scale": 2.0}
+    with TemporaryDirectory() as folder:
+        with bus():
+            program = [sys.executable, str(EXAMPLES / "drone_log.py")]
+            subprocess.run(program, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        bag = ("--bag", f"{folder}/drone_example.mcap", "--at", "8")
+        with view_of(*bag, **chosen) as url:
+            photograph("drone_log", url, (20.0, -50.0, 40.0), (28.0, -4.0, 0.0))
+
+
+def buffer_notebook() -> None:
+    """The tree that the buffer is drawn as in a notebook, from the cell that makes it."""
+    cells = json.loads((EXAMPLES / "buffer_notebook.ipynb").read_text())["cells"]
+    names: dict[str, Any] = {}
+    exec("".join(next(cell for cell in cells if cell["cell_type"] == "code")["source"]), names)
+    drawn = names["buffer"]._repr_svg_()
+    # Where no page gives its colour, as in a picture, text is black: on white in the dark, too.
+    (IMAGES / "buffer_notebook.svg").write_text(
+        drawn.replace("<svg ", '<svg style="background:#fff" ', 1) + "\n"
     )
-}
-# What they need beside .venv; without it they stay as they are.
-PACKAGES = {"mujoco_world": "mujoco", "marker_in_world": "cv2"}
+
+
+TOOLS = (turtle, view, view_recording, robot, plot, top)
+OF_EXAMPLES = (
+    *(hand_eye, marker_in_world, undistort_scan, two_robots),
+    *(mujoco_world, drone_log, buffer_notebook),
+)
+PICTURES = {each.__name__: each for each in (*TOOLS, *OF_EXAMPLES)}
 
 
 @contextmanager
@@ -225,20 +221,97 @@ def running(commands: Sequence[Sequence[str]]) -> Iterator[None]:
 
 
 @contextmanager
-def example(
-    name: str, *arguments: str, cwd: str | None = None
-) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a program of examples/ until the end, once it has settled."""
-    command = [sys.executable, str(EXAMPLES / name), *arguments]
-    process = subprocess.Popen(command, cwd=cwd, start_new_session=True, stdout=subprocess.DEVNULL)
+def example(name: str) -> Iterator[None]:
+    """Run an example until the end."""
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    program = [sys.executable, str(EXAMPLES / name)]
+    process = subprocess.Popen(program, start_new_session=True, **quiet)
     try:
-        time.sleep(4.0)
-        yield process
+        yield
     finally:
         _end(process)
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
+def example_page(name: str) -> AbstractContextManager[str]:
+    """The address of the page that an example shows with --view."""
+    return served([sys.executable, str(EXAMPLES / name), "--view"])
+
+
+@contextmanager
+def view_of(*options: str, **settings: Any) -> Iterator[str]:
+    """The address of `tfbus view` with these options and settings."""
+    with TemporaryDirectory() as folder:
+        chosen = Path(folder) / "view.yaml"
+        chosen.write_text(yaml.safe_dump(settings))
+        port = str(_free_port())
+        command = [*TFBUS, "view", "--port", port, "--settings", str(chosen), *options]
+        with served(command) as url:
+            yield url
+
+
+@contextmanager
+def served(command: Sequence[str]) -> Iterator[str]:
+    """Run a command that serves a view until the end; gives the address of the page."""
+    process = subprocess.Popen(
+        command,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        said = []
+        for line in process.stdout:
+            if found := re.search(r"View: (http\S+)", line):
+                break
+            said.append(line)
+        else:
+            raise SystemExit(f"{' '.join(command)} shows no page: {''.join(said)}")
+        Thread(target=process.stdout.read, daemon=True).start()
+        yield found[1]
+    finally:
+        _end(process)
+
+
+@contextmanager
+def opened(url: str, size: tuple[int, int]) -> Iterator["Page"]:
+    """A page in a browser with a window of this size, once it is drawn."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        root = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=find_browser(), args=[*FLAGS, *root])
+        page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        # Without a graphics card, and beside others, it may be slow.
+        page.set_default_timeout(180_000)
+        page.goto(url)
+        page.get_by_role("status").first.wait_for()
+        page.wait_for_timeout(3000)
+        # The notice of a machine without a graphics card.
+        page.evaluate(CLOSE_NOTES)
+        yield page
+
+
+_Point = tuple[float, float, float]
+
+
+def photograph(name: str, url: str, position: _Point, look_at: _Point) -> None:
+    """The scene of a page, without its panel, from a place in the fixed frame."""
+    camera = {"Position": position, "LookAt": look_at}
+    query = "&".join(f"initialCamera{each}={x},{y},{z}" for each, (x, y, z) in camera.items())
+    with opened(f"{url}/?{query}", (1040, 520)) as page:
+        pause = page.get_by_role("button", name="Pause", exact=True)
+        if pause.count():  # that of a recording is held already
+            pause.click()
+        page.wait_for_timeout(3000)
+        drawn = page.locator("canvas").first.screenshot()
+    # A scene has few colours: a third of the size.
+    picture = Image.open(BytesIO(drawn)).convert("RGB").quantize(128)
+    picture.save(IMAGES / f"{name}.png", optimize=True)
+
+
+def _end(process: "subprocess.Popen[Any]") -> None:
     process.send_signal(signal.SIGINT)
     process.wait(20.0)
 
@@ -253,12 +326,14 @@ def main(names: Sequence[str]) -> None:
     if unknown := set(names) - PICTURES.keys():
         raise SystemExit(f"there is no picture {', '.join(unknown)}: {', '.join(PICTURES)}")
     for name, take in PICTURES.items():
-        if not names or name in names:
-            if name in PACKAGES and find_spec(PACKAGES[name]) is None:
-                print(f"{name}: stays as it is, {PACKAGES[name]} is not installed")
-                continue
+        module, package = NEEDS.get(name, ("tfbus", ""))
+        if names and name not in names:
+            continue
+        if find_spec(module):
             print(f"{name}: {take.__doc__}", flush=True)
             take()
+        else:
+            print(f"{name}: left as it is; it needs {module}: pip install {package}", flush=True)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@
 The arm holds still at 15 places. At each, its joints give the pose of the hand, and the camera
 sees a marker that stays where it is. Here both are simulated, with the noise of a good detector;
 marker_in_world.py shows how a real camera finds a marker. `tfbus echo hand camera_found` prints
-the result as long as the program runs. Ctrl-C ends it.
+the result as long as the program runs; beside `tfbus launch robot view:=false`, which is an arm,
+`tfbus view` shows it. Ctrl-C ends it.
 
 Source: F. C. Park and B. J. Martin, "Robot sensor calibration: solving AX = XB on the Euclidean
 group", IEEE Transactions on Robotics and Automation 10 (5), 1994.

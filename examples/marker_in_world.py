@@ -2,12 +2,12 @@
 
     pip install opencv-python-headless
     python examples/marker_in_world.py
-    python examples/marker_in_world.py tag.png
+    python examples/marker_in_world.py --view
 
 The program draws the picture itself, as a camera on a mast sees the tag, so that it can compare
-what it finds with what is true. With a name of a file it writes the picture, and in it the axes
-of the tag (x red, y green, z blue). With a camera of your own take its picture, and put the numbers
-of its calibration into CAMERA.
+what it finds with what is true. With a camera of your own take its picture, and put the numbers of
+its calibration into CAMERA. With --view a page shows the camera, its picture and the tag until
+Ctrl-C; it needs `pip install 'tfbus[view]'`.
 """
 
 import sys
@@ -21,6 +21,7 @@ from tfbus import Buffer, Transform, TransformStamped
 SIZE_M = 0.2  # of the tag's black square
 TAG = 7
 TAGS = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+PIXELS, MARGIN = 400, 50  # of the tag on its paper
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 NO_DISTORTION = np.zeros(5)
 # Of the tag: x to the right, y up, z out of it. The detector gives them in this order.
@@ -29,20 +30,23 @@ CORNERS = SIZE_M / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
 Image = NDArray[np.uint8]
 
 
+def paper() -> Image:
+    """The tag on white paper that is larger by a quarter."""
+    tag = cv2.aruco.generateImageMarker(TAGS, TAG, PIXELS)
+    return np.pad(tag, MARGIN, constant_values=255)
+
+
 def draw(camera_from_tag: Transform) -> Image:
-    """The picture of the tag, on white paper that is larger by a quarter, before a grey wall."""
-    pixels, margin = 400, 50
-    paper = np.full((pixels + 2 * margin, pixels + 2 * margin), 255, np.uint8)
-    paper[margin:-margin, margin:-margin] = cv2.aruco.generateImageMarker(TAGS, TAG, pixels)
+    """The picture of the paper with the tag, before a grey wall."""
     corners, _ = cv2.projectPoints(
         camera_from_tag.apply(CORNERS), np.zeros(3), np.zeros(3), CAMERA, NO_DISTORTION
     )
     # Of the paper, whose pixels have their centres at whole numbers.
-    low, high = margin - 0.5, margin + pixels - 0.5
+    low, high = MARGIN - 0.5, MARGIN + PIXELS - 0.5
     square = np.array([[low, low], [high, low], [high, high], [low, high]], np.float32)
     warp = cv2.getPerspectiveTransform(square, corners.reshape(4, 2).astype(np.float32))
     wall = np.full((480, 640), 128, np.uint8)
-    return cv2.warpPerspective(paper, warp, (640, 480), wall, borderMode=cv2.BORDER_TRANSPARENT)
+    return cv2.warpPerspective(paper(), warp, (640, 480), wall, borderMode=cv2.BORDER_TRANSPARENT)
 
 
 def find(image: Image) -> dict[int, Transform]:
@@ -58,19 +62,6 @@ def find(image: Image) -> dict[int, Transform]:
     return found
 
 
-def write(path: str, image: Image, camera_from_tag: Transform) -> None:
-    """The picture, with the axes of what was found."""
-    marked = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    turn, xyz = camera_from_tag.as_rotvec(), camera_from_tag.xyz
-    cv2.drawFrameAxes(marked, CAMERA, NO_DISTORTION, turn, xyz, SIZE_M)
-    try:
-        written = cv2.imwrite(path, marked)
-    except cv2.error:  # no kind of picture that it knows
-        written = False
-    if not written:
-        raise SystemExit(f"cannot write {path}: is the folder there, and is it a .png or .jpg?")
-
-
 def main() -> None:
     stamp_ns = 1_700_000_000_000_000_000
     camera = Transform.look_at((0, 0, 1.5), (2, 0, 1), convention="camera")
@@ -82,13 +73,24 @@ def main() -> None:
     found = find(image)
     if TAG not in found:
         raise SystemExit(f"no tag {TAG} in the picture")
-    for path in sys.argv[1:]:
-        write(path, image, found[TAG])
     buffer.set_transform(TransformStamped(stamp_ns, "camera", "tag", found[TAG]))
     buffer.show("world", "tag")
     seen = buffer.lookup_transform("world", "tag", stamp_ns).transform
     away_mm = 1000 * seen.distance(true)
     print(f"off by {away_mm:.1f} mm and {seen.angle(true, degrees=True):.1f} degrees")
+    if "--view" in sys.argv:
+        show(buffer, image)
+
+
+def show(buffer: Buffer, image: Image) -> None:
+    """What was found, in a browser, until Ctrl-C."""
+    from tfbus.view import show
+
+    with show(buffer) as view:
+        view.add_camera("picture", "camera", camera_matrix=CAMERA, image=image, depth_m=0.5)
+        view.add_image("paper", "tag", paper(), SIZE_M * (PIXELS + 2 * MARGIN) / PIXELS)
+        print(f"View: {view.url}", flush=True)
+        view.wait()
 
 
 if __name__ == "__main__":

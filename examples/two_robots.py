@@ -4,7 +4,8 @@
 
 Positions are in the `base_link` of the one that looks: x ahead, y to the left. Both have a frame of
 that name, and a namespace keeps them apart. Here they share a process; on real robots each calls
-`start` by itself. `tfbus frames --fleet --shared map` shows the frames of both. Ctrl-C ends it.
+`start` by itself. `tfbus frames --fleet --shared map` lists the frames of both, and `tfbus view`
+with the same options shows them. Ctrl-C ends it.
 """
 
 import math

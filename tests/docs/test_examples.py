@@ -201,10 +201,24 @@ def test_a_marker_is_found_in_the_world(bus: Bus, tmp_path: Path) -> None:
 
 
 def test_a_scan_is_undistorted(bus: Bus) -> None:
-    """undistort_scan.py finds the wall at one distance, that of the end of the scan."""
+    """undistort_scan.py finds the walls where they are, which raw points miss by 0.7 m."""
     raw, straight = run(bus, "undistort_scan.py")
-    assert raw == "raw x:         [4.   3.95 3.9  3.85 3.8 ]"
-    assert straight == "undistorted x: [3.8 3.8 3.8 3.8 3.8]"
+    assert raw == "raw: up to 0.736 m off the walls"
+    assert straight == "undistorted: up to 0.000 m"
+
+
+@pytest.mark.parametrize(
+    ("name", "need"), [("undistort_scan.py", "numpy"), ("marker_in_world.py", "cv2")]
+)
+def test_an_example_shows_a_page(bus: Bus, name: str, need: str) -> None:
+    """With --view it serves a page, and prints its address."""
+    needs.module("viser")
+    needs.module(need)
+    shown = bus.start_command([sys.executable, str(ROOT / "examples" / name), "--view"])
+    url = shown.wait_for_line("^View: http://127", within_s=120.0).removeprefix("View: ")
+    with urlopen(url) as answer:
+        assert answer.status == 200
+    shown.stop()
 
 
 def test_a_service_is_called_and_a_parameter_set(bus: Bus) -> None:

@@ -113,7 +113,7 @@ def flood(rows: int) -> None:
 class Template:
     """Messages of `rows` transforms below one frame, equal except for their stamps."""
 
-    def __init__(self, rows: int) -> None:
+    def __init__(self, rows: int, epoch_ns: int = 0) -> None:
         import numpy as np
 
         from tfbus import TransformBatch
@@ -128,7 +128,7 @@ class Template:
             np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (rows, 1)),
         )
         stamps = stamp.to_bytes(8, "little") * rows
-        payload = encode_transforms(TransformMessage(batch, time.time_ns()))
+        payload = encode_transforms(TransformMessage(batch, epoch_ns or time.time_ns()))
         self.size = len(payload)
         self._rows = rows
         self._head, _, self._tail = payload.partition(stamps)

@@ -3,7 +3,17 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from benchmarks.bus import growth, intake, interest, latency, paced, robot, ros, startup
+from benchmarks.bus import (
+    bridge_relay,
+    growth,
+    intake,
+    interest,
+    latency,
+    paced,
+    robot,
+    ros,
+    startup,
+)
 from benchmarks.bus.growth import Size
 from benchmarks.bus.intake import Intake
 from benchmarks.bus.interest import Cost
@@ -18,7 +28,8 @@ class Measured:
     """Intake of messages of one transform and of fifty, beside that of tf2_ros, or why there is
     none; CPU for a message that comes alone, and latency, beside bare Zenoh's; listeners by what
     they read; startup in seconds by phase, for each way to be found; growth; joint states through
-    robot_state, and messages of their sizes through a relay on bare Zenoh.
+    robot_state, and messages of their sizes through a relay on bare Zenoh; messages of one
+    transform through the bridge to ROS, by their way.
     """
 
     single: Intake
@@ -33,6 +44,7 @@ class Measured:
     frames: Sequence[Size]
     robot_state: robot.Cost
     bare_relay: robot.Cost
+    bridged: dict[str, bridge_relay.Relayed]
 
 
 def measure(runs: int, tell: Callable[[str], None]) -> Measured:
@@ -59,6 +71,8 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
     }
     tell("joint states")
     robot_state, bare_relay = robot.measure(min(runs, 3))
+    tell("the bridge to ROS")
+    bridged = bridge_relay.measure(min(runs, 3))
     tell("growth")
     return Measured(
         single,
@@ -73,4 +87,5 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         growth.of_frames(),
         robot_state,
         bare_relay,
+        bridged,
     )

@@ -57,6 +57,8 @@ second, the start, the percentiles) say little, and CPU says more.
 - **Joint states**: a driver publishes the positions of {joints} joints 1,000 times a second, `tfbus
   robot_state` makes transforms of them, and a third process looks the whole chain up. On bare Zenoh
   a process in the middle sends another message for each that comes, of the same sizes.
+- **The bridge to ROS**: the process of `tfbus ros2 --via zenoh`, with as many messages of one
+  transform as its links carry. The relay in Python puts the payload of each message that comes.
 - **A message that comes alone**: {paced_rate:,} a second at an even pace, each of one transform,
   into a listener; and the same messages into a callback in Python on bare Zenoh's own thread. Most
   of it is to wake threads and to hand over Python's lock, which is Zenoh's share.
@@ -200,6 +202,15 @@ def _robot_rows(measured: Measured) -> list[tuple[str, str, str, str]]:
             f"{ours.cpu_percent:.0f} % ({bare.cpu_percent:.0f} %)",
             "",
             "",
+        ),
+        *(
+            (
+                f"CPU of a message of one transform {way}, by the bridge (a relay on bare Zenoh)",
+                f"{each.ours_us:.0f} us ({each.bare_us:.0f} us)",
+                "",
+                "",
+            )
+            for way, each in measured.bridged.items()
         ),
     ]
 

@@ -244,7 +244,30 @@ def test_bad_transforms_do_not_take_good_ones_with_them(
     assert bridge._from_ros.streams == {"ros2/robot": 1}
 
 
-def batch(frames: tuple[str, ...], edges: list[tuple[int, int]], poses: list[list[float]]) -> bytes:
+def test_each_transform_is_judged_though_its_frames_have_come(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """A bad one after good ones is dropped, and good ones after it cross."""
+    robot = TfNode(ros, "robot")
+    bridge = bridged()
+
+    def send(x: float, stamp_ns: int) -> None:
+        pose = [x, 0.0, 0, 0, 0, 0, 1]
+        robot.tf.send(batch(("world", "base"), [(0, 1)], [pose], stamp_ns))
+
+    send_until(lambda: send(1.0, S), lambda: "base" in buffer.frames())
+    send(math.nan, 2 * S)
+    eventually(lambda: bridge._from_ros.rejected == 1)
+    send_until(lambda: send(3.0, 3 * S), lambda: x_of(buffer, "world", "base") == 3.0)
+    assert bridge._from_ros.streams == {"ros2/robot": 1}
+
+
+def batch(
+    frames: tuple[str, ...],
+    edges: list[tuple[int, int]],
+    poses: list[list[float]],
+    stamp_ns: int = S,
+) -> bytes:
     """The message of these rows, which need not be valid."""
     import numpy as np
 
@@ -254,7 +277,7 @@ def batch(frames: tuple[str, ...], edges: list[tuple[int, int]], poses: list[lis
     rows = Columns.of_bytes(
         frames,
         np.array(edges, np.uint32).tobytes(),
-        np.full(len(edges), S, np.int64).tobytes(),
+        np.full(len(edges), stamp_ns, np.int64).tobytes(),
         np.array(poses, np.float64).tobytes(),
     )
     return TFMessageWriter().write(rows)

@@ -181,7 +181,7 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
 @given(
     st.lists(
         st.tuples(
-            st.booleans(),
+            st.sampled_from(["as it is", "by its pose", "in a batch"]),
             st.sampled_from(["a", "b"]),
             st.sampled_from(["world", "map"]),
             st.integers(0, 5).map(lambda s: s * S // 2),
@@ -191,16 +191,18 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
     st.booleans(),
 )
 def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
-    sends: list[tuple[bool, str, str, int]], split: bool
+    sends: list[tuple[str, str, str, int]], split: bool
 ) -> None:
     """Whatever is sent alone and whatever in batches, the messages are the same."""
     mixed, batches = Sent(), Sent()
     senders = mixed.sender(split=split), batches.sender(split=split)
-    for number, (alone, child, parent, stamp_ns) in enumerate(sends):
+    for number, (how, child, parent, stamp_ns) in enumerate(sends):
         transform = at(number, child, parent=parent, stamp_ns=stamp_ns)
         columns = Columns.of_transforms([transform])
-        if alone:
+        if how == "as it is":
             senders[0].send_one(transform)
+        elif how == "by its pose":
+            senders[0].send_pose((parent, child), stamp_ns, columns.poses_bytes())
         else:
             senders[0].send(columns)
         senders[1].send(columns)

@@ -23,6 +23,7 @@ from tfbus.ros.rmw_zenoh import (
     read_attachment,
     read_token,
     ros_type_name,
+    source_in,
     wire_of,
 )
 
@@ -186,6 +187,18 @@ class TestAttachments:
         assert len(named) == 77
         assert read_attachment(named) == ATTACHMENT
         assert has_named_fields(named)
+
+    @pytest.mark.parametrize("named", [False, True])
+    def test_all_messages_of_a_publisher_name_it_by_the_same_bytes(self, named: bool) -> None:
+        """And those of another by others."""
+        sources = [
+            source_in(
+                attachment_bytes(Attachment(number, 7 * number, bytes([of] * 16)), named=named)
+            )
+            for of in (1, 2)
+            for number in (1, 2**40)
+        ]
+        assert sources[0] == sources[1] != sources[2] == sources[3]
 
     def test_what_later_versions_append_is_passed_over(self) -> None:
         """As C++'s reader does."""

@@ -141,6 +141,22 @@ def test_repeated_messages_share_their_frames() -> None:
         assert reader.read(data).frames is reader.read(data).frames
 
 
+def test_one_transform_of_known_names_is_read_without_columns() -> None:
+    """Its frames, stamp and pose; nothing else is, until its names have come."""
+    reader, writer = TFMessageReader(), TFMessageWriter()
+    assert reader.read_one(SAMPLE) is None
+    rows = reader.read(SAMPLE)
+    assert reader.read_one(SAMPLE) == (("world", "turtle1"), STAMP_NS, rows.poses_bytes())
+    two = writer.write(Columns.of_transforms([TRANSFORM, TRANSFORM]))
+    assert reader.read_one(two) is None
+    for size in range(len(SAMPLE)):
+        assert reader.read_one(SAMPLE[:size]) is None
+    no_stamp = SAMPLE[:12] + struct.pack("<I", 10**9) + SAMPLE[16:]
+    assert reader.read_one(no_stamp) is None
+    with pytest.raises(DecodeError):
+        reader.read(no_stamp)
+
+
 def test_numbers_that_are_none_stay_as_they_are() -> None:
     """Bits of doubles that are no number are kept: the buffer judges them, not the recording."""
     odd = struct.pack("=7Q", 0x7FF0000000000001, 0xFFF8DEADBEEF0000, 2**63, 1, 0, 0, 0)

@@ -17,7 +17,7 @@ from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.ros_sources import RosSource, RosSources
 from tfbus.bridge.ros_streams import RosStream
 from tfbus.bridge.routes import Route, Routes, chosen, route
-from tfbus.bridge.valid_rows import invalid_rows
+from tfbus.bridge.valid_rows import invalid_rows, is_pose
 from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
@@ -173,6 +173,9 @@ class FromRos:
         source.stream.close()
 
     def _take(self, source: RosSource, payload: bytes, static: bool) -> None:
+        one = None if static else self._reader.read_one(payload)
+        if one is not None and self._take_one(source, *one):
+            return
         try:
             rows = self._reader.read(payload)
         except DecodeError as error:
@@ -214,6 +217,29 @@ class FromRos:
             source.taken.update(
                 way.children if rows.count == len(way.children) else rows.children()
             )
+
+    def _take_one(
+        self, source: RosSource, frames: tuple[str, ...], stamp_ns: int, pose: bytes
+    ) -> bool:
+        """Send a transform as the last one of its frames was sent; False where it may not go the
+        same way, or is not valid.
+        """
+        way, stream = source.routes.of_one(frames), source.stream
+        if (
+            way is None
+            or way.rows is not None
+            or way.contested
+            or way.children[0] not in source.taken
+            or source.limit is not None
+            or not stream.is_open
+            or not is_pose(pose)
+        ):
+            return False
+        try:
+            stream.send_pose(way.frames, stamp_ns, pose)
+        except TfbusError as error:
+            self._refuse(source, 1, error)
+        return True
 
     def _send(self, source: RosSource, rows: Columns) -> bool:
         """Send them on the bus, where that is to be; whether the bus took them."""

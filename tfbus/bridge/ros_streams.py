@@ -49,9 +49,11 @@ class RosStream:
 
     def send(self, rows: Columns) -> None:
         """Send dynamic transforms. Raises TfbusError where they cannot be sent."""
-        if self._sender is None:
-            self._sender = self._opened().sender(StreamOptions())
-        self._sender.send(rows)
+        self._sending().send(rows)
+
+    def send_pose(self, frames: tuple[str, ...], stamp_ns: int, pose: bytes) -> None:
+        """Send a dynamic transform, as `TransformSender.send_pose`. Raises as `send`."""
+        (self._sender or self._sending()).send_pose(frames, stamp_ns, pose)
 
     def set_statics(self, transforms: Mapping[str, TransformStamped]) -> None:
         """Send these static transforms, by their child frames, in place of those before. Raises
@@ -79,6 +81,11 @@ class RosStream:
             self._streams.close(self.name)
             self._stream = self._sender = None
             self._statics.clear()
+
+    def _sending(self) -> TransformSender:
+        if self._sender is None:
+            self._sender = self._opened().sender(StreamOptions())
+        return self._sender
 
     def _opened(self) -> Stream:
         if self._stream is None:

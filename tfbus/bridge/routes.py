@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns, rows_of
 
 # Frames come from the network: routes of at most this many tables of frames are kept.
@@ -49,6 +49,12 @@ class Routes:
                 routes.clear()
             routes[table] = route
         return route
+
+    def of_one(self, frames: tuple[str, ...]) -> Route | None:
+        """The route of one row alone, from the first of two frames to the second, where it is known
+        already.
+        """
+        return self._routes.get((frames, ONE_EDGE))
 
     def forget(self) -> None:
         """What they depend on has changed."""

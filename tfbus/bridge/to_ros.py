@@ -89,9 +89,7 @@ class ToRos:
             if options.rate_limit_hz is None
             else RateLimit(options.rate_limit_hz, self._send, executor)
         )
-        self._buffer = PassingBuffer(
-            on_rows=self._on_rows, is_wanted=lambda stream: not bus.is_own(stream)
-        )
+        self._buffer = PassingBuffer(on_rows=self._on_rows, leaves_out=bus.is_own)
         self._buffer.on_change(self._on_change)
         self._listener: TransformListener | None = None
 
@@ -153,7 +151,7 @@ class ToRos:
             self._statics_soon()
             return
         with self._lock:
-            way = self._way(rows, stream)
+            way = (self._routes.get(stream) or self._routes_of(stream)).of(rows)
             if not self._dynamic.heard or (way.rows is not None and not way.rows):
                 return
             if way.contested:
@@ -162,22 +160,20 @@ class ToRos:
                 rows = rows.with_frames(way.frames)
             else:
                 rows = way.renamed(rows)
-        if not rows.count:
-            return
-        if self._limit is not None:
+            # In one go, where no limit looks at them first.
+            message = self._written(rows) if self._limit is None and rows.count else None
+        if message is not None:
+            self._is_taken(self._dynamic, rows, message)
+        elif self._limit is not None and rows.count:
             self._limit.take(rows)
-        else:
-            self._send(rows)
 
     def _on_change(self, change: Change) -> None:
         if change.kind in _OF_STATICS:
             self._statics_soon()
 
-    def _way(self, rows: Columns, stream: str) -> Route:
-        routes = self._routes.get(stream)
-        if routes is None:
-            routes = self._routes[stream] = Routes(lambda rows: self._route(rows, stream))
-        return routes.of(rows)
+    def _routes_of(self, stream: str) -> Routes:
+        routes = self._routes[stream] = Routes(lambda rows: self._route(rows, stream))
+        return routes
 
     def _route(self, rows: Columns, stream: str) -> Route:
         goes = self._goes(stream)
@@ -239,7 +235,8 @@ class ToRos:
             # The writer took them: it is ROS 1 that has no time before 1970.
             kept = [at for at, stamp_ns in enumerate(rows.stamps_as_ints()) if stamp_ns >= 0]
             left = chosen(rows, kept)
-            message_left = self._written(left) if 0 < left.count < rows.count else None
+            with self._lock:
+                message_left = self._written(left) if 0 < left.count < rows.count else None
             return message_left is None or self._is_taken(sender, left, message_left)
         except TfbusError as error:
             if not self._is_closed:

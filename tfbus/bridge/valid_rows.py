@@ -16,7 +16,7 @@ _FEW = 4
 def invalid_rows(rows: Columns) -> Sequence[int]:
     """The rows with a number that is not finite, or a quaternion whose norm is not 1."""
     if rows.count < _FEW:
-        return [at for at in range(rows.count) if not _is_valid(rows, at)]
+        return [at for at in range(rows.count) if not is_pose(rows.poses, _place(rows, at))]
     poses = np.frombuffer(rows.poses, np.float64, 7 * rows.count, rows.poses_at).reshape(-1, 7)
     turned = poses[:, 3:]
     off = np.abs(np.einsum("ij,ij->i", turned, turned) - 1.0)
@@ -28,7 +28,12 @@ def invalid_rows(rows: Columns) -> Sequence[int]:
     return found
 
 
-def _is_valid(rows: Columns, at: int) -> bool:
-    x, y, z, qx, qy, qz, qw = packed.pose_at(rows.poses, rows.poses_at + POSE_SIZE * at)
+def is_pose(data: bytes, at: int = 0) -> bool:
+    """Whether a buffer would store the pose at this place, in the byte order of this machine."""
+    x, y, z, qx, qy, qz, qw = packed.pose_at(data, at)
     off = abs(qx * qx + qy * qy + qz * qz + qw * qw - 1.0)
-    return math.isfinite(x + y + z) and off < QUATERNION_TOLERANCE
+    return off < QUATERNION_TOLERANCE and math.isfinite(x + y + z)
+
+
+def _place(rows: Columns, at: int) -> int:
+    return rows.poses_at + POSE_SIZE * at

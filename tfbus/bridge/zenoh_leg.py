@@ -14,11 +14,10 @@ from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.ros.rmw_zenoh import (
     GRAPH,
     NO_TYPE_HASH,
-    Attachment,
     Kind,
     Qos,
     Token,
-    attachment_bytes,
+    attachment_writer,
     check_node_name,
     check_topic_name,
     data_key,
@@ -26,12 +25,16 @@ from tfbus.ros.rmw_zenoh import (
     gid_of,
     has_named_fields,
     read_attachment,
+    source_in,
     wire_of,
 )
 from tfbus.ros.ros_names import domain_of
 from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
+
+# Of publishers that are gone, too: beyond this many all are looked up again.
+_MOST_SOURCES = 10_000
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
@@ -62,6 +65,8 @@ class ZenohLeg:
         self.graph = RosGraph(self.domain, self._session.id)
         self._numbers = itertools.count(1)
         self._own_gids: set[bytes] = set()
+        # The gids of publishers by how their messages name them.
+        self._by_source: dict[bytes, str] = {}
         self._topics: dict[str, tuple[str, str, str]] = {}
         self._has_seen_named_fields = False
         # Messages without an attachment of rmw_zenoh's.
@@ -95,14 +100,10 @@ class ZenohLeg:
         subscription = _Subscription(on_message)
 
         def on_sample(payload: bytes, attachment: bytes | None, sample: Any) -> None:
-            read = None if attachment is None else read_attachment(attachment)
-            if read is None:
-                self._drop(topic.name, attachment)
-            elif read.gid not in self._own_gids:
-                gid = read.gid.hex()
-                self.graph.heard(topic.name, gid, lambda: sender_of(sample))
-                if not self._has_seen_named_fields and has_named_fields(attachment or b""):
-                    self._has_seen_named_fields = True
+            gid = attachment and self._by_source.get(source_in(attachment))
+            if not gid or gid not in self.graph.gids:
+                gid = self._publisher_of(topic.name, attachment, sample)
+            if gid:
                 subscription.call(payload, gid)
 
         token = self._token("MS", topic)
@@ -166,6 +167,25 @@ class ZenohLeg:
             )
         return token.text
 
+    def _publisher_of(self, topic: str, attachment: bytes | None, sample: Any) -> str:
+        """The gid of the publisher of a message; "" where this session has sent it, or the message
+        has none.
+        """
+        read = None if attachment is None else read_attachment(attachment)
+        if attachment is None or read is None:
+            self._drop(topic, attachment)
+            return ""
+        if read.gid in self._own_gids:
+            return ""
+        self._has_seen_named_fields |= has_named_fields(attachment)
+        gid = read.gid.hex()
+        self.graph.heard(topic, gid, lambda: sender_of(sample))
+        if gid in self.graph.gids:
+            if len(self._by_source) >= _MOST_SOURCES:
+                self._by_source.clear()
+            self._by_source[source_in(attachment)] = gid
+        return gid
+
     def _drop(self, topic: str, attachment: bytes | None) -> None:
         self.dropped += 1
         what = "no attachment" if attachment is None else "an attachment that is not rmw_zenoh's"
@@ -184,9 +204,8 @@ class _Sender:
         self, publication: Publication, gid: bytes, *, named: bool, close: Callable[[], None]
     ) -> None:
         self.gid = gid.hex()
-        self._gid = gid
+        self._attachment = attachment_writer(gid, named=named)
         self._publication = publication
-        self._named = named
         self._close = close
         self._lock = threading.Lock()
         self._sequence = 0
@@ -203,8 +222,7 @@ class _Sender:
         with self._lock:
             # From 1, as rmw_zenoh counts.
             self._sequence += 1
-            attachment = Attachment(self._sequence, time.time_ns(), self._gid)
-            self._publication.put(payload, attachment_bytes(attachment, named=self._named))
+            self._publication.put(payload, self._attachment(self._sequence, time.time_ns()))
 
     def close(self) -> None:
         """End it. Twice is fine."""

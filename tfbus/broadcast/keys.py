@@ -7,13 +7,10 @@ from typing import Protocol
 
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
-from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.wire.keys import escape
 from tfbus.wire.transforms import TransformEncoder
-
-# A frame nearly always has one row in a send: the first name is its parent, the second itself.
-_ONE_EDGE = pack("=2I", 0, 1)
 
 
 class StreamKey:
@@ -144,9 +141,10 @@ class KeyPerFrame:
         if child not in self._keys:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
+        # A frame nearly always has one row in a send.
         if len(rows) == 1:
             names = [frames[pairs[0][0]], child]
-            encoder = TransformEncoder(epoch_ns, names, _ONE_EDGE)
+            encoder = TransformEncoder(epoch_ns, names, ONE_EDGE)
             return RowsOfKey(self._keys[child], rows, encoder)
         used = sorted({frame for pair in pairs for frame in pair})
         at = {frame: number for number, frame in enumerate(used)}

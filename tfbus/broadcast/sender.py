@@ -13,7 +13,7 @@ from tfbus.broadcast.options import StreamOptions
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import packed
-from tfbus.core.packed import STAMP_SIZE
+from tfbus.core.packed import ONE_EDGE, STAMP_SIZE
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.wire.keys import transforms_key
@@ -113,30 +113,64 @@ class TransformSender:
     def send_one(self, transform: TransformStamped) -> None:
         """Send one transform alone: as `send`, in a third of the time."""
         with self._lock:
-            single = self._singles.get(transform.child_frame_id)
-            if single is None or not self._send_again(single, transform):
-                columns = Columns.of_transforms((transform,))
-                self._remember_single(transform, self._send(columns))
+            stamp_ns = transform.stamp_ns
+            single = self._single(transform.child_frame_id, stamp_ns)
+            payload = None
+            if single is not None:
+                payload = single.message.encode(single.key.sent, transform)
+            if single is None or payload is None:
+                frames = transform.frame_id, transform.child_frame_id
+                self._send_first(frames, Columns.of_transforms((transform,)))
+            else:
+                self._send_again(single, payload, stamp_ns)
 
-    def _send_again(self, single: _Single, transform: TransformStamped) -> bool:
-        """Send a transform of the same frames as the last one; False where that takes `send`.
+    def send_pose(self, frames: tuple[str, ...], stamp_ns: int, pose: bytes) -> None:
+        """As `send_one`, of a transform of these frames, parent and child, with a pose as columns
+        have it.
+        """
+        with self._lock:
+            single = self._single(frames[1], stamp_ns)
+            payload = None
+            if single is not None:
+                payload = single.message.encode_bytes(single.key.sent, frames, stamp_ns, pose)
+            if single is None or payload is None:
+                stamp = packed.stamp_bytes(stamp_ns)
+                self._send_first(frames, Columns.of_bytes(frames, ONE_EDGE, stamp, pose))
+            else:
+                self._send_again(single, payload, stamp_ns)
+
+    def _single(self, child: str, stamp_ns: int) -> _Single | None:
+        """What sends of this frame alone have in common; None where that takes `send`."""
+        single = self._singles.get(child)
+        if single is None or stamp_ns < single.sent_ns or single.noted != self._frames.reparented:
+            return None
+        return single
+
+    def _send_again(self, single: _Single, payload: bytes, stamp_ns: int) -> None:
+        """Send a transform of the same frames as the last one.
 
         The put comes first and the rest after it: listeners need not wait for that.
         """
-        stamp_ns = transform.stamp_ns
-        if stamp_ns < single.sent_ns or single.noted != self._frames.reparented:
-            return False
         key = single.key
-        payload = single.message.encode(key.sent, transform)
-        if payload is None:
-            return False
         key.publisher.put(payload)
         key.sent += 1
         single.sent_ns = stamp_ns
         if self._history is not None:
             self._history.append(key.key, payload)
         self._newest.note_one(single.stamp_row, stamp_ns)
-        return True
+
+    def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
+        """Send one transform, and remember what the next ones of its frames have in common."""
+        table = self._send(columns)
+        if _AS_ON_THE_WIRE:
+            part = table.parts[0]
+            self._singles[frames[1]] = _Single(
+                OneMessage(frames[0], frames[1], *part.encoder.fixed),
+                table.noted,
+                table.first_stamp_row,
+                part.key,
+                columns.last_stamp_ns() or 0,
+            )
 
     def _send(self, columns: Columns) -> _Table:
         table = self._table(columns)
@@ -154,18 +188,6 @@ class TransformSender:
             if self._history is not None:
                 self._history.append(part.key.key, payload)
         return table
-
-    def _remember_single(self, transform: TransformStamped, table: _Table) -> None:
-        if _AS_ON_THE_WIRE:
-            part = table.parts[0]
-            frames = transform.frame_id, transform.child_frame_id
-            self._singles[frames[1]] = _Single(
-                OneMessage(*frames, *part.encoder.fixed),
-                table.noted,
-                table.first_stamp_row,
-                part.key,
-                transform.stamp_ns,
-            )
 
     def close(self) -> None:
         """Send and answer nothing from now on. Twice is fine."""

@@ -21,6 +21,9 @@ EDGE_SIZE = 8
 STAMP_SIZE = 8
 POSE_SIZE = 56
 
+# Of one transform alone: frame 0 is the parent, frame 1 the child.
+ONE_EDGE = pack("=2I", 0, 1)
+
 
 def edge_at(data: bytes, at: int) -> tuple[int, int]:
     """Two unsigned integers of 32 bits: the indices of a parent and of a child."""

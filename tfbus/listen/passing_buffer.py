@@ -14,7 +14,7 @@ class PassingBuffer(Buffer):
     """A buffer that passes on what it takes: `on_rows(rows, static, stream)`.
 
     So another bus gets what a listener accepts: of the right epoch and publisher, and with the
-    names that a fleet gives. Streams that are not wanted are left out: `is_wanted(stream)`.
+    names that a fleet gives. `leaves_out(stream)` is whether a stream is not wanted.
     """
 
     def __init__(
@@ -22,11 +22,11 @@ class PassingBuffer(Buffer):
         cache_time_s: float = 10.0,
         *,
         on_rows: Callable[[Columns, bool, str], object],
-        is_wanted: Callable[[str], bool] = lambda _: True,
+        leaves_out: Callable[[str], bool] = lambda _: False,
     ) -> None:
         super().__init__(cache_time_s)
         self._on_rows = on_rows
-        self._is_wanted = is_wanted
+        self._leaves_out = leaves_out
 
     def set_transforms(
         self,
@@ -40,7 +40,7 @@ class PassingBuffer(Buffer):
             batch = Columns.of_batch(batch)
         elif not isinstance(batch, Columns):
             batch = Columns.of_transforms(batch)
-        if not self._is_wanted(authority):
+        if self._leaves_out(authority):
             return batch.count
         taken = super().set_transforms(batch, static=static, authority=authority)
         if taken == batch.count:

@@ -6,7 +6,7 @@ that read take what strangers wrote, and answer None for what is not of that for
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -245,15 +245,24 @@ _PLAIN = struct.Struct(f"<qqB{_GID_SIZE}s")
 _NAMED = struct.Struct(f"<16sq17sq11sB{_GID_SIZE}s")
 _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 _WITH_NAMES = _NAMES[0]
+_SOURCE_OF_PLAIN = 8 + 8
+_SOURCE_OF_NAMED = 16 + 8 + 17 + 8
 
 
 def attachment_bytes(attachment: Attachment, *, named: bool = False) -> bytes:
     """An attachment of a message, its fields with or without their names."""
     sequence, stamp_ns, gid = attachment
+    return attachment_writer(gid, named=named)(sequence, stamp_ns)
+
+
+def attachment_writer(gid: bytes, *, named: bool = False) -> Callable[[int, int], bytes]:
+    """What writes the attachments of a publisher, `write(sequence, stamp_ns)`."""
     if not named:
-        return _PLAIN.pack(sequence, stamp_ns, _GID_SIZE, gid)
+        return lambda sequence, stamp_ns: _PLAIN.pack(sequence, stamp_ns, _GID_SIZE, gid)
     first, second, third = _NAMES
-    return _NAMED.pack(first, sequence, second, stamp_ns, third, _GID_SIZE, gid)
+    return lambda sequence, stamp_ns: _NAMED.pack(
+        first, sequence, second, stamp_ns, third, _GID_SIZE, gid
+    )
 
 
 def read_attachment(data: bytes) -> Attachment | None:
@@ -269,6 +278,13 @@ def read_attachment(data: bytes) -> Attachment | None:
             return None
         sequence, stamp_ns, size, gid = _PLAIN.unpack_from(data)
     return Attachment(sequence, stamp_ns, gid) if size == _GID_SIZE else None
+
+
+def source_in(data: bytes) -> bytes:
+    """The bytes of an attachment that name its publisher, and what follows them: all messages of a
+    publisher have the same.
+    """
+    return data[_SOURCE_OF_NAMED:] if data.startswith(_WITH_NAMES) else data[_SOURCE_OF_PLAIN:]
 
 
 def has_named_fields(data: bytes) -> bool:

@@ -11,7 +11,7 @@ from array import array
 from typing import TYPE_CHECKING
 
 from tfbus.core import packed
-from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.ros.cdr import HEADER, HEADER_SIZE, CdrReader, CdrWriter
@@ -24,6 +24,9 @@ else:
     from tfbus.core import lazy_numpy as np
 
 _SECOND_NS = 1_000_000_000
+
+# Whether this machine has the byte order of messages.
+_AS_HERE = sys.byteorder == "little"
 
 # The stamps that fit: seconds are signed integers of 32 bits, until 2038.
 EARLIEST_STAMP_NS = -(2**31) * _SECOND_NS
@@ -45,7 +48,9 @@ _MOST_ALIKE = 8
 
 _WORD, _WORD_SIZE = "<u4", 4
 _STAMP = struct.Struct("<iI")
-_ONE = b"\x01\x00\x00\x00"
+# What begins a message of one transform: that header, and their count.
+_HEAD_OF_ONE = HEADER + b"\x01\x00\x00\x00"
+_OWN_EDGE = packed.edge_bytes(0, 0)
 _STAMP_AT = HEADER_SIZE + 4
 _NAMES_AT = _STAMP_AT + STAMP_SIZE
 
@@ -107,12 +112,12 @@ class TFMessageReader:
         Raises DecodeError where the bytes are no such message, a name is not UTF-8, or a stamp has
         a second or more of nanoseconds. The names are not judged otherwise, nor the numbers.
         """
-        if data[:_STAMP_AT] == HEADER + _ONE:
-            names = data[_NAMES_AT:-POSE_SIZE]
-            frames = self._names.get(names)
-            if frames is not None:
-                return _one_transform(frames, data)
-            return self._read_one(data, names)
+        if (one := self.read_one(data)) is not None:
+            frames, stamp_ns, pose = one
+            edge = ONE_EDGE if len(frames) == 2 else _OWN_EDGE
+            return Columns.of_bytes(frames, edge, packed.stamp_bytes(stamp_ns), pose)
+        if data[:_STAMP_AT] == _HEAD_OF_ONE:
+            return self._read_first(data, data[_NAMES_AT:-POSE_SIZE])
         alike = self._layouts.get(len(data))
         if alike is not None:
             for at, layout in enumerate(alike):
@@ -122,7 +127,24 @@ class TFMessageReader:
                     return found
         return self._read_new(data)
 
-    def _read_one(self, data: bytes, names: bytes) -> Columns:
+    def read_one(self, data: bytes) -> tuple[tuple[str, ...], int, bytes] | None:
+        """The frames of a message of one transform, its stamp, and its pose as columns have it:
+        where `read` has met one with these names, and the stamp is one. None for any other.
+
+        The frames are the parent and the child; or one that is both.
+        """
+        if data[:_STAMP_AT] != _HEAD_OF_ONE:
+            return None
+        frames = self._names.get(data[_NAMES_AT:-POSE_SIZE])
+        if frames is None:
+            return None
+        seconds, nanoseconds = _STAMP.unpack_from(data, _STAMP_AT)
+        if nanoseconds >= _SECOND_NS:
+            return None
+        pose = data[-POSE_SIZE:] if _AS_HERE else _swapped(data[-POSE_SIZE:], "d")
+        return frames, seconds * _SECOND_NS + nanoseconds, pose
+
+    def _read_first(self, data: bytes, names: bytes) -> Columns:
         rows, left = _read_slowly(data)
         # Only where the pose ends the message, as the fast way wants it.
         if not left and len(names) <= _LONGEST_NAMES:
@@ -176,6 +198,9 @@ class _Layout:
     def joined(self, rows: Columns) -> bytes:
         """The message with the numbers of these rows."""
         poses = _little_endian(rows.poses_bytes(), "d")
+        if self.count == 1:
+            (stamp,) = _stamps_of(rows)
+            return b"".join((self._head, stamp, self.names[0], poses))
         parts = [b""] * (3 * self.count)
         parts[0::3] = _stamps_of(rows)
         parts[1::3] = self.names
@@ -221,12 +246,12 @@ class _Layout:
 
 def _stamps_of(rows: Columns) -> list[bytes]:
     """The stamp of each row in CDR."""
-    stamp = only_stamp(rows)
+    stamp = rows.last_stamp_ns() if rows.count == 1 else only_stamp(rows)
+    if stamp is not None and EARLIEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
+        return [_STAMP.pack(stamp // _SECOND_NS, stamp % _SECOND_NS)] * rows.count
     stamps = rows.stamps_as_ints() if stamp is None else [stamp]
     if stamps and not EARLIEST_STAMP_NS <= min(stamps) <= max(stamps) <= LATEST_STAMP_NS:
         raise _beyond(rows)
-    if stamp is not None:
-        return [_STAMP.pack(*divmod(stamp, _SECOND_NS))] * rows.count
     if rows.count < _FEW:
         return [_STAMP.pack(*divmod(each, _SECOND_NS)) for each in stamps]
     words = np.empty((rows.count, 2), _WORD)
@@ -260,19 +285,6 @@ def _layout_of(rows: Columns) -> _Layout:
     return _Layout(frames, edges, names)
 
 
-def _one_transform(frames: tuple[str, ...], data: bytes) -> Columns:
-    seconds, nanoseconds = _STAMP.unpack_from(data, _STAMP_AT)
-    _check_nanoseconds(nanoseconds)
-    stamp = packed.stamp_bytes(seconds * _SECOND_NS + nanoseconds)
-    edge = _OWN_EDGE if len(frames) == 1 else _EDGE
-    return Columns.of_bytes(frames, edge, stamp, _little_endian(data[-POSE_SIZE:], "d"))
-
-
-# A message of one transform: frame 0 is the parent, frame 1 the child, or both are one.
-_EDGE = packed.edge_bytes(0, 1)
-_OWN_EDGE = packed.edge_bytes(0, 0)
-
-
 def _read_slowly(data: bytes) -> tuple[Columns, int]:
     """The transforms of a message that is not like one before, and how many bytes are left."""
     reader = CdrReader(data)
@@ -287,7 +299,7 @@ def _read_slowly(data: bytes) -> tuple[Columns, int]:
         poses.append(data[start : reader.at])
     reader.finish()
     column = b"".join(poses)
-    if (reader.order == "<") != (sys.byteorder == "little"):
+    if (reader.order == "<") != _AS_HERE:
         column = _swapped(column, "d")
     rows = Columns.of_bytes(tuple(index_of), b"".join(edges), b"".join(stamps), column)
     return rows, reader.left
@@ -297,15 +309,11 @@ def _stamp(reader: CdrReader) -> bytes:
     seconds, nanoseconds = struct.unpack_from(
         f"{reader.order}iI", reader.data, reader.skip(STAMP_SIZE, 4)
     )
-    _check_nanoseconds(nanoseconds)
-    return packed.stamp_bytes(seconds * _SECOND_NS + nanoseconds)
-
-
-def _check_nanoseconds(nanoseconds: int) -> None:
     if nanoseconds >= _SECOND_NS:
         raise DecodeError(
             f"a stamp has {nanoseconds} nanoseconds beside its seconds: less than 10^9 are allowed"
         )
+    return packed.stamp_bytes(seconds * _SECOND_NS + nanoseconds)
 
 
 def _beyond(rows: Columns) -> InvalidArgumentException:
@@ -324,7 +332,7 @@ def _beyond(rows: Columns) -> InvalidArgumentException:
 
 def _little_endian(column: bytes, numbers: str) -> bytes:
     """The numbers of a column from this machine's byte order to little-endian, or back."""
-    return column if sys.byteorder == "little" else _swapped(column, numbers)
+    return column if _AS_HERE else _swapped(column, numbers)
 
 
 def _swapped(column: bytes, numbers: str) -> bytes:

@@ -23,6 +23,25 @@ class OneMessage:
         self._stamps = stamps
         self._poses = poses
 
+    def encode_bytes(
+        self, seq: int, frames: tuple[str, ...], stamp_ns: int, pose: bytes
+    ) -> bytes | None:
+        """The message with this number, of a pose in the byte order of this machine. None for other
+        frames.
+        """
+        if frames[1] != self._child_frame_id or frames[0] != self._frame_id:
+            return None
+        return b"".join(
+            (
+                self._head,
+                seq.to_bytes(8, "big"),
+                self._stamps,
+                packed.stamp_bytes(stamp_ns),
+                self._poses,
+                pose,
+            )
+        )
+
     def encode(self, seq: int, transform: TransformStamped) -> bytes | None:
         """The message with this number, in the byte order of this machine. None for a transform
         between other frames.

@@ -316,6 +316,15 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     assert finding.remedy
 
 
+def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> None:
+    """Where no node is found, since the bus is closed, the remedy is how to join it."""
+    empty = replace(healthy, nodes=(), tree=frame_tree(Buffer(), (), NOW_NS))
+    hint = "a closed bus is here (tls/10.0.0.1:4711): join it by --secure DIR"
+    finding = CHECKS["nodes"](replace(empty, out_of_reach=hint))
+    assert finding.evidence == ("no node was found; a closed bus is here (tls/10.0.0.1:4711)",)
+    assert finding.remedy == "join it by --secure DIR"
+
+
 def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))

@@ -1,7 +1,7 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
 import textwrap
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import click
@@ -55,7 +55,10 @@ def command(
     if bags:
         _explain_recorded(settings, fleet, target, source, BagChoice(bags, moment), as_json)
         return
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+    from tfbus.discover.out_of_reach import (
+        bus_out_of_reach,
+    )  # Zenoh, which a recording does not need
+    from tfbus.frames.command_listener import listening
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -72,6 +75,8 @@ def command(
             if fleet
             else frames_in_other_namespaces(heard.node.session),
         )
+        if not heard.buffer.frames() and (hint := bus_out_of_reach(heard.node.session)):
+            explanation = replace(explanation, remedies=(hint,))
     _print(explanation, now_ns, as_json)
 
 

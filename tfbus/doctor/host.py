@@ -8,7 +8,7 @@ from importlib import metadata
 
 from tfbus.buffer.buffer import COMPILED
 from tfbus.bus.interfaces import interfaces
-from tfbus.bus.scout import found_by_scouting
+from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
@@ -54,7 +54,8 @@ def _is_scouted(settings: NodeSettings) -> bool | None:
         return None
     log = logging.getLogger(__name__)
     with Session(replace(settings, connect=(), mode="peer"), log, scouting_s=0.01) as session:
-        return session.id in found_by_scouting(settings, _SCOUT_S, until=session.id)
+        own = session.id
+        return own in scout(settings, _SCOUT_S, until=lambda zid, _: zid == own)
 
 
 def _why_unreachable(endpoint: str) -> str:

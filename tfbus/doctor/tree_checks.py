@@ -29,6 +29,9 @@ def check_nodes(seen: Examination) -> Finding:
             f"look with --namespace {robots[0]}, or at all robots with --fleet",
         )
     where = f" in namespace {namespace!r}" if namespace else ""
+    if seen.out_of_reach:
+        what, _, remedy = seen.out_of_reach.partition(": ")
+        return Finding("warn", (f"no node was found{where}; {what}",), remedy)
     return Finding(
         "warn",
         (f"no node was found{where}",),

@@ -141,11 +141,11 @@ def test_those_it_keeps_out_see_that_it_is_there(closed: Closed) -> None:
     here = rf"a closed bus is here \(tls/{closed.network.hosts.address['robot']}:\d+\)"
     without = closed.network.start("desk", *echo)
     without.wait_for_line(f"{here}: join it by --secure DIR")
+    without.stop()
     other = closed.network.start("cellar", *echo, env=guest)
     other.wait_for_line(f"{here} that this identity gets no link to: join it by one of its auth")
     member.stop()
     other.stop()
-    without.stop()
     closed.network.start("desk", "-m", "tfbus", "static", "world", "drone")
     other = closed.network.start("cellar", *echo, env=guest)
     other.wait_for_line(r"an open bus is here \(tcp/.*\): join it without --secure")

@@ -25,7 +25,6 @@ from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
-from tfbus.runtime.stamp_units import other_unit
 from tfbus.wording import duration
 
 Fault = Literal["gone", "conflict", "stale"]
@@ -94,8 +93,7 @@ def is_another_time(age_s: float | None) -> bool:
 
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
-    newest_ns = None if frame is None else frame.newest_ns
-    unit = "" if newest_ns is None else other_unit(newest_ns, tree.recorded_ns)
+    unit = "" if frame is None else tree.unit_of(frame)
     return f"its stamps look like {unit}: stamps are nanoseconds" if unit else ASK_IF_SIMULATED
 
 

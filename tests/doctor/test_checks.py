@@ -361,6 +361,24 @@ def test_what_cannot_be_seen_is_skipped(
     assert (finding.verdict, finding.evidence) == ("skipped", (reason,))
 
 
+def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
+    """With no node but tools, checks of nodes and frames have nothing to look at."""
+    tool = replace(SIM, name="/_view_1", streams=(), buffers=())
+    nothing = frame_tree(Buffer(), (), NOW_NS)
+    empty = replace(healthy, nodes=(tool,), tree=nothing, flows=(), largest={})
+    verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
+    well = {name for name, verdict in verdicts.items() if verdict == "ok"}
+    of_the_host = {"install", "kernel", "zenoh", "scouting", "routers"}
+    assert well == of_the_host | {"encryption", "certificate", "rights", "clock", "ros"}
+
+
+def test_tools_are_not_counted(healthy: Examination) -> None:
+    """The nodes of tools, such as the doctor itself, are in no count."""
+    seen = with_nodes(SIM, replace(SIM, name="/_doctor_1"))(healthy)
+    assert CHECKS["nodes"](seen).evidence == ("1 node",)
+    assert CHECKS["node-names"](seen).evidence == ("1 node",)
+
+
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
     """The stamps of a publisher with simulated time are not compared with our clock."""
     names = ("rates", "stamps", "gaps", "jitter")

@@ -25,7 +25,7 @@ from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
-from tfbus.wording import duration
+from tfbus.wording import age, duration
 
 Fault = Literal["gone", "conflict", "stale"]
 State = Literal["root", "static", "dynamic"] | Fault
@@ -111,7 +111,7 @@ def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
         words.append("static")
     else:
         age_s = tree.age_s(frame)
-        words.append(duration(age_s) + " old")
+        words.append(age(age_s))
         if tree.is_of_another_time(frame):
             words.append("its time is simulated: use --sim-time")
         elif is_another_time(age_s):

@@ -1,5 +1,6 @@
 """What is said of a bus that scouting finds and that a session gets no link to."""
 
+import socket
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -75,11 +76,26 @@ def test_a_client_with_a_router_is_not_kept_out(answering: Any) -> None:
     assert said(FakeSession(settings)) != ""
 
 
+def test_an_endpoint_that_does_not_answer_is_named(answering: Any) -> None:
+    """It is the first reason; one that answers is none."""
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))  # it does not listen, and no other can
+        endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        assert said(FakeSession(NodeSettings("tool", connect=(endpoint,)))) == (
+            f"nothing answers at {endpoint} (Connection refused): start the router there, or "
+            "correct --connect"
+        )
+    with socket.create_server(("127.0.0.1", 0)) as router:
+        answers = NodeSettings("tool", connect=(f"tcp/127.0.0.1:{router.getsockname()[1]}",))
+        assert said(FakeSession(answers)) == ""
+
+
 def test_without_scouting_nothing_is_said(answering: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither where it is off, nor where this host cannot ask."""
     answering["arm"] = TLS
-    settings = NodeSettings("tool", mode="client", connect=("tcp/hub:7447",))
-    assert said(FakeSession(settings)) == ""
+    with monkeypatch.context() as without:
+        without.setattr(out_of_reach, "has_scouting", lambda _: False)
+        assert said(FakeSession()) == ""
 
     def fail(*_: object, **__: object) -> dict[str, tuple[str, ...]]:
         raise BusError("could not look for others by scouting")

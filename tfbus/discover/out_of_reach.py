@@ -1,5 +1,6 @@
-"""A bus in reach of scouting that this process gets no link to, since one of the two is closed."""
+"""Why a process finds nothing: an endpoint that does not answer, or a bus that is closed."""
 
+from tfbus.bus.endpoints import why_unreachable
 from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import has_scouting
@@ -11,12 +12,19 @@ _WITHIN_S = 1.5
 
 
 def bus_out_of_reach(session: Session) -> str:
-    """Where processes are that the session has no link to, since their bus is closed or its own is,
-    and how to join them; "" where there are none, or scouting does not show them.
+    """Which endpoint to connect to does not answer; or where processes are that the session has no
+    link to, since their bus is closed or its own is, and how to join them; "" for neither, or where
+    scouting does not show them.
 
-    For those who have found nothing: it takes up to 1.5 s.
+    For those who have found nothing: it takes up to 1.5 s, or 2 s for each endpoint.
     """
     settings = session.settings
+    for endpoint in settings.connect:
+        if why := why_unreachable(endpoint):
+            return (
+                f"nothing answers at {endpoint} ({why}): start the router there, or correct "
+                "--connect"
+            )
     is_client = settings.mode == "client"
     if not has_scouting(settings):
         return ""

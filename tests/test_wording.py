@@ -3,6 +3,7 @@
 import pytest
 
 from tfbus.wording import (
+    age,
     counted,
     did_you_mean,
     duration,
@@ -61,6 +62,12 @@ def test_text_of_strangers_is_escaped_and_cut(text: str, shown: str) -> None:
 def test_durations_have_the_unit_people_would_use(seconds: float | None, text: str) -> None:
     """A duration has at most three digits and one unit."""
     assert duration(seconds) == text
+
+
+def test_an_age_is_never_negative() -> None:
+    """What is younger than nothing is in the future."""
+    ages = [age(seconds) for seconds in (None, 0.0, 0.0134, -0.07)]
+    assert ages == ["? old", "0.0 ms old", "13 ms old", "70 ms in the future"]
 
 
 @pytest.mark.parametrize(

@@ -104,3 +104,10 @@ def duration(seconds: float | None) -> str:
         if size < most_s:
             return f"{seconds / unit_s:.0f} {unit}"
     return f"{seconds / 86_400:.0f} days"
+
+
+def age(seconds: float | None) -> str:
+    """How old something is: `13 ms old`; of a clock that is ahead, `70 ms in the future`."""
+    if seconds is not None and seconds < 0.0:
+        return f"{duration(-seconds)} in the future"
+    return f"{duration(seconds)} old"

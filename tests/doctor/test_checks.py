@@ -316,6 +316,15 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     assert finding.remedy
 
 
+def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> None:
+    """Where no node is found, since the bus is closed, the remedy is how to join it."""
+    empty = replace(healthy, nodes=(), tree=frame_tree(Buffer(), (), NOW_NS))
+    hint = "a closed bus is here (tls/10.0.0.1:4711): join it by --secure DIR"
+    finding = CHECKS["nodes"](replace(empty, out_of_reach=hint))
+    assert finding.evidence == ("no node was found; a closed bus is here (tls/10.0.0.1:4711)",)
+    assert finding.remedy == "join it by --secure DIR"
+
+
 def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
@@ -350,6 +359,24 @@ def test_what_cannot_be_seen_is_skipped(
     """A check with nothing to look at is skipped, with a reason."""
     finding = CHECKS[name](injure(healthy))
     assert (finding.verdict, finding.evidence) == ("skipped", (reason,))
+
+
+def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
+    """With no node but tools, checks of nodes and frames have nothing to look at."""
+    tool = replace(SIM, name="/_view_1", streams=(), buffers=())
+    nothing = frame_tree(Buffer(), (), NOW_NS)
+    empty = replace(healthy, nodes=(tool,), tree=nothing, flows=(), largest={})
+    verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
+    well = {name for name, verdict in verdicts.items() if verdict == "ok"}
+    of_the_host = {"install", "kernel", "zenoh", "scouting", "routers"}
+    assert well == of_the_host | {"encryption", "certificate", "rights", "clock", "ros"}
+
+
+def test_tools_are_not_counted(healthy: Examination) -> None:
+    """The nodes of tools, such as the doctor itself, are in no count."""
+    seen = with_nodes(SIM, replace(SIM, name="/_doctor_1"))(healthy)
+    assert CHECKS["nodes"](seen).evidence == ("1 node",)
+    assert CHECKS["node-names"](seen).evidence == ("1 node",)
 
 
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:

@@ -158,6 +158,25 @@ class TestProblems:
             ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 lists it")
         ]
 
+    def test_stamps_in_another_unit(self) -> None:
+        """Stamps in seconds are one problem of their publisher, and give no rate."""
+        buffer = buffer_of(("world", "a"))
+        for child in ("b", "c"):
+            for second in range(3):
+                stamp_ns = NOW_NS // NS - second
+                ts = TransformStamped(stamp_ns, "a", child, Transform.identity())
+                buffer.set_transform(ts, authority="odom")
+        publishers = stream("sim", ("world", "a")), stream("odom", ("a", "b"), ("a", "c"))
+        assert self.problems(buffer, *publishers) == [
+            (
+                "unit",
+                "the stamps of 'b', 'c' by /odom on robot7, pid 42 look like seconds, and stamps "
+                "are nanoseconds",
+            )
+        ]
+        rates = {name: it.rate_hz for name, it in tree_of(buffer, *publishers).frames.items()}
+        assert rates == {"world": None, "a": pytest.approx(10.0), "b": None, "c": None}
+
     def test_gone_publishers(self) -> None:
         """The frames of a gone publisher are one problem, which names the first five."""
         edges = [("world", f"leg{i}") for i in range(8)]

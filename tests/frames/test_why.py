@@ -1,6 +1,7 @@
 """Why a lookup has no answer: each fault of a path at its edge, with a remedy."""
 
 import json
+import re
 from collections.abc import Collection
 from dataclasses import replace
 
@@ -207,6 +208,25 @@ class TestExplain:
             "to all nodes that look up these frames",
         )
 
+    @pytest.mark.parametrize(("at_s", "verdict"), [(None, "warn"), (-1.0, "fail")])
+    def test_stamps_in_seconds_are_a_bad_sign(self, at_s: float | None, verdict: str) -> None:
+        """They keep a lookup at a time from an answer, and the remedy is how to stamp."""
+        now_s = 1_670_400_300
+        buffer = Buffer()
+        for back_s in (2, 1, 0):
+            ts = TransformStamped(now_s - back_s, "world", "base", Transform.identity())
+            buffer.set_transform(ts, authority="sim")
+        stamp_ns = None if at_s is None else now_s * S + round(at_s * S)
+        report = explain(frame_tree(buffer, [SIM], now_s * S), buffer, "world", "base", stamp_ns)
+        assert verdicts(report) == [("base", verdict)]
+        step = fault(report, "base")
+        assert step.reason == "no lookup at a time finds its samples"
+        assert step.facts[-2:] == ("its stamps look like seconds: stamps are nanoseconds", "by sim")
+        assert report.remedies[-1] == (
+            "the stamps of 'base' by /sim on lab, pid 7 look like seconds, and stamps are "
+            "nanoseconds: stamp them with node.now_ns(), or tfbus.stamp_ns(SECONDS)"
+        )
+
     def test_problems_of_the_tree_near_the_path_have_remedies(self, buffer: Buffer) -> None:
         """A loop, or a frame that is listed but not sent, can keep two frames unconnected."""
         static(buffer, "isle", "palm")
@@ -244,7 +264,7 @@ class TestCommand:
             return lines if code == 0 else []
 
         lines = eventually(report)
-        assert lines[0].startswith("camera seen from world: there is an answer, ")
+        assert re.fullmatch(r"camera seen from world: there is an answer, \d.* old", lines[0])
         assert lines[1].startswith("  ok    world -> turtle1  ")
         assert lines[2] == "  ok    turtle1 -> camera  static, by sim"
         code, lines = self.run(bus, "world", "camera", "--at", "+60s")

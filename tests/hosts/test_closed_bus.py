@@ -129,6 +129,28 @@ def test_the_tutorial_runs_closed_and_strangers_change_nothing(
     assert "Traceback" not in "".join((*launch.err, *launch.out, *echo.err))
 
 
+def test_those_it_keeps_out_see_that_it_is_there(closed: Closed) -> None:
+    """A tool without an identity, or by one of another authority, says that a closed bus is here
+    and how to join it; on an open bus one by an identity says so too.
+    """
+    strangers = Keystore.init(closed.keystore.path.parent / "strangers", days=10)
+    strangers.add(Identity("guest", "admin"), days=5)
+    guest = {"TFBUS_SECURE": str(strangers.path / "guest")}
+    echo = ("-m", "tfbus", "echo", "world", "drone")
+    member = closed.start("robot", "robot", "static", "world", "drone")
+    here = rf"a closed bus is here \(tls/{closed.network.hosts.address['robot']}:\d+\)"
+    without = closed.network.start("desk", *echo)
+    without.wait_for_line(f"{here}: join it by --secure DIR")
+    without.stop()
+    other = closed.network.start("cellar", *echo, env=guest)
+    other.wait_for_line(f"{here} that this identity gets no link to: join it by one of its auth")
+    member.stop()
+    other.stop()
+    closed.network.start("desk", "-m", "tfbus", "static", "world", "drone")
+    other = closed.network.start("cellar", *echo, env=guest)
+    other.wait_for_line(r"an open bus is here \(tcp/.*\): join it without --secure")
+
+
 def result_of(attacker: Process) -> dict[str, list[str]]:
     """What an attacker has read, of whom it had links, and which answers it got."""
     eventually(lambda: attacker.popen.poll() is not None, within_s=40.0)

@@ -50,14 +50,41 @@ def test_the_clock_has_to_be_named() -> None:
             "frames",
             "hand",
             "",
-            "this identity, 'laptop', may not publish frame 'hand': its role is reader",
+            "this identity, 'laptop', may not publish frame 'hand': its role is reader; give it "
+            "`frames: [hand]` in rights.yaml, beside the authority",
         ),
         (
             Identity("arm", "publisher", frames=("arm/*",)),
             "frames",
             "hand",
             "",
-            "this identity, 'arm', may not publish frame 'hand': it may publish arm/*",
+            "this identity, 'arm', may not publish frame 'hand': it may publish arm/*; add it to "
+            "its 'frames' in rights.yaml, beside the authority",
+        ),
+        (
+            Identity("arm", "publisher"),
+            "nodes",
+            "base",
+            "",
+            "this identity, 'arm', may not run node 'base': its nodes are 'arm' and 'arm_*'; "
+            "rename the node, or give it `nodes: [base]` in rights.yaml, beside the authority",
+        ),
+        (
+            Identity("arm", "publisher", "robot7", nodes=("gripper",)),
+            "nodes",
+            "/robot7/base",
+            "",
+            "this identity, 'arm', may not run node '/robot7/base': its nodes are 'arm', "
+            "'arm_*' and 'gripper'; rename the node, or add it to its 'nodes' in rights.yaml, "
+            "beside the authority",
+        ),
+        (
+            Identity("sim", "publisher"),
+            "topics",
+            "clock",
+            "",
+            "this identity, 'sim', may not publish topic 'clock': its role is publisher; give it "
+            "`topics: ['**', clock]` in rights.yaml, beside the authority",
         ),
         (
             Identity("arm", "publisher", "robot7"),

@@ -1,6 +1,7 @@
 """Which peers and routers answer multicast scouting."""
 
 import threading
+from collections.abc import Callable
 
 import zenoh
 
@@ -11,21 +12,33 @@ from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 
+# For each process its id and its endpoints.
+Hellos = dict[str, tuple[str, ...]]
 
-def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:
-    """The ids of the peers and routers that answer within `timeout_s`, or until `until` does."""
+
+def scout(
+    settings: NodeSettings,
+    timeout_s: float,
+    *,
+    until: Callable[[str, tuple[str, ...]], bool],
+    what: str = "peer|router",
+) -> Hellos:
+    """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
+    of one. Raises BusError where this host cannot ask.
+    """
     forks.begin()
     configure_zenoh_threads()
-    found: set[str] = set()
+    found: Hellos = {}
     is_found = threading.Event()
 
     def on_hello(hello: zenoh.Hello) -> None:
-        found.add(str(hello.zid))
-        if until in found:
+        zid, endpoints = str(hello.zid), tuple(hello.locators)
+        found[zid] = endpoints
+        if until(zid, endpoints):
             is_found.set()
 
     with bus_errors("look for others by scouting"):
-        scout = zenoh.scout(direct(on_hello), what="peer|router", config=zenoh_config(settings))
+        scout = zenoh.scout(direct(on_hello), what=what, config=zenoh_config(settings))
     is_found.wait(timeout_s)
     scout.stop()
-    return found
+    return found.copy()

@@ -394,6 +394,11 @@ class Session:
         with self._errors("list the routers"):
             return [str(zid) for zid in self.zenoh.info.routers_zid()]
 
+    def linked(self) -> set[str]:
+        """The ids of the processes that it has a link to."""
+        with self._errors("list the links"):
+            return {str(link.zid) for link in self.zenoh.info.links()}
+
     def identities(self) -> dict[str, str]:
         """The identities of the processes that it has a link to, as their certificates prove them,
         by the ids of their sessions; {} on an open bus.

@@ -32,3 +32,21 @@ def look(session: "Session", on_unreadable: Callable[[DecodeError], object] = wa
     nodes = describe_all(session, on_unreadable, timeout_s=_PATIENCE_S)
     streams = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
     return graph_of(nodes, streams, session.settings.namespace)
+
+
+def look_once(session: "Session") -> Graph:
+    """What `look` gives, for a command that shows it or fails: where there is nothing, it warns of
+    a bus here that the session gets no link to.
+    """
+    graph = look(session)
+    if not graph.topics and not graph.services:
+        warn_if_out_of_reach(session)
+    return graph
+
+
+def warn_if_out_of_reach(session: "Session") -> None:
+    """Warn of a bus here that the session, which finds no node, gets no link to."""
+    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh
+
+    if what := bus_out_of_reach(session):
+        warn(what)

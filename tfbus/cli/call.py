@@ -10,7 +10,7 @@ import click
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import look, look_once, open_bus
 from tfbus.cli.messages.fields import request_of
 from tfbus.cli.messages.message import (
     checked_map,
@@ -180,5 +180,5 @@ def _silence(service: str, timeout_s: float) -> str:
 
 
 def _no_service(session: Session, service: str) -> str:
-    served = [name for name, info in look(session).services.items() if info.servers]
+    served = [name for name, info in look_once(session).services.items() if info.servers]
     return f"no service {service!r}{did_you_mean(service, served, none=', nor any other')}"

@@ -6,7 +6,7 @@ from collections import Counter
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import open_bus
+from tfbus.cli.bus import open_bus, warn_if_out_of_reach
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.cli.recorded_nodes import node_at, nodes_at
 from tfbus.cli.verbs import Verbs
@@ -42,6 +42,8 @@ def list_command(
         with open_bus(settings) as session:
             present = list_nodes(session)
             described = {(node.session, node.name) for node in describe_all(session, warn)}
+            if not present:
+                warn_if_out_of_reach(session)
         for name, count in Counter(name for _, name in described).items():
             if count > 1:
                 warn(f"{count} nodes have the name {name}")

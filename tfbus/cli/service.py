@@ -7,7 +7,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import look_once, open_bus
 from tfbus.cli.call import TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.messages.message import (
     find_call,
@@ -144,7 +144,7 @@ def show_command(settings: NodeSettings, service: str | None, as_json: bool) -> 
     if type_ is None:
         service = relative(service, settings.namespace)
         with open_bus(settings) as session:
-            services = look(session).services
+            services = look_once(session).services
         if service not in services:
             known = {*services, *(each.__qualname__ for each in supplied_calls())}
             raise ServiceError(
@@ -165,11 +165,11 @@ def _type_of(info: ServiceInfo) -> type:
 
 
 def _served(session: Session) -> list[ServiceInfo]:
-    return [service for service in look(session).services.values() if service.servers]
+    return [service for service in look_once(session).services.values() if service.servers]
 
 
 def _find(session: Session, service: str) -> ServiceInfo:
-    services = look(session).services
+    services = look_once(session).services
     if service not in services:
         hint = did_you_mean(service, services, none=", nor any other: is a node running?")
         raise ServiceError(f"there is no service {service!r}{hint}")

@@ -1,7 +1,7 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
 import textwrap
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import click
@@ -15,7 +15,7 @@ from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import duration, stamp_text
+from tfbus.wording import age, stamp_text
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -55,23 +55,29 @@ def command(
     if bags:
         _explain_recorded(settings, fleet, target, source, BagChoice(bags, moment), as_json)
         return
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+    from tfbus.discover.out_of_reach import (
+        bus_out_of_reach,
+    )  # Zenoh, which a recording does not need
+    from tfbus.frames.command_listener import listening
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
     ) as heard:
-        now_ns = heard.node.now_ns()
+        session, asked_ns = heard.node.session, heard.now_ns()
+        # It takes a while, in which samples come: the tree and the lookup are of after it.
+        elsewhere = () if fleet else frames_in_other_namespaces(session)
         explanation = explain(
             heard.tree_and_clocks(),
             heard.buffer,
             target,
             source,
-            moment.at(now_ns) if moment else None,
+            moment.at(asked_ns) if moment else None,
             reads_only=settings.closed.identity.namespace if settings.closed else "",
-            frames_in_other_namespaces=()
-            if fleet
-            else frames_in_other_namespaces(heard.node.session),
+            frames_in_other_namespaces=elsewhere,
         )
+        now_ns = heard.now_ns()
+        if not heard.buffer.frames() and (hint := bus_out_of_reach(session)):
+            explanation = replace(explanation, remedies=(hint,))
     _print(explanation, now_ns, as_json)
 
 
@@ -132,7 +138,7 @@ def _outcome(it: Explanation, now_ns: int) -> str:
         return "no answer"
     if it.stamp_ns is not None or not it.answer.stamp_ns:
         return "there is an answer"
-    return f"there is an answer, {duration((now_ns - it.answer.stamp_ns) / 1e9)} old"
+    return f"there is an answer, {age((now_ns - it.answer.stamp_ns) / 1e9)}"
 
 
 def _step_lines(step: Step) -> list[str]:

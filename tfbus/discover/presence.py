@@ -6,6 +6,7 @@ from collections.abc import Callable
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session
+from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError, DecodeError
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
@@ -37,7 +38,7 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     answers = session.ask(key, timeout_s=2.0)
     described = [_read(session, answer) for answer in answers if answer.refusal is None]
     if not described:
-        raise BusError(_absent(name, list_nodes(session)))
+        raise BusError(_absent(name, session))
     return described
 
 
@@ -131,7 +132,9 @@ def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:
     return f"{path.removesuffix(node)}{key(node)}"
 
 
-def _absent(name: str, present: list[str]) -> str:
+def _absent(name: str, session: Session) -> str:
+    present = list_nodes(session)
     if not present:
-        return f"there is no node {name!r}, nor any other: is it running, on this network?"
+        why = bus_out_of_reach(session) or "is it running, on this network?"
+        return f"there is no node {name!r}, nor any other: {why}"
     return f"there is no node {name!r}{did_you_mean('/' + name.strip('/'), present)}"

@@ -37,7 +37,8 @@ class Examination:
     """The bus as seen from this host in `listened_s` seconds.
 
     `rejected` counts rejected transforms by their reason. `largest` is the size of each stream's
-    largest message, in bytes.
+    largest message, in bytes. `out_of_reach` says of a bus here that this process gets no link to,
+    where it sees no node; "" for none.
     """
 
     settings: NodeSettings
@@ -49,3 +50,4 @@ class Examination:
     rejected: Mapping[str, int] = field(default_factory=dict)
     largest: Mapping[str, int] = field(default_factory=dict)
     ros: RosAround = field(default_factory=RosAround)
+    out_of_reach: str = ""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
+from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.host import examine_host
@@ -42,6 +43,7 @@ def examine(
         node.session.settle()
         # Before we subscribe: a listener that nodes report is not ours.
         nodes = _others(node, describe_all(node.session, on_unreadable))
+        out_of_reach = "" if nodes else bus_out_of_reach(node.session)
         host = examine_host(settings, len(node.session.routers()))
         buffer = Buffer(_HISTORY_S)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
@@ -58,6 +60,7 @@ def examine(
                 dict(buffer.rejected),
                 dict(meter.largest),
                 ros.around(node.session),
+                out_of_reach,
             )
     raise KeyboardInterrupt  # the node's `with` swallowed it
 

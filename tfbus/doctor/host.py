@@ -2,13 +2,13 @@
 
 import logging
 import platform
-import socket
 from dataclasses import replace
 from importlib import metadata
 
 from tfbus.buffer.buffer import COMPILED
+from tfbus.bus.endpoints import why_unreachable
 from tfbus.bus.interfaces import interfaces
-from tfbus.bus.scout import found_by_scouting
+from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
@@ -17,7 +17,6 @@ from tfbus.runtime.interpreted import why_interpreted
 from tfbus.runtime.version import version_and_origin
 
 _PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
-_CONNECT_WITHIN_S = 2.0
 _SCOUT_S = 1.5
 
 
@@ -35,7 +34,7 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
         scouted=_is_scouted(settings),
         routers=routers,
         unreachable={
-            endpoint: why for endpoint in settings.connect if (why := _why_unreachable(endpoint))
+            endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
@@ -54,17 +53,5 @@ def _is_scouted(settings: NodeSettings) -> bool | None:
         return None
     log = logging.getLogger(__name__)
     with Session(replace(settings, connect=(), mode="peer"), log, scouting_s=0.01) as session:
-        return session.id in found_by_scouting(settings, _SCOUT_S, until=session.id)
-
-
-def _why_unreachable(endpoint: str) -> str:
-    """Why an endpoint such as `tcp/host:7447` does not answer; "" if it does."""
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.partition("?")[0].rpartition(":")
-    if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
-        return ""  # untested: tfbus does not speak its protocol
-    try:
-        with socket.create_connection((host.strip("[]"), int(port)), _CONNECT_WITHIN_S):
-            return ""
-    except OSError as error:
-        return error.strerror or str(error)
+        own = session.id
+        return own in scout(settings, _SCOUT_S, until=lambda zid, _: zid == own)

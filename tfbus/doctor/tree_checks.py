@@ -3,13 +3,15 @@
 from collections import defaultdict
 
 from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok
+from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
 from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.frames.state import silent_s, state
 from tfbus.wording import counted, duration, listed
 
 # A sentence names at most this many namespaces.
 _NAMED = 5
+
+_NO_FRAME = "no frame was found"
 
 
 def check_nodes(seen: Examination) -> Finding:
@@ -29,6 +31,9 @@ def check_nodes(seen: Examination) -> Finding:
             f"look with --namespace {robots[0]}, or at all robots with --fleet",
         )
     where = f" in namespace {namespace!r}" if namespace else ""
+    if seen.out_of_reach:
+        what, _, remedy = seen.out_of_reach.partition(": ")
+        return Finding("warn", (f"no node was found{where}; {what}",), remedy)
     return Finding(
         "warn",
         (f"no node was found{where}",),
@@ -59,11 +64,14 @@ def check_node_names(seen: Examination) -> Finding:
         for name, where in places.items()
         if len(where) > 1
     ]
+    count = sum(not _is_tool(node.name) for node in seen.nodes)
+    if not doubled and not count:
+        return skipped("no node was found")
     return found(
         "fail",
         doubled,
         "give each its own name (--name) or namespace (--namespace)",
-        counted(len(seen.nodes), "node"),
+        counted(count, "node"),
     )
 
 
@@ -102,6 +110,8 @@ def check_gone(seen: Examination) -> Finding:
 def check_stale(seen: Examination) -> Finding:
     """Samples of each dynamic frame still come."""
     tree = seen.tree
+    if not tree.frames:
+        return skipped(_NO_FRAME)
     sentences = [
         f"no sample of {frame.name!r} for {duration(silent_s(tree, frame))}: "
         f"{who(tree.publisher(frame))}"
@@ -141,9 +151,13 @@ def check_static_dynamic(seen: Examination) -> Finding:
         for child, claims in kinds.items()
         if len({static for static, _ in claims}) > 1
     ]
+    if not kinds:
+        return skipped(_NO_FRAME)
     return found("fail", mixed, "publish it either as static or as dynamic", "none is both")
 
 
 def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str) -> Finding:
     sentences = [problem.text for problem in seen.tree.problems() if problem.kind == kind]
+    if not sentences and not seen.tree.frames:
+        return skipped(_NO_FRAME)
     return found(verdict, first_of(sentences), remedy, counted(len(seen.tree.frames), "frame"))

@@ -16,6 +16,7 @@ _REMEDIES: dict[ProblemKind, str] = {
     "conflict": "see what each of them sent: tfbus topic echo tf {bag} --from {at}",
     "silent": "see how many of its messages were recorded: tfbus bag info {files}",
     "clock": "pass --sim-time to this tool",
+    "unit": "stamp them with node.now_ns(), or tfbus.stamp_ns(SECONDS), and record them again",
 }
 
 

@@ -11,10 +11,13 @@ from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime
 from tfbus.listen.info import StreamInfo
 from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
+from tfbus.runtime.stamp_units import other_unit
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, listed, printable
 
-ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock"]
+ProblemKind = Literal[
+    "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit"
+]
 
 # For each child frame the parents that living streams give it, and by which stream.
 Claims = Mapping[str, list[tuple[str, StreamInfo]]]
@@ -125,6 +128,12 @@ class FrameTree:
         """Whether the stamps of a dynamic frame are of a simulated time that we do not follow."""
         return not frame.static and self.publisher(frame).node in self.simulated.followers
 
+    def unit_of(self, frame: FrameInfo) -> str:
+        """The unit that the stamps of a dynamic frame look like, "seconds"; "" for nanoseconds."""
+        if frame.static or frame.newest_ns is None:
+            return ""
+        return other_unit(frame.newest_ns, self.recorded_ns)
+
     def problems(self) -> list[Problem]:
         """What is wrong with the tree, the worst first."""
         return [
@@ -134,6 +143,7 @@ class FrameTree:
             *self._disconnected(),
             *self._silent(),
             *self._of_another_time(),
+            *self._in_another_unit(),
         ]
 
     def _conflicts(self) -> Iterator[Problem]:
@@ -195,6 +205,20 @@ class FrameTree:
                 "ages are wrong without --sim-time",
             )
 
+    def _in_another_unit(self) -> Iterator[Problem]:
+        found: dict[tuple[str, str], list[str]] = {}
+        for frame in self.frames.values():
+            if unit := self.unit_of(frame):
+                found.setdefault((frame.authority, unit), []).append(frame.name)
+        for (_, unit), names in found.items():
+            publisher = who(self.publisher(self.frames[names[0]]))
+            yield Problem(
+                "unit",
+                tuple(names),
+                f"the stamps of {_quoted(names)} by {publisher} look like {unit}, and stamps are "
+                "nanoseconds",
+            )
+
 
 def frame_tree(
     buffer: Buffer,
@@ -206,15 +230,17 @@ def frame_tree(
 
     All texts come as they can be printed: streams, nodes and hosts are named by strangers.
     """
-    frames = {frame.name: _printable_frame(frame) for frame in buffer.all_frames()}
+    frames = {frame.name: _shown(frame, recorded_ns) for frame in buffer.all_frames()}
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
     by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
     return FrameTree(frames, by_name, recorded_ns, is_simulated, simulated)
 
 
-def _printable_frame(frame: FrameInfo) -> FrameInfo:
+def _shown(frame: FrameInfo, now_ns: int) -> FrameInfo:
     # A buffer takes no frame whose name cannot be printed.
     authority = printable(frame.authority)
+    if frame.rate_hz is not None and other_unit(frame.newest_ns or 0, now_ns):
+        return replace(frame, authority=authority, rate_hz=None)  # a billion Hz
     return frame if authority == frame.authority else replace(frame, authority=authority)
 
 

@@ -25,8 +25,7 @@ from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
-from tfbus.runtime.stamp_units import other_unit
-from tfbus.wording import duration
+from tfbus.wording import age, duration
 
 Fault = Literal["gone", "conflict", "stale"]
 State = Literal["root", "static", "dynamic"] | Fault
@@ -94,8 +93,7 @@ def is_another_time(age_s: float | None) -> bool:
 
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
-    newest_ns = None if frame is None else frame.newest_ns
-    unit = "" if newest_ns is None else other_unit(newest_ns, tree.recorded_ns)
+    unit = "" if frame is None else tree.unit_of(frame)
     return f"its stamps look like {unit}: stamps are nanoseconds" if unit else ASK_IF_SIMULATED
 
 
@@ -113,7 +111,7 @@ def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
         words.append("static")
     else:
         age_s = tree.age_s(frame)
-        words.append(duration(age_s) + " old")
+        words.append(age(age_s))
         if tree.is_of_another_time(frame):
             words.append("its time is simulated: use --sim-time")
         elif is_another_time(age_s):

@@ -6,7 +6,7 @@ from tfbus.buffer.formats import branch
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
-from tfbus.wording import columns, counted, cut, duration, stamp_text
+from tfbus.wording import age, columns, counted, cut, duration, stamp_text
 
 Paint = Callable[[str, State], str]
 
@@ -83,7 +83,7 @@ def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
         rate = "unknown" if frame.rate_hz is None else f"{frame.rate_hz:.3f} Hz"
         over = f"{counted(frame.samples, 'sample')} over {duration(tree.kept_s(frame))}"
         yield f"Rate: {rate}, {over}"
-        yield f"Newest: {_stamp(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
+        yield f"Newest: {_stamp(frame.newest_ns)}, {age(tree.age_s(frame))}"
         yield f"Oldest: {_stamp(frame.oldest_ns)}"
         yield f"Delay of its stream, smoothed: {duration(stream.delay_s)}"
     if frame.conflicts:

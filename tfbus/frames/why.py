@@ -27,6 +27,7 @@ _REMEDIES: dict[ProblemKind, str] = {
     "conflict": "let one of them publish the frame, or give each frame its own name",
     "silent": "check that it is sent at all: tfbus topic hz tf",
     "clock": "pass --sim-time to this tool, and to all nodes that look up these frames",
+    "unit": "stamp them with node.now_ns(), or tfbus.stamp_ns(SECONDS)",
 }
 
 
@@ -176,6 +177,9 @@ def _faults(
 ) -> Iterator[tuple[Verdict, str, str]]:
     """What is wrong with an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
+    if tree.unit_of(frame):
+        # What they look like is among its facts, and the remedy with the problem of the tree.
+        yield "warn" if stamp_ns is None else "fail", "no lookup at a time finds its samples", ""
     if not frame.static:
         yield from _out_of_time(tree, frame, stamp_ns, advice)
     if tree.is_of_another_time(frame):

@@ -9,6 +9,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
+from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.budget import FRAME_BYTES, KEY_BYTES, ROW_BYTES, STREAM_BYTES, Budget
@@ -185,14 +186,13 @@ class TransformListener:
         self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
 
     def where_to_look(self, frame: str = "") -> str:
-        """A sentence that names the namespaces below that have a frame, or any frame at all; ""
-        where none has, or with a fleet. It asks all streams, which takes a moment.
+        """A sentence that names the namespaces below that have a frame, or any frame at all; or,
+        where no frame has come, a bus here that this process does not get into; "" for neither. It
+        asks all streams, and scouts, which takes a moment.
         """
-        return (
-            ""
-            if self._is_fleet
-            else where_to_look(frames_in_other_namespaces(self._node.session), frame)
-        )
+        session = self._node.session
+        hint = "" if self._is_fleet else where_to_look(frames_in_other_namespaces(session), frame)
+        return hint or ("" if self.buffer.frames() else bus_out_of_reach(session))
 
     @property
     def rejected(self) -> Counter[str]:

@@ -123,14 +123,30 @@ class Identity:
             if not self.is_within(path):
                 return f"{what}: its namespace is {self.namespace!r}"
             relative = path.removeprefix(f"{self.namespace}/") if self.namespace else path
-        return f"{what}: {self._reason(right)}" if not self.allows(right, relative) else ""
+        return (
+            f"{what}: {self._reason(right, relative)}" if not self.allows(right, relative) else ""
+        )
 
-    def _reason(self, right: str) -> str:
+    def _reason(self, right: str, name: str) -> str:
+        """Why it may not, and what to do."""
         if self.revoked:
             return f"it was revoked on {self.revoked}"
+        change = self._change(right, name)
+        if right == "nodes":
+            *first, last = map(repr, (*self._own_names[:2], *(self.nodes or ())))
+            return f"its nodes are {', '.join(first)} and {last}; rename the node, or {change}"
         if getattr(self, right) is None:
-            return f"its role is {self.role}"
-        return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
+            return f"its role is {self.role}; {change}"
+        return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}; {change}"
+
+    def _change(self, right: str, name: str) -> str:
+        """How to give it a right, and where: who has the authority can."""
+        if getattr(self, right) is not None:
+            return f"add it to its '{right}' in rights.yaml, beside the authority"
+        # What is given takes the place of the role's; own nodes are always there.
+        role = NOTHING if right == "nodes" else self.may(right)
+        patterns = ", ".join(repr(each) if "*" in each else each for each in (*role, name))
+        return f"give it `{right}: [{patterns}]` in rights.yaml, beside the authority"
 
 
 def _owners(name: str) -> list[str]:

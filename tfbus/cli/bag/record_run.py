@@ -30,6 +30,7 @@ from tfbus.cli.bag.record_status import (
 from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
+from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
@@ -261,6 +262,7 @@ def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
         hint = ""
         if not plan.everywhere:
             hint = where_to_look(frames_in_other_namespaces(node.session))
+        hint = hint or bus_out_of_reach(node.session)
         node.log.warning(
             "Nothing to record so far: %s", hint or "is a broadcaster running, on this network?"
         )

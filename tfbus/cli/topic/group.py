@@ -6,7 +6,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import look_once, open_bus
 from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
@@ -63,7 +63,7 @@ def list_command(
         _list_recorded(bag, show_types, only_count, verbose, as_json)
         return
     with open_bus(settings) as session:
-        topics = list(look(session).topics.values())
+        topics = list(look_once(session).topics.values())
     if only_count:
         click.echo(len(topics))
     elif as_json:
@@ -128,7 +128,7 @@ def info_command(
             print_text(f"Messages: {found.messages}")
         return
     with open_bus(settings) as session:
-        info = find_topic(look(session), relative(topic, settings.namespace))
+        info = find_topic(look_once(session), relative(topic, settings.namespace))
     if as_json:
         print_json(_as_map(info))
         return
@@ -169,7 +169,7 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
     if type_ is None:
         topic = relative(topic, settings.namespace)
         with open_bus(settings) as session:
-            topics = look(session).topics
+            topics = look_once(session).topics
         if topic not in topics:
             hint = did_you_mean(topic, {*topics, *supplied_names()})
             raise BusError(f"there is no topic or type {topic!r}{hint}")
@@ -202,7 +202,7 @@ def type_command(settings: NodeSettings, bag: BagChoice | None, topic: str) -> N
         print_text(_type_of_recorded(found))
         return
     with open_bus(settings) as session:
-        print_text(_types(find_topic(look(session), relative(topic, settings.namespace))))
+        print_text(_types(find_topic(look_once(session), relative(topic, settings.namespace))))
 
 
 @command.command("find", epilog="Example: tfbus topic find Pose")
@@ -212,7 +212,7 @@ def type_command(settings: NodeSettings, bag: BagChoice | None, topic: str) -> N
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
     """Print the names of the topics of TYPE, one per line."""
     with open_bus(settings) as session:
-        found = names_of_type(look(session).topics, type_name, "topic")
+        found = names_of_type(look_once(session).topics, type_name, "topic")
     click.echo(len(found)) if only_count else print_lines(found)
 
 

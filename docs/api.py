@@ -243,11 +243,19 @@ def _returned() -> set[type]:
     ahead: list[tuple[type, str]] = [(tfbus.Node, "create_"), (tfbus.TransformListener, "streams")]
     while ahead:
         for name, module in _names_returned(*ahead.pop()):
-            value = getattr(sys.modules[module], name, None)
+            value = _known_in(module, name)
             if inspect.isclass(value) and _is_ours(value) and value not in found:
                 found.add(value)
                 ahead.append((value, ""))
     return found - _public()
+
+
+def _known_in(module: str, name: str) -> object:
+    """What a name is in a module, also where it is imported for the checker of types only."""
+    for node in ast.walk(ast.parse(inspect.getsource(sys.modules[module]))):
+        if isinstance(node, ast.ImportFrom) and any(each.name == name for each in node.names):
+            return getattr(import_module(str(node.module)), name)
+    return getattr(sys.modules[module], name, None)
 
 
 def _names_returned(value: type, prefix: str) -> Iterator[tuple[str, str]]:

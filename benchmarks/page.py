@@ -60,8 +60,8 @@ instead, under valgrind.
 - An answer is one object of 104 bytes, which the garbage collector does not track. Answers that are
   kept need new memory, whose pages the system has to clear; the peers' do too, so that ratios are
   lower than in the table, whose answers are dropped. By CPU time on a busy machine, three edges:
-  2.7 to 3.4 x schiebung and 4.1 to 6.4 x transform-tree on Python 3.13, 4.3 to 4.9 x transform-tree
-  on 3.11. Three times schiebung is not reached for certain.
+  2.7 to 2.9 x schiebung and 4.1 to 4.7 x transform-tree on Python 3.13, 4.3 to 4.9 x transform-tree
+  on 3.11. Three times schiebung is not reached.
 - The latest needs neither search nor slerp where the newest samples of all edges have one time:
   10 ns an edge.
 - Samples are in rings, so that nothing moves when they are added and removed. The history of 50

@@ -189,12 +189,10 @@ def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
     assert calibration.stop() == 0
 
 
-def test_a_marker_is_found_in_the_world(bus: Bus, tmp_path: Path) -> None:
-    """marker_in_world.py finds its tag to a centimetre, shows the path to it, and its picture."""
-    cv2 = needs.module("cv2")
-    picture = tmp_path / "tag.png"
-    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py", str(picture))
-    assert cv2.imread(str(picture)).shape == (480, 640, 3)
+def test_a_marker_is_found_in_the_world(bus: Bus) -> None:
+    """marker_in_world.py finds its tag to a centimetre, and shows the path to it."""
+    needs.module("cv2")
+    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py")
     assert path == "   └─ tag *  (1 sample)"
     words = off.split()
     assert float(words[2]) < 10.0 and float(words[5]) < 5.0

@@ -14,7 +14,7 @@ demo: $(VENV)/demo.stamp
 	  $(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
-	$(BIN)/python -m pytest --numprocesses 3 $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 4 $(ARGS)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

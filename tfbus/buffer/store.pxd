@@ -2,7 +2,7 @@ cimport cython
 from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.insert_many cimport BatchInserter
 from tfbus.core.kernel cimport Path
-from tfbus.geometry.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.buffer.tree cimport Tree
 
 cdef object TF2

@@ -17,7 +17,7 @@ from tfbus.buffer.waiting import Question, Waiters
 from tfbus.core.kernel import LONGEST_NS, Path
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import LookupException, TransformException
-from tfbus.geometry.transform import TransformStamped
+from tfbus.geometry.transform import TransformStamped, child_name
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
@@ -60,7 +60,7 @@ class Store:
         """With the lock held: take one transform; False where it is too old to be kept."""
         return self.tree.insert(
             transform._frame_id,
-            transform._child_frame_id,
+            child_name(transform),
             transform._stamp_ns,
             transform._pose,
             static,

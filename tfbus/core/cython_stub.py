@@ -15,6 +15,11 @@ def cclass(decorated: _Type) -> _Type:
     return decorated
 
 
+def no_gc(decorated: _Type) -> _Type:
+    """Nothing to do: Python needs no advice."""
+    return decorated
+
+
 def freelist(size: int) -> Callable[[_Type], _Type]:
     """Nothing to do: Python keeps free memory itself."""
     return cclass

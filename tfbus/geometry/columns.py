@@ -17,6 +17,7 @@ from tfbus.geometry.transform import (
     Transform,
     TransformStamped,
     check_frame_id,
+    child_name,
     stamped_list,
 )
 
@@ -168,7 +169,7 @@ def _of_list(transforms: list[TransformStamped]) -> Columns:
             )
         one: TransformStamped = ts
         parent = index_of.setdefault(one._frame_id, len(index_of))
-        child = index_of.setdefault(one._child_frame_id, len(index_of))
+        child = index_of.setdefault(child_name(one), len(index_of))
         edges.append(packed.edge_bytes(parent, child))
         stamps.append(packed.stamp_bytes(one._stamp_ns))
         poses.append(packed.pose_bytes(one._pose))

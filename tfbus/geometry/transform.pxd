@@ -10,11 +10,13 @@ cdef class Transform:
     cpdef pose_t as_pose(self) noexcept
 
 @cython.final
-@cython.no_gc
 cdef class TransformStamped:
-    cdef str _frame_id, _child_frame_id
+    cdef str _frame_id
+    cdef object _child
     cdef pose_t _pose
-    cdef long long _stamp_ns, _extrapolated_ns
+    cdef long long _stamp_ns
+
+cpdef str child_name(TransformStamped transform)
 
 @cython.locals(self=Transform)
 cpdef Transform make_transform(pose_t pose)

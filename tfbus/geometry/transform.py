@@ -456,6 +456,7 @@ class Transform:
 
 
 @cython.freelist(256)
+@cython.no_gc
 @cython.cclass
 class TransformStamped:
     """A transform between two frames at one time; immutable.
@@ -472,8 +473,10 @@ class TransformStamped:
     """
 
     __signature__ = SourceSignature()
-    # The pose is not kept as a Transform, which most lookups would make without need.
-    __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
+    # The pose is not kept as a Transform, which most lookups would make without need. `_child` is
+    # the child frame's name, or a tuple of the name and `extrapolated_ns` where that is not 0: few
+    # are extrapolated, and without a number for it a transform takes 96 bytes rather than 112.
+    __slots__ = ("_child", "_frame_id", "_pose", "_stamp_ns")
 
     # Numpy would take it for a scalar of any type.
     __array_ufunc__ = None
@@ -489,9 +492,10 @@ class TransformStamped:
     ) -> None:
         self._stamp_ns = check_stamp(stamp_ns)
         self._frame_id = check_frame_id(frame_id, "frame_id")
-        self._child_frame_id = check_frame_id(child_frame_id, "child_frame_id")
+        child = check_frame_id(child_frame_id, "child_frame_id")
         self._pose = pose_of(checked_transform(transform, "transform"))
-        self._extrapolated_ns = check_stamp(extrapolated_ns, "extrapolated_ns")
+        beyond = check_stamp(extrapolated_ns, "extrapolated_ns")
+        self._child = (child, beyond) if beyond else child
 
     @property
     def stamp_ns(self) -> int:
@@ -506,7 +510,7 @@ class TransformStamped:
     @property
     def child_frame_id(self) -> str:
         """The child frame."""
-        return self._child_frame_id
+        return child_name(self)
 
     @property
     def transform(self) -> Transform:
@@ -516,7 +520,7 @@ class TransformStamped:
     @property
     def extrapolated_ns(self) -> int:
         """How far the answer lies beyond the samples it was made from; 0 between them."""
-        return self._extrapolated_ns
+        return 0 if isinstance(self._child, str) else self._child[1]
 
     def __matmul__(self, other: object) -> Any:
         raise InvalidArgumentException(
@@ -532,11 +536,11 @@ class TransformStamped:
         values = {
             "stamp_ns": self._stamp_ns,
             "frame_id": self._frame_id,
-            "child_frame_id": self._child_frame_id,
+            "child_frame_id": self.child_frame_id,
             **self.transform.to_dict(),
         }
-        if self._extrapolated_ns:
-            values["extrapolated_ns"] = self._extrapolated_ns
+        if self.extrapolated_ns:
+            values["extrapolated_ns"] = self.extrapolated_ns
         return values
 
     @staticmethod
@@ -567,9 +571,9 @@ class TransformStamped:
         return make_stamped, self._fields()
 
     def __repr__(self) -> str:
-        beyond = f", extrapolated_ns={self._extrapolated_ns}" if self._extrapolated_ns else ""
+        beyond = f", extrapolated_ns={self.extrapolated_ns}" if self.extrapolated_ns else ""
         return (
-            f"TransformStamped({self._stamp_ns}, {self._frame_id!r}, {self._child_frame_id!r}, "
+            f"TransformStamped({self._stamp_ns}, {self._frame_id!r}, {self.child_frame_id!r}, "
             f"{self.transform!r}{beyond})"
         )
 
@@ -577,10 +581,16 @@ class TransformStamped:
         return (
             self._stamp_ns,
             self._frame_id,
-            self._child_frame_id,
+            child_name(self),
             self._pose,
-            self._extrapolated_ns,
+            self.extrapolated_ns,
         )
+
+
+def child_name(transform: TransformStamped) -> str:
+    """`child_frame_id`, for compiled callers: a property is slower for them."""
+    child = transform._child
+    return child if isinstance(child, str) else child[0]
 
 
 def make_transform(pose: Pose) -> Transform:
@@ -629,9 +639,11 @@ def make_stamped(
     self = TransformStamped.__new__(TransformStamped)
     self._stamp_ns = stamp_ns
     self._frame_id = frame_id
-    self._child_frame_id = child_frame_id
+    if extrapolated_ns:
+        self._child = (child_frame_id, extrapolated_ns)
+    else:
+        self._child = child_frame_id
     self._pose = pose
-    self._extrapolated_ns = extrapolated_ns
     return self
 
 

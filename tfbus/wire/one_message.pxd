@@ -1,6 +1,6 @@
 cimport cython
 from tfbus.core cimport packed
-from tfbus.geometry.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped, child_name
 
 @cython.final
 cdef class OneMessage:

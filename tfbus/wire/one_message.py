@@ -4,7 +4,7 @@ Compiled where there is a C compiler (`one_message.pxd` has the C types).
 """
 
 from tfbus.core import packed
-from tfbus.geometry.transform import TransformStamped
+from tfbus.geometry.transform import TransformStamped, child_name
 
 
 class OneMessage:
@@ -46,10 +46,7 @@ class OneMessage:
         """The message with this number, in the byte order of this machine. None for a transform
         between other frames.
         """
-        if (
-            transform._child_frame_id != self._child_frame_id
-            or transform._frame_id != self._frame_id
-        ):
+        if child_name(transform) != self._child_frame_id or transform._frame_id != self._frame_id:
             return None
         return b"".join(
             (

@@ -1,3 +1,4 @@
+cimport cython
 from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.lookup cimport Lookup
 from tfbus.buffer.store cimport Store
@@ -15,6 +16,8 @@ cdef class Buffer:
     cdef object __weakref__
 
     cdef _fill(self, cache_time_s, sampling, clock, max_samples)
+    @cython.locals(answer=TransformStamped)
+    cdef TransformStamped _lookup_plain(self, target_frame, source_frame, stamp_ns, timeout_s)
     cdef TransformStamped _answer(self, target_frame, source_frame, stamp_ns, sampling)
     cdef _lookup(
         self, target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living)

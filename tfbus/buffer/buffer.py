@@ -414,12 +414,24 @@ class Buffer:
             and max_age_s is None
             and living is False
         ):
+            if cython.compiled:
+                return self._lookup_plain(target_frame, source_frame, stamp_ns, timeout_s)
             answer = self._answer(target_frame, source_frame, stamp_ns, None)
             if answer is not None:
                 return answer
         return self._lookup(
             target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living
         )
+
+    def _lookup_plain(
+        self, target_frame: str, source_frame: str, stamp_ns: int | None, timeout_s: float
+    ) -> TransformStamped:
+        """Compiled: `lookup_transform` of plain arguments, without the lock where it is free."""
+        if self.sampling is TF2 and self._store.lock.is_free():  # type: ignore[attr-defined]
+            answer = TransformStamped.__new__(TransformStamped)
+            if self._store.tree.fill(answer, target_frame, source_frame, stamp_ns):
+                return answer
+        return self._lookup(target_frame, source_frame, stamp_ns, timeout_s, None, None, False)
 
     def _lookup(
         self,

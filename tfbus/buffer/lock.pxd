@@ -38,6 +38,10 @@ cdef class Lock:
     cdef bint enter(self) except -1
     cdef int leave(self) except -1
     cdef bint is_mine(self) noexcept
+    # Whether what runs nothing of Python may read without entering: the GIL keeps others out, and
+    # no thread has let go of it in the middle of a change.
+    cdef inline bint is_free(self) noexcept:
+        return TFBUS_HAS_GIL and not self._owner
     cdef int let_others(self) except -1 nogil
     @cython.locals(gate=Gate)
     cdef int _wait(self) except -1

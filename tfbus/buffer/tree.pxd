@@ -24,10 +24,13 @@ cdef class Tree:
     cdef public set asked
     cdef public list unreported
 
-    @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
+    @cython.locals(answer=TransformStamped, path=Path, stamp=cython.longlong,
                    beyond=cython.longlong)
     cpdef TransformStamped answer(self, target_frame, source_frame, stamp_ns, sampling)
-    @cython.locals(target=History, path=Path, slot=Py_ssize_t)
+    @cython.locals(path=Path, stamp=cython.longlong)
+    cdef bint fill(
+        self, TransformStamped answer, target_frame, source_frame, stamp_ns) except -1
+    @cython.locals(target=History, path=Path)
     cpdef Path path(self, target_frame, source_frame)
     @cython.locals(target=History, source=History)
     cdef Path _seek_path(self, target_frame, source_frame)
@@ -87,6 +90,8 @@ cdef class Tree:
     cdef list _children(self, History parent)
     cdef _report(self, str kind, History child, History parent, str authority, long long stamp_ns)
 
+@cython.locals(latest=cython.longlong)
+cdef long long _stamp_on(Path path, stamp_ns) except? -1
 @cython.locals(target=cython.size_t, source=cython.size_t)
 cdef Py_ssize_t _slot(target_frame, source_frame) noexcept
 cdef describe(History history, list children)

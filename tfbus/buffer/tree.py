@@ -83,18 +83,18 @@ class Tree:
         self, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
     ) -> TransformStamped | None:
         """The transform at a stamp, or with None at the latest common time; None without one."""
+        if cython.compiled and sampling is TF2:
+            answer = TransformStamped.__new__(TransformStamped)
+            if self.fill(answer, target_frame, source_frame, stamp_ns):
+                return answer
         path = self.path(target_frame, source_frame)
         if path is None:
             return self._answer_by_walk(target_frame, source_frame, stamp_ns, sampling)
-        if stamp_ns is None:
-            latest = path.latest()
-            if latest == NO_DATA:
-                return None
-            stamp = 0 if latest == ALL_STATIC else latest
-        else:
-            stamp = packed.int64(stamp_ns)
-            if stamp == NO_DATA:
+        stamp = _stamp_on(path, stamp_ns)
+        if stamp == NO_DATA:
+            if stamp_ns is not None:
                 check_stamp(stamp_ns)
+            return None
         beyond = 0
         if sampling is not TF2:
             beyond = path.follow_as(stamp, sampling)
@@ -104,27 +104,39 @@ class Tree:
             return self._answer_by_walk(target_frame, source_frame, stamp, sampling)
         return make_stamped(stamp, path.target.name, path.source.name, path.pose, beyond)
 
+    def fill(
+        self, answer: TransformStamped, target_frame: str, source_frame: str, stamp_ns: int | None
+    ) -> bool:
+        """Compiled: make a new transform the answer of most lookups; False for the others.
+
+        It runs nothing of Python, so that with the GIL held nothing comes in between.
+        """
+        # A program mostly uses the same few texts, which need not be compared then.
+        path = self.recent[_slot(target_frame, source_frame)]
+        if (
+            path is None
+            or path.asked_target is not target_frame
+            or path.asked_source is not source_frame
+            or path.topology != self.topology
+        ):
+            return False
+        stamp = _stamp_on(path, stamp_ns)
+        # Straight into the answer: a copy would wait until the processor has written the numbers.
+        if stamp == NO_DATA or not path.follow_into(cython.address(answer._pose), stamp, False):
+            return False
+        answer._stamp_ns = stamp
+        answer._frame_id, answer._child = path.target.name, path.source.name
+        return True
+
     def path(self, target_frame: str, source_frame: str) -> Path | None:
         """The path as the tree is now; None where a frame is unknown or no path joins the two."""
-        slot = 0
-        if cython.compiled:
-            # A program mostly uses the same few texts, which need not be compared then.
-            slot = _slot(target_frame, source_frame)
-            path = self.recent[slot]
-            if (
-                path is not None
-                and path.asked_target is target_frame
-                and path.asked_source is source_frame
-                and path.topology == self.topology
-            ):
-                return path
         target = self.frames.get(target_frame)
         if target is not None:
             path = target.paths.get(source_frame)
             if path is not None and path.topology == self.topology:
                 if cython.compiled:
                     path.asked_target, path.asked_source = target_frame, source_frame
-                    self.recent[slot] = path
+                    self.recent[_slot(target_frame, source_frame)] = path
                 return path
         return self._seek_path(target_frame, source_frame)
 
@@ -549,11 +561,21 @@ class Tree:
             )
 
 
+def _stamp_on(path: Path, stamp_ns: int | None) -> int:
+    """The stamp, or with None the latest common one, 0 where all is static; NO_DATA without one,
+    or where it has more than 64 bits.
+    """
+    if stamp_ns is not None:
+        return packed.int64(stamp_ns)
+    latest = path.latest()
+    return 0 if latest == ALL_STATIC else latest
+
+
 def _slot(target_frame: str, source_frame: str) -> int:
     """Compiled: a place in `recent`, by the addresses of the two texts."""
     target = cython.cast(cython.size_t, cython.cast(cython.p_void, target_frame))
     source = cython.cast(cython.size_t, cython.cast(cython.p_void, source_frame))
-    return (target // 16 + source // 16 * 5) % _RECENT  # type: ignore[no-any-return]  # C's own
+    return (target // 16 + source // 16 * 5) & (_RECENT - 1)  # type: ignore[no-any-return]  # C's own
 
 
 def describe(history: History, children: list[str]) -> FrameInfo:

@@ -73,6 +73,8 @@ cdef double OUTSIDE, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 cdef Py_ssize_t slot(samples_t* samples, Py_ssize_t at) noexcept nogil
 @cython.locals(before=cython.longlong, after=cython.longlong, elapsed=double, period=double)
 cdef double locate(samples_t* samples, long long stamp_ns) noexcept nogil
+cdef double locate_as(
+    samples_t* samples, samples_t* other, double ratio, long long stamp_ns) noexcept nogil
 cdef void set_cursor_as(samples_t* samples, samples_t* other, long long stamp_ns) noexcept nogil
 cdef void set_cursor(samples_t* samples, Py_ssize_t at) noexcept nogil
 cdef void invalidate(samples_t* samples) noexcept nogil
@@ -202,9 +204,10 @@ cdef class Path:
     cpdef bint is_mixed(self) noexcept nogil
     @cython.locals(i=Py_ssize_t, newest=cython.longlong, latest=cython.longlong)
     cpdef long long latest(self) noexcept
+    cdef bint follow(self, long long stamp_ns, bint screw) noexcept nogil
     @cython.locals(samples=samples_ptr, former=samples_ptr, i=Py_ssize_t, ratio=double,
                    pose=pose_t, step=pose_t)
-    cdef bint follow(self, long long stamp_ns, bint screw) noexcept nogil
+    cdef bint follow_into(self, pose_t* poses, long long stamp_ns, bint screw) noexcept nogil
     @cython.locals(history=History, beyond=cython.longlong, screw=cython.bint, back=pose_t)
     cdef long long follow_as(self, long long stamp_ns, sampling) except *
 

@@ -340,6 +340,22 @@ def locate(samples: Samples, stamp_ns: int) -> float:
     return elapsed / period
 
 
+def locate_as(samples: Samples, other: Samples, ratio: float, stamp_ns: int) -> float:
+    """As `locate`, for an edge that is not static; `ratio` is what that has said of another edge at
+    this time, and holds for this one where both have the same stamps around it.
+    """
+    if ratio >= 0.0:
+        if stamp_ns < samples.before or stamp_ns >= samples.after:
+            set_cursor_as(samples, other, stamp_ns)
+        if (
+            samples.before == other.before
+            and samples.after == other.after
+            and samples.after != NO_DATA
+        ):
+            return ratio
+    return locate(samples, stamp_ns)
+
+
 def set_cursor_as(samples: Samples, other: Samples, stamp_ns: int) -> None:
     """Set the cursor where another edge has it, if that is at a time, and both have these samples.
 
@@ -1149,16 +1165,28 @@ class Path:
         then, or where the path may have been another one, as an edge has had several parents, or
         none, as one was interrupted.
         """
+        if cython.compiled:
+            return self.follow_into(cython.address(self.pose), stamp_ns, screw)
+        else:  # Cython compiles what comes after an `if`, but not this
+            poses = [self.pose]
+            has_data = self.follow_into(poses, stamp_ns, screw)
+            self.pose = poses[0]
+            return has_data
+
+    def follow_into(self, poses: MutableSequence[Pose], stamp_ns: int, screw: bool) -> bool:
+        """As `follow`, to set the first of `poses`; compiled, an address of C."""
         pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        ratio = OUTSIDE
         if self.count > 0:
             former = self.steps[0]
         for i in range(self.count):
             samples = self.steps[i]
-            if stamp_ns < samples.before or stamp_ns >= samples.after:
-                set_cursor_as(samples, former, stamp_ns)
-            former = samples
-            ratio = locate(samples, stamp_ns)
-            if ratio < 0.0 or samples.mixed:
+            if not samples.is_static:
+                ratio = locate_as(samples, former, ratio, stamp_ns)
+                if ratio < 0.0:
+                    return False
+                former = samples
+            if samples.mixed:
                 return False
             step = screw_at(samples, ratio) if screw else pose_at(samples, ratio)
             if i == 0:
@@ -1169,7 +1197,7 @@ class Path:
             pose = compose(pose, step)
         if self.turn == self.count:
             pose = invert(pose)
-        self.pose = normalised(pose)
+        poses[0] = normalised(pose)
         return True
 
     def follow_as(self, stamp_ns: int, sampling: Sampling) -> int:

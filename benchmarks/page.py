@@ -57,11 +57,11 @@ instead, under valgrind.
   and 28 for each edge, which is a search that mostly guesses right, a slerp by a series, and a
   product. Edges of one publisher mostly have the same stamps in the same places: then only the
   first of them is searched.
-- An answer is one object of 104 bytes, which the garbage collector does not track. Answers that are
+- An answer is one object of 96 bytes, which the garbage collector does not track. Answers that are
   kept need new memory, whose pages the system has to clear; the peers' do too, so that ratios are
-  lower than in the table, whose answers are dropped. By CPU time on a busy machine, three edges:
-  2.7 to 2.9 x schiebung and 4.1 to 4.7 x transform-tree on Python 3.13, 4.3 to 4.9 x transform-tree
-  on 3.11. Three times schiebung is not reached.
+  lower than in the table, whose answers are dropped. By CPU time, three edges, the best of many
+  runs in turns: 3.1 x schiebung and 4.6 x transform-tree on Python 3.13, 3.3 x and 5.4 x on 3.12,
+  5.4 x transform-tree on 3.11.
 - The latest needs neither search nor slerp where the newest samples of all edges have one time:
   10 ns an edge.
 - Samples are in rings, so that nothing moves when they are added and removed. The history of 50

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.bridge.bridges import Bridges, RosBridge, check_name_is_free
 from tfbus.bridge.bus_streams import BusStreams
+from tfbus.bridge.common import Common
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.crossing_rule import CrossingRule
 from tfbus.bridge.frame_names import FrameNames
@@ -85,50 +86,34 @@ class Bridge:
         self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
         self._parts.callback(self._bus.close)
         self._crossed = Crossed(self._reconsider_soon)
-        names = self._names = FrameNames(options)
-        self._to_ros: ToRos | None = None
+        self._names = FrameNames(options)
+        common = Common(
+            node,
+            options,
+            self._names,
+            self._publishers,
+            self._bus,
+            self._crossed,
+            self._executor,
+            self._once,
+        )
         self._gids: tuple[str, ...] = ()
-        if options.to_ros:
-            dynamic, static = leg.publisher(self._dynamic), leg.publisher(self._static)
-            self._gids = tuple(each.gid for each in (dynamic, static) if each.gid)
-            self._to_ros = ToRos(
-                node,
-                options,
-                names,
-                dynamic,
-                static,
-                self._bus,
-                self._crossed,
-                self._executor,
-                self._once,
-                sent_by_senior=lambda child: self._rule.sent_by_senior(child),
-                on_statics=self._reconsider_soon,
-            )
-            self._parts.callback(self._to_ros.close)
+        self._to_ros = self._way_to_ros(common) if options.to_ros else None
         self._bridges = Bridges(node, self._status({}, {}), self._on_bridge)
         self._parts.callback(self._bridges.close)
         to_ros = self._to_ros
         self._rule = CrossingRule(
-            options,
-            self._publishers,
-            self._bus,
+            common,
             self._bridges,
             tells_publishers=leg.tells_publishers,
             sent_there=to_ros.sends if to_ros else lambda child: False,
             static_there=to_ros.static_of if to_ros else lambda child: None,
         )
         self._from_ros = FromRos(
-            node,
+            common,
             leg,
-            options,
-            names,
-            self._publishers,
-            self._bus,
             self._bridges,
             self._rule,
-            self._crossed,
-            self._executor,
-            self._once,
             on_names=to_ros.reconsider if to_ros else lambda: None,
         )
         self._parts.callback(self._from_ros.close)
@@ -147,10 +132,27 @@ class Bridge:
         self._parts.callback(self._clock.close)
         if table is not None:
             self._parts.callback(self._topic_bridge(table).close)
+        self._begin()
+
+    def _way_to_ros(self, common: Common) -> ToRos:
+        dynamic, static = self._leg.publisher(self._dynamic), self._leg.publisher(self._static)
+        self._gids = tuple(each.gid for each in (dynamic, static) if each.gid)
+        to_ros = ToRos(
+            common,
+            dynamic,
+            static,
+            sent_by_senior=lambda child: self._rule.sent_by_senior(child),
+            on_statics=self._reconsider_soon,
+        )
+        self._parts.callback(to_ros.close)
+        return to_ros
+
+    def _begin(self) -> None:
+        """With all parts there: let transforms cross."""
         self._publishers.look()
         if self._to_ros is not None:
             self._to_ros.listen()
-        if options.from_ros:
+        if self._options.from_ros:
             self._from_ros.listen(self._dynamic, self._static)
         self._started_s = time.monotonic()
         self._said: dict[str, bool] = {}

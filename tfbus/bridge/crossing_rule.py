@@ -4,9 +4,7 @@ import time
 from collections.abc import Callable
 
 from tfbus.bridge.bridges import Bridges
-from tfbus.bridge.bus_streams import BusStreams
-from tfbus.bridge.options import BridgeOptions
-from tfbus.bridge.ros_publishers import RosPublishers
+from tfbus.bridge.common import Common
 from tfbus.bridge.ros_sources import RosSource
 from tfbus.geometry.transform import TransformStamped
 from tfbus.ros.ros_names import is_bridge
@@ -30,9 +28,7 @@ class CrossingRule:
 
     def __init__(
         self,
-        options: BridgeOptions,
-        publishers: RosPublishers,
-        bus: BusStreams,
+        common: Common,
         bridges: Bridges,
         *,
         tells_publishers: bool,
@@ -40,9 +36,9 @@ class CrossingRule:
         static_there: Callable[[str], TransformStamped | None],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._options = options
-        self._publishers = publishers
-        self._bus = bus
+        self._options = common.options
+        self._publishers = common.publishers
+        self._bus = common.bus
         self._bridges = bridges
         self._tells_publishers = tells_publishers
         self._sent_there = sent_there

@@ -6,14 +6,10 @@ from dataclasses import replace
 from functools import partial
 
 from tfbus.bridge.bridges import Bridges
-from tfbus.bridge.bus_streams import BusStreams
-from tfbus.bridge.crossed import Crossed
+from tfbus.bridge.common import Common
 from tfbus.bridge.crossing_rule import CrossingRule
-from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import LEAST_READER_DEPTH, Closing, Leg, RosTopic
-from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
-from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.ros_sources import RosSource, RosSources
 from tfbus.bridge.ros_streams import RosStream
 from tfbus.bridge.routes import Route, Routes, chosen, route
@@ -21,10 +17,7 @@ from tfbus.bridge.valid_rows import invalid_rows, is_pose
 from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.node.node import Node
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import counted, printable
 
 # Names come from ROS.
@@ -38,40 +31,30 @@ class FromRos:
 
     def __init__(
         self,
-        node: Node,
+        common: Common,
         leg: Leg,
-        options: BridgeOptions,
-        names: FrameNames,
-        publishers: RosPublishers,
-        bus: BusStreams,
         bridges: Bridges,
         rule: CrossingRule,
-        crossed: Crossed,
-        executor: Executor,
-        once: LogOnce,
         *,
         on_names: Callable[[], object],
     ) -> None:
         self.rejected = 0
-        self._node = node
+        self._node = common.node
+        self._options = common.options
+        self._names = common.names
+        self._publishers = common.publishers
+        self._crossed = common.crossed
+        self._executor = common.executor
+        self._once = common.once
         self._leg = leg
-        self._options = options
-        self._names = names
-        self._publishers = publishers
         self._bridges = bridges
         self._rule = rule
-        self._crossed = crossed
-        self._executor = executor
-        self._once = once
         self._on_names = on_names
         self._lock = threading.RLock()
         self._reader = TFMessageReader()
         self._sources = RosSources(
-            node,
-            publishers,
-            bus,
+            common,
             tells_publishers=leg.tells_publishers,
-            once=once,
             make=self._make,
             take=self._take,
             on_lost=self._note_that_none_crosses,

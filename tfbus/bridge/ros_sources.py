@@ -4,16 +4,13 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from tfbus.bridge.bus_streams import BusStreams
+from tfbus.bridge.common import Common
 from tfbus.bridge.rate_limit import RateLimit
-from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.ros_streams import RosStream, lacks_right, stream_name
 from tfbus.bridge.routes import Routes
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
 from tfbus.listen.reception import lines_of
-from tfbus.node.node import Node
-from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
 # A message may come before ROS says who publishes it: this many are kept, for this long.
@@ -68,28 +65,24 @@ class RosSources:
 
     def __init__(
         self,
-        node: Node,
-        publishers: RosPublishers,
-        bus: BusStreams,
+        common: Common,
         *,
         tells_publishers: bool,
-        once: LogOnce,
         make: Callable[[str, str, RosStream], RosSource],
         take: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._node = node
-        self._publishers = publishers
-        self._bus = bus
+        self._node = common.node
+        self._publishers = common.publishers
+        self._bus = common.bus
+        self._once = common.once
         self._tells_publishers = tells_publishers
-        self._once = once
         self._make_source = make
         self._take = take
         self._on_lost = on_lost
         self._clock_s = clock_s
-        self._lines = lines_of(node.log)
-        self._once = LogOnce(node.log)
+        self._lines = lines_of(common.node.log)
         self._sources: dict[str, RosSource] = {}
         self._unknown: dict[str, _Unknown] = {}
         # The gids of sources that ROS did not list when they were made.

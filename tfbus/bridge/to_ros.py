@@ -3,11 +3,8 @@
 import threading
 from collections.abc import Callable
 
-from tfbus.bridge.bus_streams import BusStreams
-from tfbus.bridge.crossed import Crossed
-from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.common import Common
 from tfbus.bridge.leg import RosSender
-from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.routes import Route, Routes, chosen, route
 from tfbus.buffer.info import Change
@@ -16,10 +13,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.listener import TransformListener
 from tfbus.listen.passing_buffer import PassingBuffer
-from tfbus.node.node import Node
 from tfbus.ros.tf_message import TFMessageWriter
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
 # Changes after which other static transforms hold.
@@ -48,28 +42,22 @@ class ToRos:
 
     def __init__(
         self,
-        node: Node,
-        options: BridgeOptions,
-        names: FrameNames,
+        common: Common,
         dynamic: RosSender,
         static: RosSender,
-        bus: BusStreams,
-        crossed: Crossed,
-        executor: Executor,
-        once: LogOnce,
         *,
         sent_by_senior: Callable[[str], bool],
         on_statics: Callable[[], object],
     ) -> None:
-        self._node = node
-        self._options = options
-        self._names = names
+        self._node = common.node
+        self._options = common.options
+        self._names = common.names
+        self._bus = common.bus
+        self._crossed = common.crossed
+        self._executor = common.executor
+        self._once = common.once
         self._dynamic = dynamic
         self._static = static
-        self._bus = bus
-        self._crossed = crossed
-        self._executor = executor
-        self._once = once
         self._sent_by_senior = sent_by_senior
         self._on_statics = on_statics
         self._lock = threading.Lock()
@@ -86,10 +74,10 @@ class ToRos:
         self._is_closed = False
         self._limit = (
             None
-            if options.rate_limit_hz is None
-            else RateLimit(options.rate_limit_hz, self._send, executor)
+            if common.options.rate_limit_hz is None
+            else RateLimit(common.options.rate_limit_hz, self._send, common.executor)
         )
-        self._buffer = PassingBuffer(on_rows=self._on_rows, leaves_out=bus.is_own)
+        self._buffer = PassingBuffer(on_rows=self._on_rows, leaves_out=common.bus.is_own)
         self._buffer.on_change(self._on_change)
         self._listener: TransformListener | None = None
 

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import islice
 from typing import SupportsFloat
 
@@ -24,6 +23,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
+from tfbus.runtime.structs import Struct
 from tfbus.wording import listed, near_names, stamp_text
 
 # The end of a sentence: the advice to wait, and what else helps.
@@ -43,8 +43,7 @@ _ADVICE = re.compile(r"; (?:wait|query|ask|keep)\b[^;]*$")
 _MOST_COMPARED = 1000
 
 
-@dataclass(frozen=True)
-class Freshness:
+class Freshness(Struct):
     """What a lookup demands of every edge on its path.
 
     `max_age_s` is how old its newest sample may be, by the buffer's clock (None: any age); a

@@ -1,10 +1,10 @@
 """What a buffer reports: its frames, their changes, and what it could not store or answer."""
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.errors import PastExtrapolationException, TransformException
+from tfbus.runtime.structs import Struct
 
 # Reasons name frames, and frames come from the bus: without a limit they would fill the memory.
 MOST_REASONS = 100
@@ -26,8 +26,7 @@ Kind = Literal[
 ]
 
 
-@dataclass(frozen=True)
-class FrameInfo:
+class FrameInfo(Struct):
     """A frame, and the edge that joins it to its parent.
 
     `parent` is None for a root, which has no edge: then the rest but `children` is empty.
@@ -57,8 +56,7 @@ class FrameInfo:
     crowded_out: int = 0
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(Struct):
     """A change of one frame.
 
     `kind` is "added"; "removed"; "reparented"; "became static" or "became dynamic", the history

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
-from dataclasses import replace
 from functools import cache, partial
 
 import zenoh
@@ -30,6 +29,7 @@ from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime.seconds import seconds_to_wait
+from tfbus.runtime.structs import replace
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query

@@ -3,12 +3,12 @@
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import RightsError, SettingsError
+from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
 from tfbus.wording import printable
@@ -60,8 +60,7 @@ def _limits_from_environment() -> Limits:
         raise SettingsError(f"TFBUS_LIMITS: {error}") from error
 
 
-@dataclass(frozen=True)
-class NodeSettings:
+class NodeSettings(Struct):
     """A node's name, and how it joins the bus.
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from tfbus.runtime.structs import Struct, field
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,8 +14,7 @@ if TYPE_CHECKING:
 Pose = tuple[float, float, float, float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Held:
+class Held(Struct, eq=False):
     """A frame, its static pose if it is static, and its samples, oldest first.
 
     `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` are those of the

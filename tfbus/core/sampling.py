@@ -1,15 +1,14 @@
 """How a lookup reads a time at which there is no sample."""
 
-from dataclasses import dataclass
 from typing import Literal, SupportsFloat
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.runtime.structs import Struct
 
 _INTERPOLATIONS = ("linear", "screw", "nearest")
 
 
-@dataclass(frozen=True)
-class Sampling:
+class Sampling(Struct):
     """How the samples of an edge answer for the times between and beyond them.
 
     The default is tf2's way. `interpolation` is

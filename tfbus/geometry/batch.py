@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import InvalidArgumentException
@@ -14,6 +13,7 @@ from tfbus.geometry.transform import (
     plain,
     stamped_list,
 )
+from tfbus.runtime.structs import Struct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,8 +22,7 @@ else:
     from tfbus.core import lazy_numpy as np
 
 
-@dataclass(frozen=True, eq=False)
-class TransformBatch:
+class TransformBatch(Struct, eq=False):
     """Transforms as four columns; row i is one transform.
 
     `frames` are the names; `edges` (N, 2) uint32 are the indices of parent and child in `frames`;

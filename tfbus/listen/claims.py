@@ -2,12 +2,12 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Literal, NamedTuple, get_args
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wording import listed
 
@@ -32,8 +32,7 @@ _MOST_STARTS = 100_000
 Rank = tuple[int, int, int, str]
 
 
-@dataclass(frozen=True)
-class Claimant:
+class Claimant(Struct):
     """A live stream that lists a frame as its own."""
 
     stream: str

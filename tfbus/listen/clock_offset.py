@@ -9,12 +9,12 @@ import queue
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime.structs import Struct, field
 from tfbus.wire.codec import decode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key
@@ -53,8 +53,7 @@ def measured(asked_ns: int, received_ns: int, answered_ns: int, back_ns: int) ->
     return ClockOffset(offset_ns / 1e9, round_trip_ns / 1e9)
 
 
-@dataclass
-class _Publisher:
+class _Publisher(Struct, frozen=False):
     """A node whose clock is measured; due_s is when to ask it next, by the monotonic clock."""
 
     key: str

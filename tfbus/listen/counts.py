@@ -1,13 +1,12 @@
 """Counts of what has been received of one stream."""
 
-from dataclasses import dataclass
+from tfbus.runtime.structs import Struct
 
 # The weight of one message in the mean delay.
 _SMOOTHING = 0.1
 
 
-@dataclass
-class Counts:
+class Counts(Struct, frozen=False):
     """What has been received of one stream; the fields are those of `StreamInfo`.
 
     Not safe by itself: hold the stream's lock to change it. Any thread may read it.

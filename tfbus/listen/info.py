@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+from tfbus.runtime.structs import Struct, replace
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
     from tfbus.listen.stream_state import StreamState
 
 
-@dataclass(frozen=True)
-class StreamInfo:
+class StreamInfo(Struct):
     """A stream: its publisher, whether it is there, and what has been received.
 
     `node` (full name), `host`, `pid`, `session` and `priority` are from the stream's description,

@@ -9,7 +9,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from tfbus.buffer.buffer import Buffer
@@ -20,6 +19,7 @@ from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
 from tfbus.listen.stream_state import StreamState
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.structs import Struct
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,
@@ -90,14 +90,12 @@ class Everything:
             declaration.close()
 
 
-@dataclass
-class _Question:
+class _Question(Struct, frozen=False):
     first_asked: float
     last_asked: float
 
 
-@dataclass
-class _Subscription:
+class _Subscription(Struct, frozen=False):
     stream: str
     declaration: Declaration
     idle_since: float | None = None

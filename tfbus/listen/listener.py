@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
@@ -36,6 +35,7 @@ from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.structs import replace
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of

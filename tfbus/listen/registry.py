@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Callable, Container
-from dataclasses import dataclass, field
 
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import MOST_GONE
+from tfbus.runtime.structs import Struct, field
 from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 
 # Keys come from the bus: dynamic transforms are taken on at most this many.
@@ -17,8 +17,7 @@ MOST_KEYS = 200_000
 _SILENT_NS = 60 * 10**9
 
 
-@dataclass
-class Stream:
+class Stream(Struct, frozen=False):
     """What is known of one stream.
 
     `state` is the last of its token and description, with frames as they are called here; None

@@ -5,11 +5,11 @@ Which frames are in a message, and which node a description names, only the rece
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
+from tfbus.runtime.structs import replace
 from tfbus.secure.patterns import matches
 from tfbus.secure.rights import Rights
 from tfbus.wire.descriptions import StreamDescription

@@ -1,12 +1,10 @@
 """A stream as its token and its description show it."""
 
-from dataclasses import dataclass
-
+from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 
 
-@dataclass(frozen=True)
-class StreamState:
+class StreamState(Struct):
     """A stream as it is now.
 
     `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`

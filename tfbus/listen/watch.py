@@ -3,7 +3,6 @@
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
@@ -17,6 +16,7 @@ from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 from tfbus.wording import stamp_text

@@ -1,14 +1,14 @@
 """Checks what a node's methods are given, and names what they want."""
 
-from dataclasses import is_dataclass
 from typing import Any
 
+from tfbus.wire.codec import is_message_type
 from tfbus.wording import printable
 
 
 def check_message_type(call: str, message_type: object) -> None:
     """Raise TypeError where it is no dataclass; `call` is the call as it should be."""
-    if not _is_message(message_type):
+    if not is_message_type(message_type):
         raise TypeError(
             f"{call}: message_type must be a class of messages, a dataclass such as "
             f"tfbus.messages.Pose, not {_shown(message_type)}"
@@ -19,7 +19,7 @@ def check_parts(call: str, type_: object, parts: tuple[str, ...]) -> None:
     """Raise TypeError where it is no class that holds these dataclasses: a type of service or
     action.
     """
-    missing = [part for part in parts if not _is_message(getattr(type_, part, None))]
+    missing = [part for part in parts if not is_message_type(getattr(type_, part, None))]
     if missing or not isinstance(type_, type):
         raise TypeError(
             f"{call}: the type must be a class that holds the dataclasses {' and '.join(parts)}, "
@@ -43,10 +43,6 @@ def check_part(what: str, part: Any, message: object) -> None:
     """Raise TypeError where the message is not of the type that the service or action takes."""
     if not isinstance(message, part):
         raise TypeError(f"{what} takes {part.__qualname__}, not {_shown(message)}")
-
-
-def _is_message(type_: object) -> bool:
-    return isinstance(type_, type) and is_dataclass(type_)
 
 
 def _shown(value: object) -> str:

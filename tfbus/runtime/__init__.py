@@ -1,1 +1,1 @@
-"""Time, threads, signals and log of one process."""
+"""Time, threads, signals, log and classes of values of one process."""

@@ -1,11 +1,13 @@
 """The signature of a compiled class, which Python cannot see, from its source."""
 
-import ast
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import ast
     import inspect
 
 
@@ -31,6 +33,8 @@ class SourceSignature:
 
 
 def _init_of(source: Path, name: str) -> ast.arguments:
+    import ast  # slow, as is inspect below, and a node needs neither
+
     body = ast.parse(source.read_text(encoding="utf-8")).body
     written = next(node for node in body if isinstance(node, ast.ClassDef) and node.name == name)
     return next(
@@ -42,7 +46,7 @@ def _init_of(source: Path, name: str) -> ast.arguments:
 
 def _signature(arguments: ast.arguments, names: dict[str, Any]) -> "inspect.Signature":
     """That of a function with these arguments, without `self`."""
-    import inspect  # slow, and needed by nothing else here
+    import inspect
 
     def parameter(argument: ast.arg, kind: Any, default: ast.expr | None) -> inspect.Parameter:
         return inspect.Parameter(
@@ -71,6 +75,8 @@ def _signature(arguments: ast.arguments, names: dict[str, Any]) -> "inspect.Sign
 
 def _value(expression: ast.expr, names: dict[str, Any]) -> Any:
     """What it stands for in the module; its text where a name is there for type checkers only."""
+    import ast
+
     text = ast.unparse(expression)
     try:
         return eval(compile(ast.Expression(expression), "<signature>", "eval"), names)

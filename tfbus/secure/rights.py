@@ -1,9 +1,9 @@
 """What each identity may do, in the words of the project."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 
 from tfbus.errors import SettingsError
+from tfbus.runtime.structs import Struct, field, replace
 from tfbus.secure.patterns import check_pattern, matches
 from tfbus.wire.keys import check_namespace, check_node_name, escape
 from tfbus.wording import did_you_mean, listed
@@ -29,8 +29,7 @@ RIGHTS = ("nodes", "frames", "topics", "serves", "calls", "sets")
 NAMED_ONLY = ("clock",)
 
 
-@dataclass(frozen=True)
-class Identity:
+class Identity(Struct):
     """One identity: who it is by its certificate, and what it may do.
 
     All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
@@ -173,8 +172,7 @@ _THINGS = {
 }
 
 
-@dataclass(frozen=True)
-class Rights:
+class Rights(Struct):
     """The rights of all identities of one authority, by name.
 
     Raises SettingsError where one identity's name is that of another's own nodes.

@@ -6,13 +6,13 @@ and 0 and 1 for false and true; nothing else is converted.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime.structs import Struct, fields_of
 from tfbus.wire.msgpack_items import too_many_items
 from tfbus.wording import printable
 
@@ -96,22 +96,38 @@ class _Field(NamedTuple):
 
 @cache
 def _shape(message_type: type) -> dict[str, _Field]:
-    if not is_dataclass(message_type):
+    if not is_message_type(message_type):
         raise TypeError(f"{message_type!r} is not a message: make it a dataclass")
     hints = get_type_hints(message_type)
     return {
-        entry.name: _Field(
-            _reader(hints[entry.name]),
-            required=entry.default is MISSING and entry.default_factory is MISSING,
-        )
-        for entry in fields(message_type)
+        name: _Field(_reader(hints[name]), required)
+        for name, required in _fields_of(message_type).items()
+    }
+
+
+def is_message_type(type_: object) -> bool:
+    """Whether it is a dataclass, or a Struct, which need not become one for that."""
+    return isinstance(type_, type) and any(
+        "__dataclass_fields__" in vars(base) for base in type_.__mro__
+    )
+
+
+def _fields_of(message_type: type) -> dict[str, bool]:
+    """The names of the fields, and whether each must be there."""
+    if issubclass(message_type, Struct):
+        return {each.name: each.is_required for each in fields_of(message_type)}
+    from dataclasses import MISSING, fields  # slow to import: see `Struct`
+
+    return {
+        each.name: each.default is MISSING and each.default_factory is MISSING
+        for each in fields(cast(Any, message_type))
     }
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    return as_map(value) if is_dataclass(value) else value
+    return as_map(value) if is_message_type(type(value)) else value
 
 
 def _read_fields(
@@ -138,7 +154,7 @@ def _read_fields(
 
 
 def _reader(expected: Any) -> Reader:
-    if is_dataclass(expected):
+    if is_message_type(expected):
         return _nested_reader(cast(type, expected))
     if get_origin(expected) is tuple and Ellipsis not in get_args(expected):
         return _row_reader(expected)

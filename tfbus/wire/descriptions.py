@@ -1,15 +1,14 @@
 """What nodes and streams say about themselves on the bus; docs/reference/wire.md has the format."""
 
-from dataclasses import dataclass, replace
 from typing import Any
 
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
+from tfbus.runtime.structs import Struct, replace
 from tfbus.wire.codec import decode_message
 from tfbus.wording import printable
 
 
-@dataclass(frozen=True)
-class ParameterDescription:
+class ParameterDescription(Struct):
     """A parameter: its name, value, type and, for numbers, bounds.
 
     Its texts but the value come as they can be printed.
@@ -27,8 +26,7 @@ class ParameterDescription:
         object.__setattr__(self, "description", printable(self.description, _LONGEST_TEXT))
 
 
-@dataclass(frozen=True)
-class BufferDescription:
+class BufferDescription(Struct):
     """A node's buffer: how long it keeps samples.
 
     `too_old` lookups asked for a time before that, by at most `missed_by_s`. Its listener dropped
@@ -41,8 +39,7 @@ class BufferDescription:
     dropped: int = 0
 
 
-@dataclass(frozen=True)
-class NodeDescription:
+class NodeDescription(Struct):
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
@@ -101,8 +98,7 @@ FILLED_BY_OTHERS = ("streams", "unread", "buffers")
 STREAM_VERSION = 1
 
 
-@dataclass(frozen=True)
-class StreamDescription:
+class StreamDescription(Struct):
     """A stream: the node that publishes it (full name), since when, and its frames.
 
     `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of

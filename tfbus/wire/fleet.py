@@ -5,10 +5,10 @@ fleet they are `robot7/base_link`, except frames that the robots share, such as 
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
+from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription
 
 # A stream repeats a few tables of names; after this many, or this many names, the cache starts

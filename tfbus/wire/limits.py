@@ -4,9 +4,9 @@ A message is reached by its key, which also says its kind: `kind_of`.
 """
 
 import re
-from dataclasses import dataclass, fields
 
 from tfbus.errors import DecodeError, SettingsError
+from tfbus.runtime.structs import Struct, fields_of
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.wording import printable
 
@@ -29,8 +29,7 @@ _KIND_OF_CHUNK = {
 _KIND_CHUNK = re.compile(r"(?:^|/)(tf|tf_static|@tfbus/[a-z]+)(?:/|$)")
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(Struct):
     """The largest payload of each kind of message that a process reads, in bytes.
 
     `transforms` are dynamic and static ones (16 MB are 190,000 of them), `description` what streams
@@ -84,7 +83,7 @@ class Limits:
         return cls(**dict(_parsed(part.strip()) for part in text.split(",") if part.strip()))
 
 
-KINDS = tuple(each.name for each in fields(Limits))
+KINDS = tuple(each.name for each in fields_of(Limits))
 
 DEFAULT_LIMITS = Limits()
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import tfbus
 import tfbus.messages
+from tfbus.runtime.structs import Struct
 
 PAGE = Path(__file__).parent / "reference" / "api.md"
 PACKAGE = Path(tfbus.__file__).parent
@@ -144,9 +145,9 @@ def _is_overload(node: ast.ClassDef | ast.FunctionDef) -> bool:
 
 
 def _bodies(value: type) -> Iterator[ast.ClassDef]:
-    """A class and its bases of tfbus, the class first."""
+    """A class and its bases of tfbus, the class first; `Struct` is how it is made."""
     for base in value.__mro__:
-        if _is_ours(base):
+        if _is_ours(base) and base is not Struct:
             node = _definition(base.__module__, base.__qualname__)
             assert isinstance(node, ast.ClassDef)
             yield node

@@ -421,6 +421,14 @@ def test_a_stamp_that_cannot_be_is_refused(stamp):
         buffer.lookup_transform("world", "robot", stamp)
 
 
+@pytest.mark.parametrize("stamp", [2**63, -(2**63), -(2**70)])
+def test_a_stamp_that_cannot_be_is_refused_between_two_trees(stamp):
+    """The error is that of the stamp, as between frames that are joined."""
+    buffer = filled(moved(1, "world", "robot", 1.0), moved(1, "map", "cart", 1.0))
+    with pytest.raises(InvalidArgumentException, match="stamp"):
+        buffer.lookup_transform("world", "cart", stamp)
+
+
 def test_numpy_integers_are_stamps_too():
     """A stamp out of an array works as it is."""
     buffer = filled(moved(1, "world", "robot", 1.0), moved(3, "world", "robot", 2.0))

@@ -89,6 +89,8 @@ class Tree:
                 return answer
         path = self.path(target_frame, source_frame)
         if path is None:
+            if stamp_ns is not None:
+                check_stamp(stamp_ns)
             return self._answer_by_walk(target_frame, source_frame, stamp_ns, sampling)
         stamp = _stamp_on(path, stamp_ns)
         if stamp == NO_DATA:

@@ -74,8 +74,36 @@ def test_edges_with_equal_counts_are_each_read_between_their_own_samples(stamps:
     upper = [moved(stamp, "world", "robot", float(stamp)) for stamp in (0, 10, 20, 30)]
     lower = [moved(stamp, "robot", "arm", float(stamp)) for stamp in stamps]
     buffer = filled(*upper, *lower)
-    for stamp_ns in (25, 5, 15, 12, 7, 22, 10, 25):
+    for stamp_ns in (25, 24, 5, 15, 12, 13, 7, 22, 10, 25):
         assert x_at(buffer, stamp_ns, child="arm") == pytest.approx(2 * stamp_ns)
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["insert", "insert", "look up", "look up", "look up"]),
+            st.integers(0, 12),
+            st.sampled_from([("robot", "arm"), ("robot", "arm"), ("robot",), ("arm",)]),
+        ),
+        max_size=60,
+    )
+)
+def test_a_path_is_read_as_its_edges_one_by_one(steps):
+    """Whatever stamps the edges have in common, and whatever was looked up before."""
+    above = {"robot": "world", "arm": "robot"}
+    whole, alone = Buffer(), {frame: Buffer() for frame in above}
+    for step, stamp_ns, frames in steps:
+        if step == "insert":
+            for frame in frames:
+                sample = moved(stamp_ns, above[frame], frame, float(stamp_ns**2))
+                whole.set_transform(sample)
+                alone[frame].set_transform(sample)
+        elif all(alone[frame].can_transform(above[frame], frame, stamp_ns) for frame in above):
+            parts = [x_at(alone[frame], stamp_ns, above[frame], frame) for frame in above]
+            assert x_at(whole, stamp_ns, child="arm") == pytest.approx(sum(parts))
+        else:
+            assert not whole.can_transform("world", "arm", stamp_ns)
 
 
 def test_the_rotation_takes_the_short_way_round():
@@ -419,6 +447,14 @@ def test_a_stamp_that_cannot_be_is_refused(stamp):
     buffer = filled(moved(1, "world", "robot", 1.0))
     with pytest.raises(InvalidArgumentException):
         buffer.lookup_transform("world", "robot", stamp)
+
+
+@pytest.mark.parametrize("stamp", [2**63, -(2**63), -(2**70)])
+def test_a_stamp_that_cannot_be_is_refused_between_two_trees(stamp):
+    """The error is that of the stamp, as between frames that are joined."""
+    buffer = filled(moved(1, "world", "robot", 1.0), moved(1, "map", "cart", 1.0))
+    with pytest.raises(InvalidArgumentException, match="stamp"):
+        buffer.lookup_transform("world", "cart", stamp)
 
 
 def test_numpy_integers_are_stamps_too():

@@ -165,6 +165,28 @@ def test_other_threads_wait_until_it_is_left_as_often_as_entered():
         buffer.frame("robot")
 
 
+def test_a_lookup_waits_while_another_thread_holds_the_lock():
+    """Even along a path that is known: what that thread changes may be half done."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot", 3.0))
+    for _ in range(3):
+        buffer.lookup_transform("world", "robot")
+    begun, answered = threading.Event(), threading.Event()
+
+    def look_up() -> float:
+        begun.set()
+        x = buffer.lookup_transform("world", "robot").transform.x
+        answered.set()
+        return x
+
+    with buffer._store.lock:
+        other = InAThread(look_up)
+        begun.wait()
+        # A wait that ends early only where this fails.
+        assert not answered.wait(0.05)
+    assert other.result() == 3.0
+
+
 def test_a_bell_rung_twice_rings_once():
     """And before the wait as well as during it."""
     bell = Bell()

@@ -427,9 +427,12 @@ class Buffer:
         self, target_frame: str, source_frame: str, stamp_ns: int | None, timeout_s: float
     ) -> TransformStamped:
         """Compiled: `lookup_transform` of plain arguments, without the lock where it is free."""
-        if self.sampling is TF2 and self._store.lock.is_free():  # type: ignore[attr-defined]
+        if self.sampling is TF2:
             answer = TransformStamped.__new__(TransformStamped)
-            if self._store.tree.fill(answer, target_frame, source_frame, stamp_ns):
+            # Nothing of Python runs from here on: the lock stays free.
+            if self._store.lock.is_free() and self._store.tree.fill(  # type: ignore[attr-defined]
+                answer, target_frame, source_frame, stamp_ns
+            ):
                 return answer
         return self._lookup(target_frame, source_frame, stamp_ns, timeout_s, None, None, False)
 

@@ -1,7 +1,7 @@
 """The tree of frames: each with its parent, and the path between any two.
 
 Compiled where there is a C compiler (`tree.pxd` has the C types). Nothing here locks: the buffer
-holds its lock around every call.
+holds its lock around every call, but for a `fill` that finds it free.
 """
 
 from collections import deque
@@ -89,6 +89,8 @@ class Tree:
                 return answer
         path = self.path(target_frame, source_frame)
         if path is None:
+            if stamp_ns is not None:
+                check_stamp(stamp_ns)
             return self._answer_by_walk(target_frame, source_frame, stamp_ns, sampling)
         stamp = _stamp_on(path, stamp_ns)
         if stamp == NO_DATA:
@@ -109,7 +111,8 @@ class Tree:
     ) -> bool:
         """Compiled: make a new transform the answer of most lookups; False for the others.
 
-        It runs nothing of Python, so that with the GIL held nothing comes in between.
+        It runs nothing of Python, so that with the GIL held nothing comes in between, and a lock
+        that is free need not be entered.
         """
         # A program mostly uses the same few texts, which need not be compared then.
         path = self.recent[_slot(target_frame, source_frame)]

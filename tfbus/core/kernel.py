@@ -4,7 +4,7 @@
 It is one module so that the C compiler can inline one part into the next: it runs millions of
 times a second. The same source runs compiled, if there was a C compiler when it was installed, or
 interpreted; `kernel.pxd` has the C types. Nothing here locks: the buffer holds its lock around
-every call.
+every call, but for the lookups that find it free (`Tree.fill`).
 
 A pose is seven numbers x y z qx qy qz qw, a plain tuple (compiled: a struct), and takes points of
 a child frame into its parent.
@@ -1167,7 +1167,7 @@ class Path:
         """
         if cython.compiled:
             return self.follow_into(cython.address(self.pose), stamp_ns, screw)
-        else:  # Cython compiles what comes after an `if`, but not this
+        else:  # where Cython leaves out what it could not compile
             poses = [self.pose]
             has_data = self.follow_into(poses, stamp_ns, screw)
             self.pose = poses[0]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tfbus import GoalHandle, Node
+from tfbus import GoalHandle, Node, ServiceError
 from tfbus.messages import (
     Color,
     Pose,
@@ -54,10 +54,14 @@ class TurtleInterface:
 
     @property
     def _turtle(self) -> Turtle:
+        # A request may have waited while its turtle was killed.
+        if self._name not in self._world.turtles:
+            raise ServiceError(f"there is no turtle [{self._name}]")
         return self._world.turtles[self._name]
 
     def _command(self, twist: Twist) -> None:
-        self._turtle.command(twist, holonomic=self._world.holonomic)
+        if self._name in self._world.turtles:
+            self._turtle.command(twist, holonomic=self._world.holonomic)
 
     def _set_pen(self, request: SetPen.Request) -> SetPen.Response:
         self._turtle.set_pen(request)

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests.builders import S, at, in_recording
+from tfbus.cli import main
 from tfbus.cli.bag.info import command
 from tfbus.recording.items import EventItem, Item, TopicItem
 from tfbus.recording.reader import RecordingReader
@@ -135,3 +136,12 @@ def test_a_damaged_file(bag: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     """It is a usage error."""
     assert info(tmp_path / "x.mcap").exit_code == 2
+
+
+def test_the_name_that_a_recording_was_given_without_its_ending_gets_a_hint(tmp_path: Path) -> None:
+    """`tfbus bag record -o run` writes run.mcap."""
+    (tmp_path / "run.mcap").touch()
+    for verb in ("info", "play", "cut", "export"):
+        done = CliRunner().invoke(main, ["bag", verb, str(tmp_path / "run")])
+        assert done.exit_code == 2
+        assert f"did you mean '{tmp_path / 'run.mcap'}'?" in done.output

@@ -327,6 +327,10 @@ class TestCommands:
         [
             (["tf2_echo", "a", "b"], "'tf2_echo'; use: tfbus echo"),
             (["run", "turtlesim"], "'run'; a node is a command itself, as in: tfbus simulator"),
+            (["run", "tf2_ros", "tf2_echo", "a", "b"], "'run'; use: tfbus echo"),
+            (["run", "turtlesim", "draw_square"], "'run'; use: tfbus draw_square"),
+            (["run", "my_package", "my_node"], "'run'; a node is a command itself"),
+            (["joint_state_publisher_gui"], "'joint_state_publisher_gui'; use: tfbus joints"),
             (["topic", "lst"], "'lst'; did you mean 'list'?"),
             (["param", "delete", "sim"], "'delete'; a node keeps its parameters while it runs"),
         ],

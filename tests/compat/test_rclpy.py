@@ -36,6 +36,7 @@ from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
+from tfbus.errors import ParameterError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
@@ -404,6 +405,9 @@ def test_parameters_have_values_of_their_type(rclpy: ModuleType) -> None:
     assert node.get_parameter("name").value == "turtle2"
     assert node.get_parameter_or("none", 5) == 5 and not node.has_parameter("none")
     assert node.get_parameter("use_sim_time").value is False
+    node.set_parameters([Parameter("use_sim_time", Parameter.Type.BOOL, False)])  # as it is
+    with pytest.raises(ParameterError, match="TFBUS_SIM_TIME=1"):
+        node.set_parameters([Parameter("use_sim_time", Parameter.Type.BOOL, True)])
 
 
 def test_mistakes_with_parameters_are_errors(rclpy: ModuleType) -> None:

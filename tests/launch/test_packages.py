@@ -46,6 +46,11 @@ def test_a_file_is_found_with_or_without_its_ending(site: Path, name: str) -> No
         ("fleet7", "arn.yaml", "package 'fleet7' has no launch file 'arn.yaml'; did you mean"),
         ("fleet8", "arm", "there is no Python package 'fleet8'; did you mean 'fleet7'?"),
         ("../x", "arm", "there is no Python package '../x'"),
+        (
+            "turtle_tf2_py",
+            "x.launch.py",
+            "there is no Python package 'turtle_tf2_py'; use: tfbus launch follow",
+        ),
     ],
 )
 def test_what_is_not_there_gets_a_near_name(

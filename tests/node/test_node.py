@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -643,6 +644,23 @@ class TestNames:
         assert "[sim]: There is another node /sim, on " in line
         assert line.endswith(": give this one another name (--name), or a namespace (--namespace)")
         assert first_log.lines == []
+
+    def test_an_answer_that_is_no_description_is_named_once(
+        self, bus: Bus, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """Another process may answer at the key of a node: one line for all, and no traceback."""
+        queryable = bus.node("stranger").session.zenoh.declare_queryable(
+            node_key("sim"), lambda query: [query.reply(query.key_expr, b"?") for _ in range(3)]
+        )
+        bus.node("sim")
+        lines: list[str] = []
+        eventually(lambda: lines.extend(capsys.readouterr().err.splitlines()) or lines)
+        bus.node("late")  # a link that opens makes it ask again
+        time.sleep(1.0)
+        lines += capsys.readouterr().err.splitlines()
+        (line,) = lines
+        assert "[sim]: Ignored another description of node /sim: a message must be a" in line
+        queryable.undeclare()
 
     def test_namespaces_keep_two_robots_apart(self, bus: Bus) -> None:
         """Nodes in two namespaces share nothing: topics, services, parameters, names."""

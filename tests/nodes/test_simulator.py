@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable
 from importlib import import_module
 from math import atan2, hypot, pi
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -30,6 +31,7 @@ from tfbus.nodes.draw_square import Square
 from tfbus.nodes.follow import towards
 from tfbus.nodes.simulator import Simulator
 from tfbus.nodes.turtle.field import MIDDLE_M
+from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.world import World
 
 
@@ -127,6 +129,14 @@ def test_a_refused_spawn_says_why(user: Node, request_: Spawn.Request, reason: s
     """What turtlesim only logs, the caller gets as an error."""
     with pytest.raises(ServiceError, match=reason):
         user.create_client(Spawn, "spawn").call(request_)
+
+
+def test_a_request_that_waited_while_its_turtle_was_killed_is_refused() -> None:
+    """A command then moves nothing."""
+    interface = TurtleInterface(Mock(), World(), "bob")
+    with pytest.raises(ServiceError, match=r"there is no turtle \[bob\]"):
+        interface._set_pen(SetPen.Request())
+    interface._command(Twist())
 
 
 def test_a_killed_turtle_leaves_the_bus(user: Node) -> None:

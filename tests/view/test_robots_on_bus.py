@@ -88,6 +88,19 @@ def test_a_description_that_is_none_is_named_and_the_former_robot_stays(bus: Bus
     assert titles(robots) == ["arm"]
 
 
+def test_bytes_that_are_no_description_are_logged_once(
+    bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever the reasons are, which the page shows."""
+    robots = RobotsOnBus(bus.node("view"))
+    publisher = bus.node("noise").create_raw_publisher("robot_description")
+    eventually(lambda: publisher.publish(b"\xc1") or robots.mistakes())
+    former = robots.mistakes()
+    eventually(lambda: publisher.publish(b"\xa1\xff") or robots.mistakes() != former)
+    lines = capsys.readouterr().err.splitlines()
+    assert len([line for line in lines if "is not shown" in line]) == 1
+
+
 def mesh_files(robots: RobotsOnBus) -> list[Path | None]:
     """The files of all meshes."""
     shapes = [visual.shape for robot in robots.robots() for visual in robot.visuals]

@@ -117,6 +117,13 @@ class Commands(Verbs):
             *click.Command.shell_complete(self, ctx, incomplete),
         ]
 
+    def _hint(self, ctx: click.Context, args: list[str]) -> str:
+        if args[0] == "run" and len(args) > 2:  # ros2 run PACKAGE EXECUTABLE
+            ours = _CALLED_IN_ROS.get(args[2], args[2])
+            if ours != args[2] or ours in self.list_commands(ctx):
+                return f"; use: tfbus {ours}"
+        return super()._hint(ctx, args)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted({*TOOLS, *NODES, *entry_points()})
 
@@ -148,9 +155,16 @@ class Commands(Verbs):
 # Names in ROS of what is a command here.
 _CALLED_IN_ROS = {
     "action": "call",
+    "check_urdf": "robot_state",
     "foxglove_bridge": "foxglove",
     "interface": "topic show, or tfbus service show",
+    "joint_state_publisher": "joints",
+    "joint_state_publisher_gui": "joints",
     "pkg": "create",
+    "robot_state_publisher": "robot_state",
+    "rqt_graph": "node list, or tfbus top",
+    "rqt_plot": "plot",
+    "rqt_tf_tree": "frames",
     "rviz2": "view",
     "static_transform_publisher": "static",
     "tf2_echo": "echo",
@@ -158,6 +172,7 @@ _CALLED_IN_ROS = {
     "turtle_teleop_key": "teleop",
     "turtlesim_node": "simulator",
     "view_frames": "frames",
+    "wtf": "doctor",
 }
 
 

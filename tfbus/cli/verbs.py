@@ -22,10 +22,11 @@ class Verbs(click.Group):
         name = args[0]
         is_known = name.startswith("-") or self.get_command(ctx, name) is not None
         if not is_known and not ctx.resilient_parsing:
-            ctx.fail(f"there is no command {name!r}{self._hint(ctx, name)}")
+            ctx.fail(f"there is no command {name!r}{self._hint(ctx, args)}")
         return super().resolve_command(ctx, args)
 
-    def _hint(self, ctx: click.Context, name: str) -> str:
+    def _hint(self, ctx: click.Context, args: list[str]) -> str:
+        name = args[0]
         if name in self.hints:
             return f"; {self.hints[name]}"
         return did_you_mean(name, self.list_commands(ctx))

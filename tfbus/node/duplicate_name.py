@@ -5,11 +5,13 @@ from contextlib import suppress
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.errors import BusError
+from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key
+from tfbus.wording import printable
 
 # After a link to another process has opened, its declarations take a moment to arrive.
 _CHECK_AFTER_S = 0.3
@@ -37,6 +39,7 @@ class DuplicateNameWatch:
         self._session = session
         self._executor = executor
         self._log = log
+        self._once = LogOnce(log)
         self._known = {session.id}
         self._check: Timer = executor.after(_CHECK_AFTER_S, self._ask)
         session.watch_links(self._ask_soon)
@@ -48,8 +51,19 @@ class DuplicateNameWatch:
 
     def _ask(self, *, at_start: bool = False) -> None:
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None:
-                self._compare(decode_message(NodeDescription, answer.payload), at_start)
+            if answer.refusal is not None:
+                return
+            try:
+                other = decode_message(NodeDescription, answer.payload)
+            except DecodeError as error:
+                self._once.warning(
+                    "answer",
+                    "Ignored another description of node %s: %s",
+                    self._full_name,
+                    printable(str(error), 400),
+                )
+                return
+            self._compare(other, at_start)
 
         key = node_key(self._name)
         with suppress(BusError):  # the session may be closed meanwhile, where the node is not

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -156,17 +156,17 @@ class RobotsOnBus:
         except (DecodeError, UrdfError, InvalidNameError) as error:
             where = f" in {printable(origin)}" if origin else ""
             with self._lock:
-                self._name_mistake(
-                    origin,
-                    f"The robot_description{where} is not shown: {printable(str(error), 400)}",
-                )
+                text = f"The robot_description{where} is not shown: {printable(str(error), 400)}"
+                # Bytes that are no description have as many reasons as there are bytes.
+                kind = ("unread", origin) if isinstance(error, DecodeError) else None
+                self._name_mistake(origin, text, kind)
 
-    def _name_mistake(self, origin: str, mistake: str) -> None:
+    def _name_mistake(self, origin: str, mistake: str, kind: Hashable = None) -> None:
         self._mistakes.pop(origin, None)
         while len(self._mistakes) >= _MOST_MISTAKES:
             del self._mistakes[next(iter(self._mistakes))]
         self._mistakes[origin] = mistake
-        self._log_once.warning(mistake, "%s", mistake)
+        self._log_once.warning(mistake if kind is None else kind, "%s", mistake)
 
     def _take(self, origin: str, described: RobotDescription, sender: str) -> None:
         slot = (origin, described.prefix)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.cli.bag.new_file import new_file, with_progress
+from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import say
 from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice, OpenBag
@@ -42,7 +43,7 @@ _FORMAT_OF = {f".{form}": form for form in _FORMATS}
     "tfbus bag export drive.mcap -o all.npz; "
     "tfbus bag export drive.mcap --topic turtle1/pose -o pose.csv"
 )
-@click.argument("recording", type=click.Path(exists=True, path_type=Path))
+@click.argument("recording", type=RECORDING)
 @click.argument("target", type=FrameName(), required=False)
 @click.argument("source", type=FrameName(), required=False)
 @click.option(

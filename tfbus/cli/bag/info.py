@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
@@ -69,7 +70,7 @@ _MOST_EVENTS = 200
     metavar="FILE...",
     nargs=-1,
     required=True,
-    type=click.Path(exists=True, path_type=Path),
+    type=RECORDING,
 )
 @click.option(
     "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."

@@ -16,6 +16,7 @@ from tfbus.bag.player import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.ros_options import OF_PLAY
 from tfbus.cli.bag.selecting import Asked, selecting
+from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import is_terminal
 from tfbus.cli.verbs import Answering
 from tfbus.command.moment import Moment
@@ -91,14 +92,14 @@ class _Plan:
     epilog="Examples: tfbus bag play run.mcap; tfbus bag play run.mcap --start 60 --rate 2 --loop; "
     "tfbus bag play run.mcap --clock",
 )
-@click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(exists=True, path_type=Path))
+@click.argument("files", metavar="FILE...", nargs=-1, type=RECORDING)
 @click.option(
     "-i",
     "--input",
     "more_files",
     multiple=True,
     hidden=True,
-    type=click.Path(exists=True, path_type=Path),
+    type=RECORDING,
 )
 @click.option(
     "-r",

@@ -18,6 +18,20 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+class RecordingPath(click.Path):
+    """A file that is there; for `run`, as `tfbus bag record -o run` was told, it names run.mcap."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """As click's own, with the name that was meant."""
+        full = f"{value}.mcap"
+        if not Path(value).exists() and Path(full).exists():
+            self.fail(f"{str(value)!r} does not exist; did you mean {full!r}?", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+RECORDING = RecordingPath(exists=True, path_type=Path)
+
+
 def recordings_argument(function: F) -> F:
     """Add an argument of one or more files of a recording, or their folder, as `recordings`."""
     return click.argument(
@@ -25,7 +39,7 @@ def recordings_argument(function: F) -> F:
         metavar="FILE...",
         nargs=-1,
         required=True,
-        type=click.Path(exists=True, path_type=Path),
+        type=RECORDING,
     )(function)
 
 

@@ -16,6 +16,7 @@ from tfbus.compat.rclpy.logging import RosLogger
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.time import ClockType
+from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
 
@@ -269,6 +270,13 @@ class Node:
     def set_parameters(self, parameter_list: Iterable[Parameter]) -> None:
         """Change parameters. Raises ParameterError where one is not as it must be."""
         for each in parameter_list:
+            if each.name == "use_sim_time":
+                if each.value is self.tfbus_node.clock.is_simulated:
+                    continue
+                raise ParameterError(
+                    "use_sim_time is set when the node starts: --sim-time, TFBUS_SIM_TIME=1, or "
+                    "--ros-args -p use_sim_time:=true"
+                )
             self.get_parameter(each.name)
             self._declared[each.name].set(each.value)
 

@@ -13,6 +13,12 @@ from tfbus.wording import did_you_mean
 _FOLDERS = ("", "launch", "configs", "config")
 _SUFFIXES = (".launch.yaml", ".yaml", ".launch.yml", ".yml")
 _KEYS = {"nodes", "includes"}
+# Packages of ROS whose launch files are tfbus's own.
+_CALLED_IN_ROS = {
+    "turtle_tf2_cpp": "; use: tfbus launch follow",
+    "turtle_tf2_py": "; use: tfbus launch follow",
+    "turtlesim": "; use: tfbus launch turtle",
+}
 
 
 def find_in_package(package: str, name: str) -> Path:
@@ -36,7 +42,8 @@ def launch_files_of(package: str) -> dict[str, Path]:
     folders = _folders_of(package)
     if not folders:
         known = packages_with_nodes()
-        raise LaunchError(f"there is no Python package {package!r}{did_you_mean(package, known)}")
+        hint = _CALLED_IN_ROS.get(package) or did_you_mean(package, known)
+        raise LaunchError(f"there is no Python package {package!r}{hint}")
     found: dict[str, Path] = {}
     for folder in folders:
         for below in _FOLDERS:

@@ -246,5 +246,8 @@ def _explained(reason: TransformException, listener: TransformListener) -> str:
     hint = listener.where_to_look(reason.frame) if isinstance(reason, LookupException) else ""
     if hint or not frames:
         return f"{reason}: {hint or 'is a broadcaster running?'}"
+    known = listed(frames, most=20)
+    if str(reason).endswith(known):
+        return str(reason)
     end = "" if str(reason).endswith("?") else "."
-    return f"{reason}{end} Frames known: {listed(frames, most=20)}"
+    return f"{reason}{end} Frames known: {known}"

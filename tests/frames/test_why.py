@@ -143,6 +143,22 @@ class TestExplain:
         assert fault(report, "arm").reason == "the time is 1.0 s before its oldest sample"
         assert report.remedies == ("query a later time: no publisher has kept older samples",)
 
+    def test_samples_in_the_future_are_a_bad_sign(self, buffer: Buffer) -> None:
+        """The latest lookup has an answer, one at the present time does not: the stamps are why."""
+        dynamic(buffer, "arm", "hand", oldest_s=-300.0, newest_s=-302.0)
+        remedy = (
+            "have /sim on lab, pid 7 stamp 'hand' with the time at which it was measured: "
+            "node.now_ns()"
+        )
+        report = ask(buffer, "arm", "hand")
+        assert verdicts(report) == [("hand", "warn")]
+        assert fault(report, "hand").reason.startswith("all its samples are in the future: ")
+        assert report.remedies == (remedy,)
+        report = ask(buffer, "arm", "hand", 0.0)
+        assert verdicts(report) == [("hand", "fail")]
+        assert fault(report, "hand").reason == "the time is 5 min before its oldest sample"
+        assert report.remedies == (remedy,)
+
     def test_the_edge_that_is_late_fails(self, buffer: Buffer) -> None:
         """A time after the newest sample fails; waiting helps."""
         report = ask(buffer, "camera", "base", 0.5)

@@ -11,6 +11,7 @@ import pytest
 
 from tests.live_bus import Bus, eventually
 from tfbus import (
+    Buffer,
     BusError,
     DecodeError,
     GoalHandle,
@@ -20,6 +21,7 @@ from tfbus import (
     ParameterError,
     ServiceError,
     SettingsError,
+    TransformListener,
 )
 from tfbus.messages import Pose, RotateAbsolute, Spawn, Vector3
 from tfbus.wire.codec import decode_map, encode_map
@@ -704,6 +706,15 @@ class TestLife:
     @pytest.fixture
     def threads(self) -> Iterator[set[str]]:
         yield {thread.name for thread in threading.enumerate()}
+
+    def test_a_prompt_shows_its_name_and_whether_it_is_closed(self, bus: Bus) -> None:
+        """So does that of its listener, which it closes."""
+        node = bus.node("eye")
+        listener = TransformListener(Buffer(), node)
+        assert (repr(node), repr(listener)) == ("<Node /eye>", "<TransformListener of /eye>")
+        node.close()
+        assert repr(node) == "<Node /eye, closed>"
+        assert repr(listener) == "<TransformListener of /eye, closed>"
 
     def test_closing_twice_is_fine(self, node: Node, threads: set[str]) -> None:
         """A node may be closed again; nothing of it is left running."""

@@ -105,6 +105,8 @@ def test_it_gives_up_after_a_timeout_and_names_what_exists(bus: Bus, turtle: Nod
     last = done.stderr.splitlines()[-1]
     assert re.match(r"Error: no transform world -> turtle2 within 0.5 s: .*'turtle2'", last)
     assert last.endswith("; did you mean 'turtle1'? Frames known: turtle1, world")
+    done = bus.run("echo", "world", "gripper", "--timeout", "0.5")
+    assert done.stderr.endswith("there is no frame 'gripper'; available: turtle1, world\n")
 
 
 def test_csv_has_one_header(bus: Bus, turtle: Node) -> None:

@@ -8,7 +8,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind, who
-from tfbus.frames.state import facts, is_stale, silent_s
+from tfbus.frames.state import facts, is_another_time, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
@@ -198,6 +198,12 @@ def _faults(
         )
     if stream.clock_offset_s is not None and abs(stream.clock_offset_s) > _CLOCKS_AGREE_S:
         yield "warn", _skew(stream), f"synchronize the clocks of {stream.host} and this host by NTP"
+    elif _is_ahead(tree, frame):
+        yield (
+            "warn",
+            "all its samples are in the future: no lookup at the present time finds one",
+            _stamp_when_measured(frame, stream),
+        )
 
 
 def _out_of_time(
@@ -212,7 +218,9 @@ def _out_of_time(
         yield (
             "fail",
             f"the time is {duration((frame.oldest_ns - stamp_ns) / 1e9)} before its oldest sample",
-            "query a later time: no publisher has kept older samples",
+            _stamp_when_measured(frame, stream)
+            if _is_ahead(tree, frame)
+            else "query a later time: no publisher has kept older samples",
         )
     elif stamp_ns > frame.newest_ns:
         beyond = duration((stamp_ns - frame.newest_ns) / 1e9)
@@ -222,6 +230,20 @@ def _out_of_time(
             f"the time is {beyond} after its newest sample",
             advice.on_gone(frame, stream) if frame.gone else wait,
         )
+
+
+def _is_ahead(tree: FrameTree, frame: FrameInfo) -> bool:
+    """Whether all samples of a frame are in the future, by the time that this tool follows."""
+    if frame.static or frame.oldest_ns is None or tree.is_of_another_time(frame):
+        return False
+    return frame.oldest_ns > tree.recorded_ns and not is_another_time(tree.age_s(frame))
+
+
+def _stamp_when_measured(frame: FrameInfo, stream: StreamInfo) -> str:
+    return (
+        f"have {who(stream)} stamp {frame.name!r} with the time at which it was measured: "
+        "node.now_ns()"
+    )
 
 
 def _skew(stream: StreamInfo) -> str:

@@ -151,6 +151,10 @@ class TransformListener:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def __repr__(self) -> str:
+        closed = ", closed" if self._closed else ""
+        return f"<TransformListener of {self._node.full_name}{closed}>"
+
     def close(self) -> None:
         """Stop listening; the buffer keeps its transforms. Twice is fine."""
         if not self._closed:

@@ -182,6 +182,9 @@ class Node:
             raise SystemExit(f"Error: {error}") from None
         return stopped_by_signal
 
+    def __repr__(self) -> str:
+        return f"<Node {self.full_name}{', closed' if self._closed else ''}>"
+
     if not TYPE_CHECKING:  # type checkers find what is missing themselves
 
         def __getattr__(self, name: str) -> Any:

@@ -109,6 +109,31 @@ def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) ->
     token.close()
 
 
+def test_a_stream_without_a_description_takes_no_frame_that_another_lists(scene: Scene) -> None:
+    """Neither a dynamic nor a static one, as long as that one is there; its own are taken."""
+    epoch_ns = time.time_ns()
+
+    def send() -> None:
+        now_ns = time.time_ns()
+        stolen = [at(9, "post", now_ns), at(9, "robot", now_ns), at(7, "own", now_ns)]
+        scene.put("tf/thief", payload(stolen, epoch_ns))
+        scene.put("tf_static/thief", payload([at(9, "post"), at(8, "bolt")], epoch_ns))
+
+    def is_met() -> bool:
+        send()
+        x_of_own = x_of(scene.buffer, "world", "own"), x_of(scene.buffer, "world", "bolt")
+        return x_of_own == (7, 8)
+
+    eventually(is_met)
+    assert x_of(scene.buffer, "world", "post") == 2
+    eventually(lambda: scene.reaches(3))
+    (thief,) = (info for info in scene.listener.streams() if info.name == "thief")
+    assert thief.excluded >= 3
+    assert any("which has no description" in line for line in scene.log.lines)
+    scene.sim.close()
+    eventually(lambda: (send(), x_of(scene.buffer, "world", "robot") == 9)[1])
+
+
 def test_the_publisher_undoes_what_came_before_it(bus: Bus) -> None:
     """A stranger that was there first has its way only until the publisher is known."""
     stranger: Node = bus.node("stranger")

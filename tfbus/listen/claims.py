@@ -133,6 +133,11 @@ class Claims:
         elif not is_here or (former_rank is not None and ranks[stream] > former_rank):
             self._firsts[child] = min(claims, key=ranks.__getitem__)
 
+    def of_others(self, stream: str, children: Iterable[str]) -> frozenset[str]:
+        """Which of these frames live streams other than this one list. Safe from any thread."""
+        claims = [(child, self._claims.get(child, ())) for child in children]
+        return frozenset(child for child, by in claims if len(by) > (stream in by))
+
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
         """What may have changed over `contested`, what `update` of `stream` returned, by stream."""
         resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}

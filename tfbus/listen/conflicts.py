@@ -1,7 +1,7 @@
 """Two live publishers of one frame: reports it, and accepts transforms by the rule."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
@@ -45,6 +45,10 @@ class Conflicts:
         for each, resolution in resolutions.items():
             accepted = resolution.accepted if any(changed) else resolution.accepted & left
             self._reception(each).apply_statics(accepted - left if each == name else accepted)
+
+    def claimed_by_others(self, name: str, children: Iterable[str]) -> frozenset[str]:
+        """Which of these frames other live streams list. Safe from any thread."""
+        return self._claims.of_others(name, children)
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
         """Put back the static transforms of the streams with priority for these frames, which the

@@ -333,6 +333,7 @@ class TransformListener:
             self._on_takeover,
             on_dispute=self._on_dispute,
             on_growth=self._weigh,
+            claimed_by_others=lambda children: self._conflicts.claimed_by_others(name, children),
             held=self._held,
             once=self._once,
             once_of_strangers=self._once_of_strangers,

@@ -18,7 +18,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.listen.claims import Resolution
+from tfbus.listen.claims import Resolution, name_some
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
@@ -59,6 +59,9 @@ class StreamReception:
     `excluded` are the frames for which another publisher has priority. `reader` is one for all
     streams of a namespace. `now_s` is a clock that never goes back.
 
+    `claimed_by_others(children)` is which of these frames other live streams list: a stream without
+    a description does not get them.
+
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
     a publisher that has just got priority. `on_takeover(name, epoch_ns)` is called where two
     processes publish the stream, one fell silent, and the messages of the other count from now on.
@@ -80,6 +83,9 @@ class StreamReception:
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
+        claimed_by_others: Callable[[Collection[str]], frozenset[str]] = lambda children: (
+            frozenset()
+        ),
         held: DisputedMessages | None = None,
         once: LogOnce | None = None,
         once_of_strangers: LogOnce | None = None,
@@ -94,6 +100,7 @@ class StreamReception:
         self.on_takeover = on_takeover
         self.on_dispute = on_dispute
         self.on_growth = on_growth
+        self.claimed_by_others = claimed_by_others
         self.now_s = now_s
         self.lock = threading.Lock()
         self.epochs = Epochs()
@@ -210,6 +217,8 @@ class StreamReception:
         """
         if self.frame_rights is not None:
             batch = self.frame_rights.allowed_of(batch)
+        if self.listing.epoch_ns is None:
+            batch = self._without_claimed(batch)
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
@@ -297,6 +306,21 @@ class StreamReception:
         with self.lock:
             self.counts.excluded += len(whole) - len(kept)
         return kept
+
+    def _without_claimed(self, batch: TransformBatch | Columns) -> TransformBatch | Columns:
+        """Of a stream that has said nothing of itself: without the frames that others list. It may
+        be about to describe itself; its static transforms are taken then.
+        """
+        claimed = self.claimed_by_others(children_of(_as_columns(batch)))
+        if not claimed:
+            return batch
+        self._warn_once(
+            "claimed",
+            "Dropped %s of stream %r, which has no description: another stream lists it",
+            name_some(sorted(claimed)),
+            self.name,
+        )
+        return self._without(batch, claimed)
 
     def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
         """Another publisher got priority for these frames while the batch was inserted."""

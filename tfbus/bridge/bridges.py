@@ -116,16 +116,14 @@ class Bridges:
                 self._publisher.publish(own)
 
     def close(self) -> None:
-        """Tell and hear nothing more. Twice is fine.
-
-        The publisher ends with its node, which may stay: Zenoh may wait for ever for the end of one
-        to whose key the same process subscribes.
-        """
+        """Tell and hear nothing more. Twice is fine."""
         self._tokens.close()
         self._subscription.close()
-        # The node may be gone already.
-        with suppress(TfbusError):
-            self.tell(replace(self._own, to_ros=0, from_ros=0, clock=""))
+        if self._publisher is not None:
+            # Its node may stay, or be gone already.
+            with suppress(TfbusError):
+                self.tell(replace(self._own, to_ros=0, from_ros=0, clock=""))
+            self._publisher.close()
 
     def _on_message(self, payload: bytes) -> None:
         try:

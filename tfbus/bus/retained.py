@@ -4,6 +4,7 @@ This file has all uses of Zenoh's unstable `zenoh.ext`.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -17,8 +18,39 @@ from tfbus.bus.zenoh_errors import bus_errors
 # A subscriber that lost the last message learns of it within this, and asks for it again.
 _HEARTBEAT_S = 0.5
 
-# A publisher serves what it retains below its key.
-_RETAINED = "/@adv/pub/**"
+# A publisher serves what it retains below its key, and has its token there.
+_BELOW = "/@adv/pub/"
+_RETAINED = f"{_BELOW}**"
+
+
+class RetainedPublisher:
+    """A publisher of Zenoh's with the token by which subscribers find it, at the key of Zenoh's own
+    tokens.
+
+    Zenoh's own one ends while Zenoh holds Python's lock, and its end waits for subscribers of the
+    same session, whose callbacks may wait for Python's lock. The end of this one leaves it free.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, *, samples: int, **options: Any):
+        self._publisher = ext.declare_advanced_publisher(
+            session,
+            key,
+            cache=ext.CacheConfig(max_samples=samples),
+            sample_miss_detection=ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+            ),
+            **options,
+        )
+        self.put = self._publisher.put
+        own = self._publisher.id
+        token = f"{key}{_BELOW}{own.zid}/{own.eid}/_"
+        self._token = session.liveliness().declare_token(token)
+
+    def undeclare(self) -> None:
+        """End it. Raises RuntimeError while it sends, as Zenoh's do: then again."""
+        with suppress(zenoh.ZError):  # it has ended the first time
+            self._token.undeclare()
+        self._publisher.undeclare()
 
 
 def declare_retained_publisher(
@@ -31,16 +63,12 @@ def declare_retained_publisher(
     """
     at, key = session.placed(key)
     with bus_errors(f"publish {key}", session.settings.name):
-        publisher = ext.declare_advanced_publisher(
+        publisher = RetainedPublisher(
             at.zenoh,
             key,
+            samples=1,
             congestion_control=zenoh.CongestionControl.BLOCK,
             priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
-            cache=ext.CacheConfig(max_samples=1),
-            sample_miss_detection=ext.MissDetectionConfig(
-                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
-            ),
-            publisher_detection=True,
         )
     return BytesPublisher(key, publisher, session.settings.limits, session.settings.name)
 
@@ -108,20 +136,14 @@ def ask_retained_later(
 # As rmw_zenoh does it, by any session
 
 
-def declare_caching_publisher(
-    session: zenoh.Session, key: str, samples: int
-) -> ext.AdvancedPublisher:
+def declare_caching_publisher(session: zenoh.Session, key: str, samples: int) -> RetainedPublisher:
     """A publisher whose last `samples` messages reach late joiners of other sessions."""
-    return ext.declare_advanced_publisher(
+    return RetainedPublisher(
         session,
         key,
+        samples=samples,
         congestion_control=zenoh.CongestionControl.DROP,
         allowed_destination=zenoh.Locality.REMOTE,
-        cache=ext.CacheConfig(max_samples=samples),
-        sample_miss_detection=ext.MissDetectionConfig(
-            heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
-        ),
-        publisher_detection=True,
     )
 
 

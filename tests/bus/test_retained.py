@@ -1,0 +1,51 @@
+"""Retained publishers beside retained subscribers of the same session."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.live_bus import DEADLINE_S, Bus
+
+# While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for
+# that lock. Where it holds Python's too, the whole process stands still: so it is one of its own.
+_PROGRAM = """
+import logging, sys, threading
+from tfbus import NodeSettings
+from tfbus.bus.retained import (
+    declare_caching_publisher, declare_retained_publisher, declare_retained_subscriber
+)
+from tfbus.bus.session import Session
+
+is_called = threading.Event()
+
+def on_message(key, payload):
+    is_called.set()
+    threading.Event().wait(0.1)
+
+settings = NodeSettings("a", config=sys.argv[1], connect=(sys.argv[2],))
+with Session(settings, logging.getLogger()) as session:
+    end_of = {
+        "of a node": lambda: declare_retained_publisher(session, "key").close,
+        "in ROS": lambda: declare_caching_publisher(session.zenoh, "key", 1).undeclare,
+    }
+    declare_retained_subscriber(session, "key", on_message)
+    sender = declare_retained_publisher(session, "key")
+    for _ in range(3):
+        end = end_of[sys.argv[3]]()
+        is_called.clear()
+        sending = threading.Thread(target=sender.put, args=(b"x",))
+        sending.start()
+        is_called.wait()
+        end()
+        sending.join()
+"""
+
+
+@pytest.mark.parametrize("kind", ["of a node", "in ROS"])
+def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
+    bus: Bus, kind: str
+) -> None:
+    """The end waits for the callback, and the callback for Python, which the end leaves free."""
+    command = [sys.executable, "-c", _PROGRAM, str(bus.quick_config), bus.endpoint, kind]
+    subprocess.run(command, check=True, timeout=DEADLINE_S)

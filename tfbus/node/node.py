@@ -227,8 +227,8 @@ class Node:
         """Wait for `timeout_s` seconds (None: for ever), or until Ctrl-C or the node's shutdown.
 
         Returns whether the time has passed without these, so that `while node.wait(1.0):` is a
-        loop at 1 Hz that Ctrl-C ends. The seconds are those of the node's clock, unless another is
-        given.
+        loop that Ctrl-C ends. A round takes 1 s and what the loop does; `create_timer` keeps a
+        rate. The seconds are those of the node's clock, unless another is given.
         """
         forks.check()
         clock = clock or self.clock
@@ -405,8 +405,9 @@ class Node:
     ) -> Timer:
         """Call `callback()` every `period_s` seconds, the first time after one period.
 
-        The seconds are those of the node's clock, unless another is given. Raises ValueError where
-        the period is not more than 0.
+        The rate does not drift; where a call takes longer than a period, whole periods are left
+        out. The seconds are those of the node's clock, unless another is given. Raises ValueError
+        where the period is not more than 0.
         """
         forks.check()
         call = "create_timer(period_s, callback)"

@@ -24,6 +24,7 @@ from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
+from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
@@ -135,6 +136,7 @@ class Node:
         self._token = session.token(node_key(self.name))
         session.watch_links(OpenFilesWatch(self.log).look)
         watch_members(session, self.log)
+        watch_endpoints(session, self.executor, self.log)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )

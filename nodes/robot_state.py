@@ -8,6 +8,7 @@ retained on the topic robot_description. Services: set_description, reload, robo
 publish_frequency, ignore_timestamp, frame_prefix.
 """
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -352,7 +353,7 @@ def main(
         if text.strip() and "<" not in text:
             raise click.UsageError(
                 "robot_description is the text of a URDF, not the name of its file: write "
-                f"tfbus robot_state {printable(text.strip(), 200)}"
+                f"tfbus robot_state {printable(shlex.quote(text.strip()), 200)}"
             )
         robot = Robot.from_text(
             text, folder=Path(), package_path=package_path, name_of_source="robot_description"

@@ -3,6 +3,7 @@
 Try it: tfbus launch turtle view:=true
 """
 
+import shlex
 import signal
 import socket
 from collections.abc import Sequence
@@ -146,7 +147,7 @@ def main(
     if settings.config and holds_settings(Path(settings.config)):
         raise click.UsageError(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
-            f"tfbus view --settings {settings.config}"
+            f"tfbus view --settings {shlex.quote(settings.config)}"
         )
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()

@@ -111,7 +111,8 @@ class TestAll:
             ("pose", "Pose", {"x": 0.1})
         ]
         counts = run.recorder.counts
-        assert (counts.messages, counts.transforms, counts.lost) == (5, 4, {})
+        assert (counts.messages, counts.transforms, counts.lost) == (5, 3, {})
+        assert counts.statics == {("sim", "mast")}
 
     def test_what_came_is_on_the_disk_soon(self, run: Run) -> None:
         """A file that still grows can be read up to a moment ago."""

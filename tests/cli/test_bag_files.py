@@ -72,7 +72,9 @@ def test_a_part_is_cut(drive: Path) -> None:
     """One line says what was written."""
     said = wrote("cut", drive, "--from", "+2s", "--to", "-5s", "-o", "part.mcap")
     assert said.startswith("Wrote part.mcap: ")
-    assert said.endswith("2.9 s, 31 transforms of 1 stream, 30 messages of 1 topic\n")
+    assert said.endswith(
+        "2.9 s, 30 dynamic and 1 static transform of 1 stream, 30 messages of 1 topic\n"
+    )
     with RecordingReader("part.mcap") as reader:
         assert reader.start_ns == START_NS + 2 * S
 
@@ -89,20 +91,22 @@ def test_parts_are_merged(drive: Path) -> None:
     wrote("cut", drive, "--to", "+5s", "-o", "a.mcap")
     wrote("cut", drive, "--from", "+4s", "-o", "b.mcap")
     said = wrote("merge", "b.mcap", "a.mcap", "-o", "whole.mcap")
-    assert said.endswith("9.9 s, 101 transforms of 1 stream, 100 messages of 1 topic\n")
+    assert said.endswith(
+        "9.9 s, 100 dynamic and 1 static transform of 1 stream, 100 messages of 1 topic\n"
+    )
 
 
 def test_a_recording_is_filtered(drive: Path) -> None:
     """By frames, by names to drop; a name that is not there is said."""
     assert wrote("filter", drive, "--frames", "laser", "-o", "a.mcap").endswith(
-        "1 transform of 1 stream\n"
+        "1 static transform of 1 stream\n"
     )
     assert wrote("filter", drive, "--topics", "tf_static", "-o", "s.mcap").endswith(
-        "1 transform of 1 stream\n"
+        "1 static transform of 1 stream\n"
     )
     assert "1 topic" not in wrote("filter", drive, "--drop", "pose,laser", "-o", "b.mcap")
     dynamic = wrote("filter", drive, "--topics", "tf", "pose", "-o", "d.mcap")
-    assert dynamic.endswith("100 transforms of 1 stream, 100 messages of 1 topic\n")
+    assert dynamic.endswith("100 dynamic transforms of 1 stream, 100 messages of 1 topic\n")
     for wrong_name in ("--frames", "--drop"):
         wrong = run("filter", drive, wrong_name, "bse", "-o", "c.mcap")
         assert wrong.exit_code == 2
@@ -143,7 +147,7 @@ def test_a_bag_is_imported(tmp_path: Path) -> None:
     os.chdir(tmp_path)
     pose = RawTransform(START_NS, "/map", "/base", (1, 2, 3, 0, 0, 0, 1))
     write_bag(Path("r.bag"), [Sent(START_NS, [pose], publisher="/slam")])
-    assert wrote("import", "r.bag", "-o", "r.mcap").endswith("1 transform of 1 stream\n")
+    assert wrote("import", "r.bag", "-o", "r.mcap").endswith("1 dynamic transform of 1 stream\n")
     Path("r.bag").write_bytes(b"nothing")
     done = run("import", "r.bag", "-o", "other.mcap")
     assert done.exit_code == 1
@@ -268,7 +272,9 @@ def test_a_recording_that_is_given_twice_counts_once(drive: Path) -> None:
     Path("copy.mcap").write_bytes(drive.read_bytes())
     said = wrote("merge", drive, "copy.mcap", drive, "-o", "a.mcap")
     assert "copy.mcap is the same as drive.mcap: it counts once" in said
-    assert said.endswith("9.9 s, 101 transforms of 1 stream, 100 messages of 1 topic\n")
+    assert said.endswith(
+        "9.9 s, 100 dynamic and 1 static transform of 1 stream, 100 messages of 1 topic\n"
+    )
 
 
 def test_what_the_recorder_said_of_itself_stays(drive: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import sys
 import termios
@@ -101,6 +102,9 @@ class TestWhat:
         assert ("node", "/recorder") not in events(items)
         text = "\n".join(process.out)
         assert "to 1 file" in text and "2 streams (" in text and "2 topics (" in text
+        shown = CliRunner().invoke(main, ["bag", "info", str(path)]).stdout
+        held = r"with [0-9,]+ dynamic and 1 static transform$"
+        assert re.findall(held, text, re.MULTILINE) == re.findall(held, shown, re.MULTILINE) != []
 
     def test_topics_alone(self, bus: Bus, path: Path) -> None:
         """Named topics are recorded from their first message on, and no transforms."""

@@ -88,6 +88,14 @@ def test_one_frame_is_no_pair(bus: Bus) -> None:
     assert "give two frames, as in: tfbus monitor world FRAME; or none" in done.stderr
 
 
+def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
+    """A shell takes a frame with a space in quotes."""
+    done = robot.run("monitor", "world", "left arm")
+    assert done.stderr.endswith("(see: tfbus why world 'left arm')\n")
+    done = robot.run("monitor", "left arm")
+    assert "as in: tfbus monitor 'left arm' FRAME; or none" in done.stderr
+
+
 def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
     """It reports periodically, and marks a publisher that ends."""
     monitor = robot.start("monitor", "--period", "0.2")

@@ -269,8 +269,33 @@ def test_a_process_that_does_not_obey_gets_sigterm_then_sigkill() -> None:
         "escalating to 'SIGKILL'",
         "[INFO] [a]: sending signal 'SIGKILL' to process[a]",
     ]
-    launch.wait_for(f"[INFO] [a]: process has died [pid {pid}, exit code -9")
+    launch.wait_for(f"[INFO] [a]: process has stopped [pid {pid}, exit code -9]")
     assert_gone(pid)
+
+
+@pytest.mark.parametrize(
+    ("on_signal", "code"), [("trap - INT; kill -INT $$", -2), ("exit 130", 130)]
+)
+def test_a_process_that_launch_stops_has_not_died(on_signal: str, code: int) -> None:
+    """An end by the signal that was sent, or reported as of it, is no error."""
+    wait = "echo ready; while :; do sleep 0.01; done"
+    launch = Launch([shell("a", f"trap '{on_signal}' INT; {wait}")])
+    launch.wait_for("ready")
+    launch.stop()
+    assert launch.exit_code() == 0
+    assert launch.wait_for("[INFO] [a]: process has stopped").endswith(f"exit code {code}]")
+    assert not any("died" in line for line in launch.stderr)
+
+
+@pytest.mark.parametrize("last", ["exit 3", "kill -KILL $$"])
+def test_a_process_that_fails_while_launch_stops_it_has_died(last: str) -> None:
+    """An error of its own, or a signal that launch has not sent, stays an error."""
+    wait = "echo ready; while :; do sleep 0.01; done"
+    launch = Launch([shell("a", f"trap '{last}' INT; {wait}")])
+    launch.wait_for("ready")
+    launch.stop()
+    assert launch.exit_code() == 0
+    launch.wait_for("[ERROR] [a]: process has died")
 
 
 def test_a_second_request_to_stop_hurries_and_a_third_kills() -> None:

@@ -46,14 +46,16 @@ UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "his
 class Counts:
     """What was recorded, and what was not.
 
-    `topics` and `streams` count messages by name, `lost` messages by what became of them: the kinds
-    that the queue dropped, "unreadable", "refused" by the format of the file, "missing": those of
-    dynamic transforms that never came, and "history": those held from before for which there was no
-    room.
+    `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
+    and `streams` count messages by name, without those of static transforms, which repeat; `lost`
+    counts messages by what became of them: the kinds that the queue dropped, "unreadable",
+    "refused" by the format of the file, "missing": those of dynamic transforms that never came, and
+    "history": those held from before for which there was no room.
     """
 
     messages: int = 0
     transforms: int = 0
+    statics: set[tuple[str, str]] = field(default_factory=set)
     events: int = 0
     topics: Counter[str] = field(default_factory=Counter)
     streams: Counter[str] = field(default_factory=Counter)
@@ -63,8 +65,12 @@ class Counts:
         """Count an item that was written."""
         if isinstance(item, TransformItem):
             self.messages += 1
-            self.transforms += item.rows.count
-            self.streams[item.stream.name] += 1
+            name = item.stream.name
+            if item.static:
+                self.statics.update((name, child) for child in item.rows.children())
+            else:
+                self.transforms += item.rows.count
+            self.streams[name] += 0 if item.static else 1
         elif isinstance(item, TopicItem):
             self.messages += 1
             self.topics[item.topic] += 1

@@ -1,5 +1,6 @@
 """`tfbus keys`: makes and looks after the identities of a closed bus."""
 
+import shlex
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -197,7 +198,7 @@ def export(name: str, output: Path | None, place: Path) -> None:
 
 
 def _with_keys(place: Path) -> str:
-    return "" if place == Path("keys") else f" --keys {place}"
+    return "" if place == Path("keys") else f" --keys {shlex.quote(str(place))}"
 
 
 def _may(identity: Identity) -> str:

@@ -1,6 +1,7 @@
 """`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live."""
 
 import itertools
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
@@ -62,7 +63,8 @@ def command(
     report of a whole recording, or of a span of it.
     """
     if target is not None and source is None:
-        raise click.UsageError(f"give two frames, as in: tfbus monitor {target} FRAME; or none")
+        given = shlex.quote(target)
+        raise click.UsageError(f"give two frames, as in: tfbus monitor {given} FRAME; or none")
     if bag is not None:
         _measure_recorded(settings, fleet, bag, target, source, as_json)
         return
@@ -122,7 +124,8 @@ def _check(heard: Heard, report: Report, once: bool) -> None:
         unknown = sorted({pair.target, pair.source}.difference(heard.buffer.frames()))
         hint = next(filter(None, map(heard.hint, unknown)), "")
         failure = f"{pair.failure}; {hint}" if hint else pair.failure
-        raise click.ClickException(f"{failure} (see: tfbus why {pair.target} {pair.source})")
+        why = shlex.join(["tfbus", "why", pair.target, pair.source])
+        raise click.ClickException(f"{failure} (see: {why})")
     if once and not report.edges():
         hint = heard.hint() or "is a broadcaster running?"
         raise click.ClickException(f"no transform yet: {hint}")

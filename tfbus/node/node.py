@@ -24,6 +24,7 @@ from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
+from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
@@ -135,6 +136,7 @@ class Node:
         self._token = session.token(node_key(self.name))
         session.watch_links(OpenFilesWatch(self.log).look)
         watch_members(session, self.log)
+        watch_endpoints(session, self.executor, self.log)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )
@@ -230,8 +232,8 @@ class Node:
         """Wait for `timeout_s` seconds (None: for ever), or until Ctrl-C or the node's shutdown.
 
         Returns whether the time has passed without these, so that `while node.wait(1.0):` is a
-        loop at 1 Hz that Ctrl-C ends. The seconds are those of the node's clock, unless another is
-        given.
+        loop that Ctrl-C ends. A round takes 1 s and what the loop does; `create_timer` keeps a
+        rate. The seconds are those of the node's clock, unless another is given.
         """
         forks.check()
         clock = clock or self.clock
@@ -408,8 +410,9 @@ class Node:
     ) -> Timer:
         """Call `callback()` every `period_s` seconds, the first time after one period.
 
-        The seconds are those of the node's clock, unless another is given. Raises ValueError where
-        the period is not more than 0.
+        The rate does not drift; where a call takes longer than a period, whole periods are left
+        out. The seconds are those of the node's clock, unless another is given. Raises ValueError
+        where the period is not more than 0.
         """
         forks.check()
         call = "create_timer(period_s, callback)"

@@ -1,6 +1,7 @@
 """The authority's folder: makes identities, renews and revokes them, and checks all."""
 
 import os
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -71,7 +72,8 @@ class Keystore:
         """The keystore at a path. Raises SettingsError where there is none."""
         store = cls(path)
         if not store._authority_file(CERTIFICATE_FILE).is_file():
-            raise SettingsError(f"{path} has no authority: tfbus keys init {path}")
+            command = shlex.join(["tfbus", "keys", "init", str(path)])
+            raise SettingsError(f"{path} has no authority: {command}")
         return store
 
     @property

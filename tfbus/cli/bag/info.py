@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from tfbus.cli.bag.counted_transforms import counted_transforms, many
 from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
 from tfbus.command.recordings import open_recording
@@ -170,7 +171,9 @@ def _head(summary: Summary) -> Iterator[str]:
     yield _line("Start", _moment(summary.start_ns))
     yield _line("End", _moment(summary.end_ns))
     transforms = sum(stream.transforms for stream in summary.streams)
-    yield _line("Messages", f"{summary.messages:,}, with {_many(transforms, 'dynamic transform')}")
+    statics = sum(len(stream.static_frames) for stream in summary.streams)
+    held = counted_transforms(transforms, statics)
+    yield _line("Messages", f"{summary.messages:,}, with {held}")
     said = [f"tfbus {summary.about['version']}"] if "version" in summary.about else []
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
     if said and ("host" in summary.about or "edited" not in summary.about):
@@ -187,7 +190,7 @@ def _head(summary: Summary) -> Iterator[str]:
         if name in summary.about:
             yield from _lines(label, summary.about[name].split(", "))
     if summary.dropped:
-        what = f"{_many(summary.dropped, 'message')} dropped while recording"
+        what = f"{many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))
 
 
@@ -201,11 +204,6 @@ def _pauses(summary: Summary) -> Iterator[str]:
         label = ""
     if len(summary.pauses) > _MOST_PAUSES:
         yield f"{' ' * _LABEL} {and_more(len(summary.pauses), _MOST_PAUSES)} (--json has all)"
-
-
-def _many(count: int, noun: str) -> str:
-    """A number of things, with commas: `9,000,000 transforms`."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def _line(label: str, text: str) -> str:
@@ -347,7 +345,7 @@ def _events(summary: Summary, verbose: bool) -> Iterator[str]:
         return
     yield ""
     kinds = Counter(event.kind for event in summary.events)
-    yield from _lines("Events", [_many(kinds[kind], _EVENTS[kind]) for kind in kinds])
+    yield from _lines("Events", [many(kinds[kind], _EVENTS[kind]) for kind in kinds])
     if verbose:
         for event in summary.events[:_MOST_EVENTS]:
             yield f"  {_event(event, summary)}".rstrip()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tfbus.cli.bag.counted_transforms import counted_transforms, many
 from tfbus.cli.output import say
 from tfbus.command.extras import install_command
 from tfbus.command.types import OutputFile
@@ -41,6 +42,7 @@ class Written:
 
     size: int = 0
     transforms: int = 0
+    statics: set[tuple[str, str]] = field(default_factory=set)
     topic_messages: int = 0
     streams: set[str] = field(default_factory=set)
     topics: set[str] = field(default_factory=set)
@@ -54,8 +56,12 @@ class Written:
         self.from_ns = item.log_ns if self.from_ns is None else self.from_ns
         self.to_ns = item.log_ns
         if isinstance(item, TransformItem):
-            self.transforms += item.rows.count
-            self.streams.add(item.stream.name)
+            name = item.stream.name
+            if item.static:
+                self.statics.update((name, child) for child in item.rows.children())
+            else:
+                self.transforms += item.rows.count
+            self.streams.add(name)
         else:
             self.topic_messages += 1
             self.topics.add(item.topic)
@@ -66,10 +72,10 @@ class Written:
         parts = [size_text(self.size), duration((self.to_ns - self.from_ns) / 1e9)]
         if self.streams:
             streams = counted(len(self.streams), "stream")
-            parts.append(f"{_many(self.transforms, 'transform')} of {streams}")
+            parts.append(f"{counted_transforms(self.transforms, len(self.statics))} of {streams}")
         if self.topics:
             topics = counted(len(self.topics), "topic")
-            parts.append(f"{_many(self.topic_messages, 'message')} of {topics}")
+            parts.append(f"{many(self.topic_messages, 'message')} of {topics}")
         return ", ".join(parts)
 
 
@@ -232,7 +238,3 @@ def needing(extra: str) -> Iterator[None]:
         raise TfbusError(
             f"this needs {name}, which is not installed: {install_command(extra)}"
         ) from error
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"

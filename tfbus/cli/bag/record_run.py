@@ -287,6 +287,7 @@ def _print_end(recorder: Recorder, parts: PartsWritten, lost: Counter[str]) -> N
             summary(
                 parts.written,
                 counts.transforms,
+                len(counts.statics),
                 counts.streams,
                 counts.topics,
                 lost,

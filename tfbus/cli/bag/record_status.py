@@ -1,5 +1,6 @@
 """What `tfbus bag record` shows while it records, and at its end."""
 
+import shlex
 import sys
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.bag.parts_written import WrittenPart
+from tfbus.cli.bag.counted_transforms import counted_transforms, many
 from tfbus.cli.output import paint, width
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, cut, duration, listed, printable
@@ -158,6 +160,7 @@ def _length(seconds: float) -> str:
 def summary(
     parts: Sequence[WrittenPart],
     transforms: int,
+    statics: int,
     streams: Counter[str],
     topics: Counter[str],
     lost: Counter[str],
@@ -176,22 +179,27 @@ def summary(
         lines.append(f"  {printable(str(part.path))}  {length_text(part)}")
     if len(shown) < len(parts):
         lines.insert(3, f"  … {len(parts) - len(shown)} more")
-    sent = f"{counted(transforms, 'transform')} in {counted(streams.total(), 'message')}"
-    lines.append(f"{_rows('stream', streams)}: {sent}" if streams else "No transforms")
+    if streams:
+        sent = f"{many(streams.total(), 'message')}, with " if streams.total() else ""
+        lines.append(f"{_rows('stream', streams)}: {sent}{counted_transforms(transforms, statics)}")
+    else:
+        lines.append("No transforms")
     if topics:
-        lines.append(f"{_rows('topic', topics)}: {counted(topics.total(), 'message')}")
+        lines.append(f"{_rows('topic', topics)}: {many(topics.total(), 'message')}")
     if lost:
         what = listed([f"{count} {_LOST.get(kind, kind)}" for kind, count in lost.items()])
         lines.append(f"Not recorded: {what}")
     paths = [part.path for part in parts]
-    named = [str(path) for path in paths] if len(paths) <= 3 else [_all_parts(paths[0])]
+    named = [shlex.quote(str(path)) for path in paths]
+    if len(paths) > 3:
+        named = [_all_parts(paths[0])]
     lines.append(f"Look into it: tfbus bag info {printable(' '.join(named))}")
     return lines
 
 
 def _all_parts(first: Path) -> str:
     """All files of a recording, as a shell finds them."""
-    return str(first.with_name(f"{first.stem}*{first.suffix}"))
+    return f"{shlex.quote(str(first.with_suffix('')))}*{first.suffix}"
 
 
 _LOST = {

@@ -51,6 +51,11 @@ class Escalation:
         """Whether the first signal was sent."""
         return self._sent is not None
 
+    def explains(self, exit_code: int) -> bool:
+        """Whether a process ends so by a signal that was sent: killed by it, or as a shell says."""
+        sent = SIGNALS[: 0 if self._sent is None else SIGNALS.index(self._sent) + 1]
+        return any(exit_code in (-number, 128 + number) for number in sent)
+
     def escalate(self, at_least: signal.Signals = signal.SIGINT) -> None:
         """Send the next signal, at least `at_least`, and start the timer for the one after it."""
         lowest = 0 if self._sent is None else SIGNALS.index(self._sent) + 1

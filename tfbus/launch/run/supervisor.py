@@ -14,11 +14,9 @@ from typing import Protocol
 from tfbus.errors import TfbusError
 from tfbus.launch.run.child import Child
 from tfbus.launch.run.console import Console
-from tfbus.launch.run.escalation import SIGNALS, Escalation, Timeouts
+from tfbus.launch.run.escalation import Escalation, Timeouts
 from tfbus.launch.run.program import Program
 
-# Exit codes of a process that obeys one of our signals: killed by it, or as a shell reports it.
-_OBEYED = {code for number in SIGNALS for code in (-number, 128 + number)}
 # There is no event for an empty process group.
 _GROUP_POLL_S = 0.02
 
@@ -206,13 +204,12 @@ class Supervisor:
             text = f"process has finished cleanly [pid {child.pid}]"
             self._say("INFO", child.program.name, text)
             return
-        text = f"exit code {exit_code}, cmd '{child.program.command_line}'"
-        obeyed = self._is_stopping and exit_code in _OBEYED
-        self._say(
-            "INFO" if obeyed else "ERROR",
-            child.program.name,
-            f"process has died [pid {child.pid}, {text}]",
-        )
+        text = f"[pid {child.pid}, exit code {exit_code}"
+        if self._escalation.explains(exit_code):
+            self._say("INFO", child.program.name, f"process has stopped {text}]")
+            return
+        text = f"process has died {text}, cmd '{child.program.command_line}']"
+        self._say("ERROR", child.program.name, text)
 
     # -- all of them
 

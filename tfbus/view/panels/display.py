@@ -1,5 +1,6 @@
 """How frames are drawn, which of them, and where these choices are saved."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from html import escape
@@ -113,7 +114,7 @@ class DisplayPanel:
         except SettingsError as error:
             self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
         else:
-            again = f"tfbus view --settings {path}"
+            again = f"tfbus view --settings {shlex.quote(str(path))}"
             self._saved.show(
                 f'<div class="tf tf-dim">Saved. Open it with <code>{escape(again)}</code></div>'
             )

@@ -1,5 +1,6 @@
 """The way between two frames: distance, angle, and tf2_echo's block."""
 
+import shlex
 from html import escape
 
 import viser
@@ -42,7 +43,7 @@ class MeasurePanel:
         if not summary:
             self._answer.show(f'<div class="tf tf-alarm">{escape(block)}</div>')
             return
-        title = f"tfbus echo {settings.measure_from} {settings.measure_to}"
+        title = shlex.join(["tfbus", "echo", settings.measure_from, settings.measure_to])
         self._answer.show(
             f'<div class="tf"><b>{escape(summary)}</b>{text.numbers(title, "tf-echo", block)}</div>'
         )

@@ -1,0 +1,76 @@
+"""What a node says of endpoints to connect to that do not answer."""
+
+import logging
+import re
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import cast
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tfbus import NodeSettings
+from tfbus.bus.session import Session
+from tfbus.node import silent_endpoints
+from tfbus.node.silent_endpoints import watch_endpoints
+from tfbus.runtime.executor import Executor
+
+
+def test_a_node_names_the_endpoint_that_does_not_answer(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """With how many it found without it; an endpoint that answers is not named."""
+    monkeypatch.setattr(silent_endpoints, "_AFTER_S", 0.001)
+    said = ""
+
+    def is_said() -> re.Match[str] | None:
+        nonlocal said
+        said += capfd.readouterr().err
+        return re.search(r"\[eye\]: Nothing answers at (\S+) \(Connection refused\): .*\n", said)
+
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))  # it does not listen, and no other can
+        endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        bus.node("eye", connect=(bus.endpoint, endpoint))
+        found = eventually(is_said)
+    assert found[1] == endpoint
+    assert re.search(r": still trying; \d+ links? to other processes without it\n", found[0])
+
+
+@dataclass
+class FakeBus:
+    """A session with these routers, and an executor that runs what is due at once."""
+
+    settings: NodeSettings
+    routers_: list[str] = field(default_factory=list)
+    looks: int = 0
+
+    def routers(self) -> list[str]:
+        return self.routers_
+
+    def after(self, _: float, callback: Callable[[], None]) -> None:
+        self.looks += 1
+        callback()
+
+
+@pytest.mark.parametrize(
+    ("settings", "routers", "looks"),
+    [
+        (NodeSettings("eye", connect="tcp/127.0.0.1:1"), ["router"], 1),
+        (NodeSettings("eye", connect="tcp/127.0.0.1:1", mode="client"), [], 0),
+        (NodeSettings("eye", connect=()), [], 0),
+    ],
+)
+def test_where_a_router_is_there_no_endpoint_is_tried(
+    settings: NodeSettings, routers: list[str], looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A client waits for its router in any case."""
+
+    def start(*_: object, **__: object) -> None:
+        raise AssertionError("it tries an endpoint")
+
+    monkeypatch.setattr(silent_endpoints, "Thread", start)
+    fake = FakeBus(settings, routers)
+    watch_endpoints(cast(Session, fake), cast(Executor, fake), logging.getLogger("eye"))
+    assert fake.looks == looks

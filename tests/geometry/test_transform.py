@@ -202,6 +202,14 @@ def test_points_come_second():
         np.ones(3) * Transform()
 
 
+@pytest.mark.parametrize("other", [2.0, [1.0, 2.0, 3.0], np.ones(3), Transform.identity()])
+def test_a_star_names_the_operator(other):
+    """Eigen and Sophus multiply by a star; here it says which operator does it."""
+    for product in (lambda: Transform.identity() * other, lambda: other * Transform.identity()):
+        with pytest.raises(TypeError, match="applied with @: T @ points"):
+            product()
+
+
 def test_apply_keeps_the_shape_of_an_image_of_points():
     """The points of a depth image (H, W, 3) are one call."""
     image = np.arange(24.0).reshape(2, 4, 3)

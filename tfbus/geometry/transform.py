@@ -377,6 +377,11 @@ class Transform:
             raise InvalidArgumentException(POINTS_COME_SECOND)
         return NotImplemented
 
+    def __mul__(self, other: object) -> Any:
+        raise TypeError("a Transform is applied with @: T @ points, T_a_b @ T_b_c")
+
+    __rmul__ = __mul__
+
     def apply(self, points: ArrayLike) -> Floats:
         """Points (3,) or (N, 3) of the child frame, taken into the parent.
 

@@ -1,6 +1,8 @@
 """Frames that several streams send, as a listener receives them, step by step."""
 
 import logging
+from collections.abc import Collection
+from functools import partial
 
 import pytest
 
@@ -21,12 +23,18 @@ class Received:
         log = logging.getLogger("test")
         self.streams = {
             name: StreamReception(
-                name, self.buffer, log, lambda: 0, TransformReader(), self.restore
+                name,
+                self.buffer,
+                log,
+                lambda: 0,
+                TransformReader(),
+                self.restore,
+                claimed_by_others=partial(self.claimed_by_others, name),
             )
             for name in "ab"
         }
         self.epochs = {"a": 1, "b": 2}
-        self.conflicts = Conflicts(rule, self.buffer, self.streams.__getitem__, log)
+        self.conflicts = Conflicts(rule, self.buffer, self.streams.get, log)
         self._sent = 0
 
     def send_static(self, stream: str, **x_of: float) -> None:
@@ -50,6 +58,9 @@ class Received:
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
         self.conflicts.restore(name, frames)
+
+    def claimed_by_others(self, name: str, frames: Collection[str]) -> frozenset[str]:
+        return self.conflicts.claimed_by_others(name, frames)
 
     def lose(self, stream: str) -> None:
         """The token of the stream is lost."""
@@ -131,3 +142,30 @@ def test_a_frame_that_is_rejected_while_it_is_sent_is_not_kept(rule: Rule, is_st
     send("b", camera=2.0, lamp=2.0)
     assert received.held("camera") == (1.0, "a", False)
     assert received.held("lamp") == (2.0, "b", False)
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+def test_a_stream_gets_the_frames_that_it_lists_from_one_that_lists_nothing(rule: Rule) -> None:
+    """Also those that the other sent before it was known that they are listed."""
+    received = Received(rule)
+    received.send_static("a", camera=1.0, lamp=1.0)
+    received.send_static("b", camera=2.0, lamp=2.0, bolt=2.0)
+    received.send("b", robot=2.0)
+    received.describe("a", "camera", "lamp", "robot")
+    assert [received.held(frame)[0] for frame in ("camera", "lamp", "bolt")] == [1.0, 1.0, 2.0]
+    assert "robot" not in received.buffer.frames()
+    received.send_static("b", camera=3.0, bolt=3.0)
+    assert [received.held(frame)[0] for frame in ("camera", "lamp", "bolt")] == [1.0, 1.0, 3.0]
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+def test_a_stream_that_was_forgotten_leaves_the_frames_to_the_others(rule: Rule) -> None:
+    """As one is that takes too much memory."""
+    received = Received(rule)
+    for stream, x in (("a", 1.0), ("b", 2.0)):
+        received.send_static(stream, camera=x)
+        received.describe(stream, "camera")
+    received.streams.pop("b")
+    received.buffer.remove_sent(["camera"], "b")
+    received.conflicts.judge("b", None)
+    assert received.held("camera") == (1.0, "a", False)

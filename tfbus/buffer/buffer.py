@@ -283,6 +283,17 @@ class Buffer:
         """How many frames this authority sent last."""
         return len(self._store.tree.senders.get(authority, ()))
 
+    def senders_of(self, frames: Iterable[str]) -> dict[str, set[str]]:
+        """These frames by the authority that sent each last; unknown ones are left out."""
+        senders: dict[str, set[str]] = {}
+        with self._store.lock:
+            known = self._store.tree.frames
+            for frame in frames:
+                history = known.get(frame)
+                if history is not None and history.parent is not None:
+                    senders.setdefault(history.authority, set()).add(frame)
+        return senders
+
     def forget(self, authority: str, frames: Iterable[str] | None = None) -> None:
         """Forget the samples of the frames that this authority sent last, because it restarted;
         static transforms stay. With `frames` only of these.

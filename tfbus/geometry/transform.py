@@ -378,9 +378,10 @@ class Transform:
         return NotImplemented
 
     def __mul__(self, other: object) -> Any:
-        raise TypeError("a Transform is applied with @: T @ points, T_a_b @ T_b_c")
+        raise TypeError(APPLIED_WITH_AT)
 
-    __rmul__ = __mul__
+    def __rmul__(self, other: object) -> Any:
+        raise TypeError(APPLIED_WITH_AT)
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (3,) or (N, 3) of the child frame, taken into the parent.
@@ -691,6 +692,7 @@ def _is_masked(value: object) -> bool:
 
 # What both kinds of transforms say of `points @ T`.
 POINTS_COME_SECOND = "the points come second: T @ points, or T.apply(points)"
+APPLIED_WITH_AT = "a Transform is applied with @: T @ points, T_a_b @ T_b_c"
 
 
 def operand_points(points: Any) -> Floats:

@@ -94,7 +94,7 @@ class Claims:
 
         Returns the frames among its former and present ones that another stream claims too.
         """
-        claimed = _children(description)
+        claimed = listed_children(description)
         touched = self._children.get(stream, frozenset()) | claimed
         former_rank = self._ranks.pop(stream, None)
         if description is not None:
@@ -225,6 +225,7 @@ def name_some(frames: Sequence[str]) -> str:
     return listed([repr(frame) for frame in frames], most=_FRAMES_NAMED)
 
 
-def _children(description: StreamDescription | None) -> frozenset[str]:
+def listed_children(description: StreamDescription | None) -> frozenset[str]:
+    """The child frames that a description lists; none without one."""
     frames = () if description is None else description.frames
     return frozenset(child for _, child, _ in frames)

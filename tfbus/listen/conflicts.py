@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
-from tfbus.listen.claims import Claims, Conflict, Rule, name_some
+from tfbus.listen.claims import Claims, Conflict, Rule, listed_children, name_some
 from tfbus.listen.reception import StreamReception, lines_of
 from tfbus.wire.descriptions import StreamDescription
 
@@ -13,14 +13,14 @@ from tfbus.wire.descriptions import StreamDescription
 class Conflicts:
     """Decides whose transforms of a frame are taken where several streams list it.
 
-    `reception(name)` is that of a stream. Not safe from several threads at once.
+    `reception(name)` is that of a stream, None where it has been forgotten. Not safe from several threads at once.
     """
 
     def __init__(
         self,
         rule: Rule,
         buffer: Buffer,
-        reception: Callable[[str], StreamReception],
+        reception: Callable[[str], StreamReception | None],
         log: logging.Logger,
     ) -> None:
         self._claims = Claims(rule)
@@ -31,20 +31,32 @@ class Conflicts:
     def judge(self, name: str, description: StreamDescription | None) -> None:
         """Take the frames that a stream lists now; None where its publisher is gone."""
         contested = self._claims.update(name, description)
+        frames = listed_children(description)
+        self._take_back(name, frames)
         if not contested:
             return
         for conflict in self._claims.news(name, contested):
             self._report(conflict)
-        frames = () if description is None else description.frames
-        left = contested - {child for _, child, _ in frames}
+        left = contested - frames
         resolutions = self._claims.resolutions(name, contested)
-        changed = [
-            self._reception(each).exclude(resolution) for each, resolution in resolutions.items()
-        ]
+        receptions = self._known(resolutions)
+        changed = [each.exclude(resolutions[each.name]) for each in receptions]
         # A static transform that gets priority, or that another has replaced, is not sent again.
-        for each, resolution in resolutions.items():
-            accepted = resolution.accepted if any(changed) else resolution.accepted & left
-            self._reception(each).apply_statics(accepted - left if each == name else accepted)
+        for each in receptions:
+            accepted = resolutions[each.name].accepted
+            taken = accepted if any(changed) else accepted & left
+            each.apply_statics(taken - left if each.name == name else taken)
+
+    def _known(self, names: Iterable[str]) -> list[StreamReception]:
+        receptions = map(self._reception, names)
+        return [reception for reception in receptions if reception is not None]
+
+    def _take_back(self, name: str, frames: frozenset[str]) -> None:
+        """Take the frames that a stream lists from those that have said nothing of themselves."""
+        senders = self._buffer.senders_of(frames)
+        for sender in self._known(senders.keys() - {name}):
+            if sender.is_undescribed:
+                sender.give_up(senders[sender.name])
 
     def claimed_by_others(self, name: str, children: Iterable[str]) -> frozenset[str]:
         """Which of these frames other live streams list. Safe from any thread."""
@@ -54,9 +66,9 @@ class Conflicts:
         """Put back the static transforms of the streams with priority for these frames, which the
         stream of this name has replaced since.
         """
-        for each, resolution in self._claims.resolutions(name, frames).items():
-            if each != name:
-                self._reception(each).apply_statics(resolution.accepted)
+        resolutions = self._claims.resolutions(name, frames)
+        for each in self._known(resolutions.keys() - {name}):
+            each.apply_statics(resolutions[each.name].accepted)
 
     def _report(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

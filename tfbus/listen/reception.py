@@ -126,6 +126,11 @@ class StreamReception:
         """The epoch that counts; None before the first message."""
         return self.epochs.present_ns
 
+    @property
+    def is_undescribed(self) -> bool:
+        """Whether the stream has said nothing of itself."""
+        return self.listing.epoch_ns is None
+
     # Every message
 
     def admit(
@@ -217,7 +222,8 @@ class StreamReception:
         """
         if self.frame_rights is not None:
             batch = self.frame_rights.allowed_of(batch)
-        if self.listing.epoch_ns is None:
+        is_undescribed = self.is_undescribed
+        if is_undescribed:
             batch = self._without_claimed(batch)
         excluded = self.excluded
         if excluded:
@@ -239,6 +245,9 @@ class StreamReception:
             buffer.forget(self.name)
         if self.excluded is not excluded:
             self._give_way(batch, self.excluded - excluded)
+        if is_undescribed and (claimed := self.claimed_by_others(children_of(_as_columns(batch)))):
+            # Another listed them while they were inserted.
+            self.give_up(claimed)
         return are_taken
 
     def decode(self, payload: bytes) -> TransformMessage | None:
@@ -321,6 +330,11 @@ class StreamReception:
             self.name,
         )
         return self._without(batch, claimed)
+
+    def give_up(self, frames: frozenset[str]) -> None:
+        """Remove what it sent of these frames, for the stream that lists them."""
+        self.buffer.remove_sent(frames, self.name)
+        self.on_overlap(self.name, frames)
 
     def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
         """Another publisher got priority for these frames while the batch was inserted."""

@@ -65,9 +65,10 @@ class Registry:
         """The stream of this name; None where it is not known."""
         return self._streams.get(name)
 
-    def reception(self, name: str) -> StreamReception:
-        """The reception of the stream of this name; KeyError where it is not known."""
-        return self._streams[name].reception
+    def reception(self, name: str) -> StreamReception | None:
+        """The reception of the stream of this name; None where it is not known."""
+        stream = self._streams.get(name)
+        return None if stream is None else stream.reception
 
     def stream(self, key: str) -> Stream:
         """The stream of a key, made where it is new."""

@@ -1,6 +1,8 @@
 """How far the clocks of other nodes are from ours, by the four times of NTP; warnings."""
 
+import logging
 import sys
+import threading
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +16,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.bus.settings import NodeSettings
 from tfbus.listen.clock_offset import ClockOffset, ClockOffsets, measured
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.descriptions import StreamDescription
@@ -143,3 +146,26 @@ def test_a_stream_of_a_new_process_has_its_clock(bus: Bus) -> None:
     offsets.forget("robot")
     assert offsets.of(later.session.id) is None
     offsets.close()
+
+
+class SilentSession:
+    """A session on which no query is ever answered, or ended."""
+
+    id = "own"
+    settings = NodeSettings("listener")
+
+    def __init__(self) -> None:
+        self.is_asked = threading.Event()
+
+    def ask_later(self, *_: object, **__: object) -> None:
+        self.is_asked.set()
+
+
+def test_the_end_of_measuring_leaves_no_thread() -> None:
+    """One that were still in Zenoh when Python shuts down would abort the process."""
+    session = SilentSession()
+    offsets = ClockOffsets(session, logging.getLogger("test"))  # type: ignore[arg-type]
+    offsets.watch("sim", StreamDescription(1, "/sim", 1, (), session="theirs"))
+    assert session.is_asked.wait(10.0)
+    offsets.close()
+    assert all(thread.name != "clock offsets" for thread in threading.enumerate())

@@ -32,3 +32,25 @@ def test_threads_end_when_there_is_nothing_to_do() -> None:
     workers = Workers("a worker of this test", threads=2, waiting=3)
     assert workers.do(lambda: None)
     eventually(lambda: all(each.name != "a worker of this test" for each in threading.enumerate()))
+
+
+def test_close_waits_for_the_jobs_that_run_and_drops_the_others() -> None:
+    """A job that takes longer than that is left alone; none is taken afterwards."""
+    workers = Workers("test", threads=1, waiting=3)
+    begun, go_on = threading.Event(), threading.Event()
+    done: list[str] = []
+
+    def first() -> None:
+        begun.set()
+        go_on.wait()
+        done.append("first")
+
+    assert workers.do(first)
+    assert workers.do(lambda: done.append("second"))
+    assert begun.wait(10.0)
+    workers.close(0.01)
+    assert done == []
+    go_on.set()
+    workers.close(10.0)
+    assert done == ["first"]
+    assert not workers.do(lambda: done.append("third"))

@@ -41,6 +41,9 @@ _RETRY_S = 0.5
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
 
+# The end of a session waits at most this long for those that are being sent.
+_LAST_ANSWERS_S = 2.0
+
 # Zenoh takes no infinite time for a query: thirty years.
 _LONGEST_QUERY_S = 1e9
 
@@ -126,6 +129,8 @@ class Session:
             atexit.unregister(self._end_with_process)
             for end in list(self._ending):
                 end()
+            # A thread that is in Zenoh when Python shuts down aborts the process.
+            self._answering.close(_LAST_ANSWERS_S)
             # Zenoh may open a link while it closes, where it learns of a peer just then. That link
             # stays until the process ends, and its far end would take our tokens for alive.
             for token in tuple(self._tokens):

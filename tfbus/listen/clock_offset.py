@@ -81,6 +81,7 @@ class ClockOffsets:
         self._publishers: dict[str, _Publisher] = {}
         self._sessions: dict[str, str] = {}
         self._thread: threading.Thread | None = None
+        self._samples: queue.SimpleQueue[ClockOffset | None] = queue.SimpleQueue()
         self._closed = False
 
     def watch(self, stream: str, description: StreamDescription) -> None:
@@ -117,6 +118,9 @@ class ClockOffsets:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+            self._samples.put(None)
+        if self._thread is not None:
+            self._thread.join()
 
     def _leave(self, stream: str) -> None:
         session = self._sessions.pop(stream, "")
@@ -157,7 +161,7 @@ class ClockOffsets:
         """The most exact of a few samples; None without an answer."""
         samples: list[ClockOffset] = []
         for _ in range(_SAMPLES):
-            sample = None if self._closed else self._ask(key)
+            sample = self._ask(key)
             if sample is None:
                 break
             samples.append(sample)
@@ -165,6 +169,10 @@ class ClockOffsets:
 
     def _ask(self, key: str) -> ClockOffset | None:
         samples: queue.SimpleQueue[ClockOffset | None] = queue.SimpleQueue()
+        with self._changed:
+            if self._closed:
+                return None
+            self._samples = samples
         asked_ns = time.time_ns()
 
         def on_answer(answer: Answer) -> None:

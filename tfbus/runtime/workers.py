@@ -1,6 +1,7 @@
 """A few threads for jobs that may block, in the background."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -19,22 +20,38 @@ class Workers:
         self._most_threads = threads
         self._most_waiting = waiting
         self._lock = threading.Lock()
-        self._running = 0
+        self._threads: set[threading.Thread] = set()
         self._waiting: deque[Job] = deque()
+        self._closed = False
 
     def do(self, job: Job) -> bool:
-        """Run the job soon; False where too many wait already: then it does not run."""
+        """Run the job soon; False where too many wait already, or after `close`: then it does not
+        run.
+        """
         with self._lock:
-            if self._running < self._most_threads:
-                threading.Thread(
+            if self._closed:
+                return False
+            if len(self._threads) < self._most_threads:
+                thread = threading.Thread(
                     target=self._run, args=(job,), name=self._name, daemon=True
-                ).start()
-                self._running += 1
+                )
+                thread.start()
+                self._threads.add(thread)
             elif len(self._waiting) < self._most_waiting:
                 self._waiting.append(job)
             else:
                 return False
         return True
+
+    def close(self, patience_s: float) -> None:
+        """Drop the jobs that wait, and wait at most `patience_s` seconds for those that run."""
+        with self._lock:
+            self._closed = True
+            self._waiting.clear()
+            running = self._threads - {threading.current_thread()}
+        deadline = time.monotonic() + patience_s
+        for thread in running:
+            thread.join(max(deadline - time.monotonic(), 0.0))
 
     def _run(self, job: Job | None) -> None:
         while job is not None:
@@ -45,5 +62,5 @@ class Workers:
         with self._lock:
             if self._waiting:
                 return self._waiting.popleft()
-            self._running -= 1
+            self._threads.discard(threading.current_thread())
             return None

@@ -13,7 +13,8 @@ from tfbus.wire.descriptions import StreamDescription
 class Conflicts:
     """Decides whose transforms of a frame are taken where several streams list it.
 
-    `reception(name)` is that of a stream, None where it has been forgotten. Not safe from several threads at once.
+    `reception(name)` is that of a stream, None where it has been forgotten. Not safe from several
+    threads at once.
     """
 
     def __init__(

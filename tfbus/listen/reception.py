@@ -331,10 +331,10 @@ class StreamReception:
         )
         return self._without(batch, claimed)
 
-    def give_up(self, frames: frozenset[str]) -> None:
+    def give_up(self, frames: Collection[str]) -> None:
         """Remove what it sent of these frames, for the stream that lists them."""
         self.buffer.remove_sent(frames, self.name)
-        self.on_overlap(self.name, frames)
+        self.on_overlap(self.name, frozenset(frames))
 
     def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
         """Another publisher got priority for these frames while the batch was inserted."""

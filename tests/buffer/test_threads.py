@@ -17,6 +17,7 @@ import pytest
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped
 
 MS = 1_000_000
@@ -165,3 +166,23 @@ def test_a_lookup_beside_inserts_and_removals_answers_or_says_why(
     for step in (come_and_go, come_and_go, look, look):
         crowd.repeat(step)
     crowd.run()
+
+
+def test_lookups_go_on_beside_thousands_of_new_frames() -> None:
+    """Another thread's batch of 50,000 new frames lets lookups in between."""
+    count = 50_000
+    buffer = Buffer()
+    buffer.set_transform(TransformStamped(0, "world", "post", Transform()), static=True)
+    columns = Columns.of_transforms(
+        [TransformStamped(MS, "world", f"new {i}", Transform()) for i in range(count)]
+    )
+    thread = threading.Thread(
+        target=lambda: buffer.set_transforms(columns, authority="flood"), name="flood"
+    )
+    inserted = []
+    thread.start()
+    while thread.is_alive():
+        assert buffer.lookup_transform("world", "post").transform == Transform()
+        inserted.append(buffer.count_sent_by("flood"))
+    assert any(0 < each < count for each in inserted)
+    assert buffer.count_sent_by("flood") == count

@@ -3,9 +3,10 @@ from tfbus.core cimport packed
 from tfbus.geometry.columns cimport Columns
 from tfbus.core.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
 from tfbus.core.packed cimport edge_t
+from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.tree cimport Tree
 
-cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _LEAST_ROWS
+cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _LEAST_ROWS, _ROWS_AT_A_TIME
 cdef long long LONGEST_NS
 cdef double QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
@@ -25,9 +26,11 @@ cdef class Table:
 cdef class BatchInserter:
     cdef Tree _tree
     cdef object _rejected
+    cdef Lock _lock
     cdef dict _tables
 
-    @cython.locals(table=Table, stored=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
+    @cython.locals(
+        table=Table, stored=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t, slow=Py_ssize_t)
     cdef Py_ssize_t insert(self, Columns columns, bint static, str authority) except -1
     @cython.locals(at=Py_ssize_t)
     cdef Py_ssize_t _append(self, Table table, Columns columns, Py_ssize_t start) except -1

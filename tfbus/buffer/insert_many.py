@@ -1,12 +1,13 @@
 """Inserts the rows of batches into the tree.
 
-Compiled where there is a C compiler (`insert_many.pxd` has the C types). Nothing here locks: the
-buffer holds its lock around every call.
+Compiled where there is a C compiler (`insert_many.pxd` has the C types). The buffer holds its lock
+around every call, which lets others have it between rows where that takes long.
 """
 
 from array import array
 
 from tfbus.buffer.info import Rejections
+from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree
 from tfbus.core import packed
 from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT, History, Pose
@@ -26,6 +27,10 @@ if not cython.compiled:
 # Authorities whose last batch has its edges kept, and the fewest rows for which that pays.
 _MOST_TABLES = 1024
 _LEAST_ROWS = 4
+
+# Rows that are not appended to known frames, until another thread may look up: a new frame takes
+# some 10 microseconds.
+_ROWS_AT_A_TIME = 256
 
 
 class Table:
@@ -67,16 +72,17 @@ class BatchInserter:
     `rejected`.
     """
 
-    def __init__(self, tree: Tree, rejected: Rejections) -> None:
+    def __init__(self, tree: Tree, rejected: Rejections, lock: Lock) -> None:
         self._tree = tree
         self._rejected = rejected
+        self._lock = lock
         # By authority the edges of its last batch.
         self._tables: dict[str, Table] = {}
 
     def insert(self, columns: Columns, static: bool, authority: str) -> int:
         """Store the rows of a batch; how many were stored."""
         table = None if static else self._table(columns, authority)
-        stored = at = 0
+        stored = at = slow = 0
         while at < columns.count:
             if table is not None and self._holds(table):
                 start = at
@@ -85,6 +91,13 @@ class BatchInserter:
             if at < columns.count:
                 stored += self._insert_row(columns, at, static, authority)
                 at += 1
+                slow += 1
+                if slow == _ROWS_AT_A_TIME:
+                    slow = 0
+                    # A thread that waits for the GIL finds the lock taken, and waits for that.
+                    with cython.nogil:
+                        pass
+                    self._lock.let_others()
         return stored
 
     def _append(self, table: Table, columns: Columns, start: int) -> int:

@@ -32,7 +32,8 @@ _log = logging.getLogger(__name__)
 class Store:
     """The tree of frames, its lock, and the callbacks and waiters to notify.
 
-    The lock is held for one transform, or for the rows of one batch, and never during a callback.
+    The lock is held for one transform, or for the rows of one batch, of which at most 256 may bring
+    new frames, and never during a callback.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class Store:
         self.expired_lookups = ExpiredLookups(cache_time_s)
         self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)), max_samples)
         self.lock = Lock(self.tree.forget_paths)
-        self.inserter = BatchInserter(self.tree, self.rejected)
+        self.inserter = BatchInserter(self.tree, self.rejected, self.lock)
         self.waiters = Waiters(self.tree, self.lock)
         self.expected_pasts: dict[str, int] = {}
         self._listeners: list[Callable[[Change], None]] = []

@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from tests.builders import at, payload
+from tests.builders import S, at, payload
 from tfbus import Buffer, TransformBatch
 from tfbus.listen.claims import Rule
 from tfbus.listen.conflicts import Conflicts
@@ -145,17 +145,39 @@ def test_a_frame_that_is_rejected_while_it_is_sent_is_not_kept(rule: Rule, is_st
 
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])
-def test_a_stream_gets_the_frames_that_it_lists_from_one_that_lists_nothing(rule: Rule) -> None:
-    """Also those that the other sent before it was known that they are listed."""
+@pytest.mark.parametrize("is_static", [True, False])
+def test_a_static_frame_that_is_listed_comes_back_from_one_that_lists_nothing(
+    rule: Rule, is_static: bool
+) -> None:
+    """Also where the other sent it before it was known that it is listed."""
     received = Received(rule)
-    received.send_static("a", camera=1.0, lamp=1.0)
-    received.send_static("b", camera=2.0, lamp=2.0, bolt=2.0)
-    received.send("b", robot=2.0)
-    received.describe("a", "camera", "lamp", "robot")
-    assert [received.held(frame)[0] for frame in ("camera", "lamp", "bolt")] == [1.0, 1.0, 2.0]
-    assert "robot" not in received.buffer.frames()
-    received.send_static("b", camera=3.0, bolt=3.0)
-    assert [received.held(frame)[0] for frame in ("camera", "lamp", "bolt")] == [1.0, 1.0, 3.0]
+    received.send_static("a", camera=1.0)
+    (received.send_static if is_static else received.send)("b", camera=2.0, bolt=2.0)
+    assert received.held("camera")[:2] == (2.0, "b")
+    received.describe("a", "camera")
+    assert received.held("camera") == (1.0, "a", False)
+    assert received.held("bolt") == (2.0, "b", False)
+    (received.send_static if is_static else received.send)("b", camera=3.0, bolt=3.0)
+    assert received.held("camera") == (1.0, "a", False)
+    assert received.held("bolt") == (3.0, "b", False)
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+@pytest.mark.parametrize("is_static", [True, False])
+@pytest.mark.parametrize("ahead_s", [0, 3600])
+def test_a_dynamic_frame_that_is_listed_is_taken_with_the_next_message(
+    rule: Rule, is_static: bool, ahead_s: int
+) -> None:
+    """It is never missing meanwhile, and nothing that the other sent of it stays."""
+    received = Received(rule)
+    received.send("a", robot=1.0)
+    received.epochs["b"] += ahead_s * S
+    (received.send_static if is_static else received.send)("b", robot=2.0)
+    received.describe("a", "robot")
+    assert received.held("robot") == (2.0, "b", False)
+    received.send("a", robot=1.0)
+    assert received.held("robot") == (1.0, "a", False)
+    assert received.buffer.sent_by("a") == {"robot": 1}
 
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])

@@ -49,15 +49,18 @@ class Conflicts:
             each.apply_statics(taken - left if each.name == name else taken)
 
     def _known(self, names: Iterable[str]) -> list[StreamReception]:
+        """The receptions of the streams of these names, without those that have been forgotten."""
         receptions = map(self._reception, names)
         return [reception for reception in receptions if reception is not None]
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
         """Take the frames that a stream lists from those that have said nothing of themselves."""
         senders = self._buffer.senders_of(frames)
-        for sender in self._known(senders.keys() - {name}):
-            if sender.is_undescribed:
-                sender.give_up(senders[sender.name])
+        for stream in self._known([name]):
+            for sender in self._known(senders.keys() - {name}):
+                if sender.is_undescribed:
+                    stream.inherit(senders[sender.name], sender.name)
+                    stream.apply_statics(senders[sender.name])
 
     def claimed_by_others(self, name: str, children: Iterable[str]) -> frozenset[str]:
         """Which of these frames other live streams list. Safe from any thread."""
@@ -68,8 +71,12 @@ class Conflicts:
         stream of this name has replaced since.
         """
         resolutions = self._claims.resolutions(name, frames)
+        is_undescribed = any(each.is_undescribed for each in self._known([name]))
         for each in self._known(resolutions.keys() - {name}):
-            each.apply_statics(resolutions[each.name].accepted)
+            accepted = resolutions[each.name].accepted
+            if is_undescribed:
+                each.inherit(accepted, name)
+            each.apply_statics(accepted)
 
     def _report(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

@@ -110,6 +110,8 @@ class StreamReception:
         # On a closed bus, where its publishers may not have all frames.
         self.frame_rights: FrameRights | None = None
         self.counts = Counts()
+        # By frame the stream that it is taken from with the next message that has it.
+        self._inherits: dict[str, str] = {}
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._held = held or DisputedMessages()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
@@ -228,6 +230,8 @@ class StreamReception:
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
+        if self._inherits:
+            self._take_over(batch)
         buffer = self.buffer
         refused = buffer.rejected.rows
         taken = buffer.set_transforms(batch, static=static, authority=self.name)
@@ -247,7 +251,7 @@ class StreamReception:
             self._give_way(batch, self.excluded - excluded)
         if is_undescribed and (claimed := self.claimed_by_others(children_of(_as_columns(batch)))):
             # Another listed them while they were inserted.
-            self.give_up(claimed)
+            self.on_overlap(self.name, claimed)
         return are_taken
 
     def decode(self, payload: bytes) -> TransformMessage | None:
@@ -331,10 +335,17 @@ class StreamReception:
         )
         return self._without(batch, claimed)
 
-    def give_up(self, frames: Collection[str]) -> None:
-        """Remove what it sent of these frames, for the stream that lists them."""
-        self.buffer.remove_sent(frames, self.name)
-        self.on_overlap(self.name, frozenset(frames))
+    def inherit(self, frames: Collection[str], sender: str) -> None:
+        """Take these frames, which it lists, from a stream that has said nothing of itself: what
+        that has sent of each is dropped when this one sends it, so that none is missing meanwhile.
+        """
+        self._inherits.update(dict.fromkeys(frames, sender))
+
+    def _take_over(self, batch: TransformBatch | Columns) -> None:
+        for child in children_of(_as_columns(batch)) & self._inherits.keys():
+            sender = self._inherits.pop(child, None)
+            if sender is not None:
+                self.buffer.forget(sender, [child])
 
     def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
         """Another publisher got priority for these frames while the batch was inserted."""

@@ -119,8 +119,9 @@ class ClockOffsets:
             self._closed = True
             self._changed.notify_all()
             self._samples.put(None)
-        if self._thread is not None:
-            self._thread.join()
+            thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
 
     def _leave(self, stream: str) -> None:
         session = self._sessions.pop(stream, "")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import is_running
 from tfbus.cli.monitor_report import as_lines, span_as_lines
 from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
@@ -134,7 +135,7 @@ def _check(heard: Heard, report: Report, once: bool, of_bag: Sequence[str] = ())
         why = shlex.join(["tfbus", "why", pair.target, pair.source, *of_bag])
         raise click.ClickException(f"{failure} (see: {why})")
     if once and not report.edges():
-        hint = heard.hint() or "is a broadcaster running?"
+        hint = heard.hint() or is_running("broadcaster")
         raise click.ClickException(f"no transform yet: {hint}")
 
 

@@ -153,6 +153,31 @@ def test_simulated_time_is_said(bus: Bus) -> None:
     assert "Problems:" not in bus.run("frames", "--sim-time").stdout
 
 
+def test_stamps_ahead_are_a_problem(bus: Bus) -> None:
+    """Stamps of five minutes later are named, with what to do; --check then exits with 1."""
+    keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
+    done = bus.run("frames", "--check")
+    assert done.returncode == 1
+    assert re.search("base +AHEAD, 5 min in the future", done.stdout)
+    publishers, problem = done.stdout.split("Problems:")
+    assert publishers.rstrip().endswith(", 5 min ahead")
+    assert " ".join(problem.split()).startswith(
+        "ahead: samples of 'base' are 5 min in the future: have /arm on "
+    )
+    assert "node.now_ns()" in problem
+
+
+def test_a_simulated_time_ahead_of_ours_is_no_problem_of_stamps(bus: Bus) -> None:
+    """With --sim-time nothing is wrong; without, the simulated time is what is."""
+    start_clock(bus, "--start", "+3600s", "--rate", "5")
+    keep_sending(follower(bus, "odometry"), "world", "base")
+    problem = bus.run("frames").stdout.split("Problems:")[1]
+    assert "clock: /clock publishes a simulated time" in problem
+    assert "in the future" not in problem
+    done = bus.run("frames", "--sim-time", "--check")
+    assert (done.returncode, "Problems:" in done.stdout) == (0, False)
+
+
 def test_watching_follows_what_changes(robot: Bus) -> None:
     """--watch marks a publisher that ends, and ends with Ctrl-C."""
     mount = robot.node("short_lived")

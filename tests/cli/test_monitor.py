@@ -97,6 +97,16 @@ def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
     assert "as in: tfbus monitor 'left arm' FRAME; or none" in done.stderr
 
 
+def test_stamps_ahead_are_named(bus: Bus) -> None:
+    """Behind the publisher of the frame, and in a sentence that says what to do."""
+    keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
+    out = bus.run("monitor", "--once").stdout
+    assert re.search("^base +arm AHEAD .* -5 min", out, re.MULTILINE)
+    assert "samples of 'base' are 5 min in the future: have /arm on " in " ".join(out.split())
+    pair = bus.run("monitor", "world", "base", "--once").stdout
+    assert "samples of 'base' are 5 min in the future" in " ".join(pair.split())
+
+
 def test_the_longest_names_fit_into_the_width(bus: Bus) -> None:
     """Names are cut in the middle, so that those which begin alike can be told apart."""
     ends = ["left", "right"]

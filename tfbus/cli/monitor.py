@@ -145,6 +145,7 @@ def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Ite
 
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
+        heard.tree_and_clocks()  # who follows a simulated time is asked before it is reported
         yield make_report(heard, meter, pair)
 
 

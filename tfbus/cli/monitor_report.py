@@ -1,11 +1,13 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
+import itertools
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from tfbus.cli.output import paint, paint_state, table, width
-from tfbus.frames.state import faults, is_another_time, state, whose_clock
+from tfbus.frames.other_clocks import is_another_time, whose_clock
+from tfbus.frames.state import faults, state
 from tfbus.monitor.report import Pair, Report
 from tfbus.wording import counted, cut_middle, duration, listed
 
@@ -26,7 +28,7 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
     if not report.edges():
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
     tables = [*_edge_table(report), "", *_stream_table(report)]
-    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report)]
+    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
 
 
 def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
@@ -69,7 +71,8 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
         ]
         for stream in report.tree.streams.values()
     ]
-    return [*lines, *tables, *_table(of_stream, rows, right=range(3, len(of_stream)))]
+    tables += _table(of_stream, rows, right=range(3, len(of_stream)))
+    return [*lines, *tables, *_ahead_lines(report)]
 
 
 def _pair_lines(pair: Pair) -> list[str]:
@@ -116,6 +119,22 @@ def _clock_lines(report: Report) -> list[str]:
     question = whose_clock(is_simulated=report.tree.is_simulated)
     said = _wrapped(f"The stamps of {frames} are of another clock: {question}")
     return ["", *(paint(line, "bad") for line in said)]
+
+
+def _ahead_lines(report: Report) -> list[str]:
+    """What to do about frames whose stamps are in the future."""
+    shown = {frame.name for frame in report.edges()}
+    problems = [
+        _wrapped(problem.text)
+        for problem in report.tree.problems()
+        if problem.kind == "ahead"
+        and shown.intersection(problem.frames)
+        and not any(
+            is_another_time(report.tree.age_s(report.tree.frames[name])) for name in problem.frames
+        )
+    ]
+    lines = list(itertools.chain.from_iterable(problems))
+    return ["", *(paint(line, "bad") for line in lines)] if lines else []
 
 
 def _edge_table(report: Report) -> list[str]:

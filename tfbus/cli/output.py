@@ -36,6 +36,7 @@ _STATE_ROLES = {
     "root": "heading",
     "static": "faint",
     "stale": "warning",
+    "ahead": "warning",
     "gone": "bad",
     "conflict": "bad",
 }

@@ -9,6 +9,7 @@
 - *static*: it holds at all times.
 - *stale*: silent for longer than 1 s and than 3 of its own periods; where a single sample gives no
   rate, for longer than 3 s.
+- *ahead*: its newest stamp is in the future, by the rule of `other_clocks`.
 - *dynamic*: its samples come.
 
 Silence is the time since a sample arrived: the age of the newest stamp, less the delay of the
@@ -24,20 +25,16 @@ whose stamps lag behind the others of its stream counts as silent for the differ
 from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.other_clocks import is_another_time, whose_clock
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import age, duration
 
-Fault = Literal["gone", "conflict", "stale"]
+Fault = Literal["gone", "conflict", "stale", "ahead"]
 State = Literal["root", "static", "dynamic"] | Fault
 
 _STALE_PERIODS = 3.0
 _STALE_S = 1.0
 _STALE_WITHOUT_RATE_S = 3.0
-
-# Stamps farther away than this are by another clock, such as a simulated one.
-_YEAR_S = 365.25 * 86_400
-
-ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
 
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
@@ -56,7 +53,11 @@ def faults(tree: FrameTree, frame: FrameInfo) -> tuple[Fault, ...]:
     found: tuple[Fault, ...] = ("gone",) if frame.gone else ()
     if frame.name in tree.conflicts:
         found = (*found, "conflict")
-    return found or (("stale",) if is_stale(tree, frame) else ())
+    if found:
+        return found
+    if is_stale(tree, frame):
+        return ("stale",)
+    return ("ahead",) if tree.is_ahead(frame) else ()
 
 
 def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
@@ -86,20 +87,11 @@ def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
     return silence_s is not None and silence_s > stale_after_s(frame)
 
 
-def is_another_time(age_s: float | None) -> bool:
-    """Whether an age is more than a year, in the past or in the future."""
-    return age_s is not None and abs(age_s) > _YEAR_S
-
-
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
-    unit = "" if frame is None else tree.unit_of(frame)
-    return f"its stamps look like {unit}: stamps are nanoseconds" if unit else ASK_IF_SIMULATED
-
-
-def whose_clock(*, is_simulated: bool) -> str:
-    """What to ask where stamps are of another clock than one's own, which may be simulated."""
-    return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
+    if frame is not None and (unit := tree.unit_of(frame)):
+        return f"its stamps look like {unit}: stamps are nanoseconds"
+    return whose_clock(is_simulated=tree.is_simulated)
 
 
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:

@@ -11,6 +11,7 @@ import yaml
 
 from tests.live_bus import Bus, Process, keep_sending, send_static
 from tests.processes.sim_time import follower, start_clock
+from tfbus import Transform, TransformBroadcaster, TransformStamped
 
 
 @pytest.fixture
@@ -43,6 +44,16 @@ def test_without_frames_it_fails(bus: Bus) -> None:
     assert done.stderr == (
         "Error: no frame after 0.2 s: is a broadcaster running, on this network?\n"
     )
+
+
+def test_a_frame_that_is_listed_and_never_comes_is_named(bus: Bus) -> None:
+    """Its broadcaster runs: the reason is not that none does."""
+    node = bus.node("arm")
+    broadcaster = TransformBroadcaster(node, history_s=0.0)
+    broadcaster.send_transform(TransformStamped(1, "world", "base", Transform.identity()))
+    done = bus.run("frames")
+    assert done.returncode == 1
+    assert "s: no transform of 'base' has come, though /arm on " in done.stderr
 
 
 def test_problems_are_shown_and_checked(robot: Bus) -> None:

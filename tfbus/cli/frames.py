@@ -98,9 +98,9 @@ def command(
         hint = "" if tree.frames else heard.hint()
     _show(tree, outputs, long=long, as_json=as_json)
     if not tree.frames:
-        raise click.ClickException(
-            f"no frame after {wait_s:g} s: {hint or is_running('broadcaster')}"
-        )
+        silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
+        why = hint or silent or is_running("broadcaster")
+        raise click.ClickException(f"no frame after {wait_s:g} s: {why}")
     if check and tree.problems():
         raise SystemExit(1)
 

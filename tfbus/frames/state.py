@@ -15,11 +15,13 @@
 Silence is the time since a sample arrived: the age of the newest stamp, less the delay of the
 stream's last message. A skewed clock, or a replay with old stamps, changes both alike, so that a
 frame whose samples keep coming is not stale. Before a live message gives the delay, the measured
-offset of the publisher's clock takes its place, except under simulated time, which is no system's.
-Both come with every snapshot of the streams. Arrivals noted frame by frame would be known to
-long-running tools only: to `tfbus frames`, which listens for a second, a frame that stopped long
-ago arrives with the history just now. The price: the delay is that of a whole stream, and a frame
-whose stamps lag behind the others of its stream counts as silent for the difference.
+offset of the publisher's clock takes its place, except under simulated time, which is no system's;
+where that cannot be, as with stamps that are 5 min old, silence counts from when the messages came
+that the publisher had kept. All come with every snapshot of the streams. Arrivals noted frame by
+frame would be known to long-running tools only: to `tfbus frames`, which listens for a second, a
+frame that stopped long ago arrives with the history just now. The price: the delay is that of a
+whole stream, and a frame whose stamps lag behind the others of its stream counts as silent for the
+difference.
 """
 
 from typing import Literal
@@ -35,6 +37,10 @@ State = Literal["root", "static", "dynamic"] | Fault
 _STALE_PERIODS = 3.0
 _STALE_S = 1.0
 _STALE_WITHOUT_RATE_S = 3.0
+
+# A publisher keeps messages for 10 s, unless its options say otherwise. With some room: where the
+# stamps say that kept messages are older, or not sent yet, it is not known when they were sent.
+_MOST_KEPT_S, _LEAST_KEPT_S = 11.0, 1.0
 
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
@@ -68,10 +74,15 @@ def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
     stream = tree.publisher(frame)
     if stream.last_delay_s is not None:
         return age_s - stream.last_delay_s
-    if tree.is_simulated or stream.clock_offset_s is None:
-        return age_s
-    # A clock ahead of ours makes a sample look younger than it is.
-    return age_s + stream.clock_offset_s
+    silence_s = age_s
+    if not tree.is_simulated and stream.clock_offset_s is not None:
+        # A clock ahead of ours makes a sample look younger than it is.
+        silence_s += stream.clock_offset_s
+    if stream.kept_delay_s is None:
+        return silence_s
+    since_kept_s = age_s - stream.kept_delay_s
+    before_s = silence_s - since_kept_s
+    return silence_s if -_LEAST_KEPT_S < before_s < _MOST_KEPT_S else since_kept_s
 
 
 def stale_after_s(frame: FrameInfo) -> float:

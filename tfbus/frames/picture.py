@@ -114,7 +114,7 @@ def _draw_head(axes: Any, tree: FrameTree) -> None:
     _write(axes, 0.0, -0.32, f"recorded {when:%Y-%m-%d %H:%M:%S %Z}", 8, _GREY)
     kinds: tuple[State, ...] = ("dynamic", "static", "stale", "ahead", "gone", "conflict")
     for number, kind in enumerate(kinds):
-        _write(axes, 2.6 + 0.8 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
+        _write(axes, 2.6 + 0.7 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
 
 
 def _draw_frame(axes: Any, place: Place, label: _Label) -> None:

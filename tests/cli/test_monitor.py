@@ -100,10 +100,10 @@ def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
 def test_stamps_ahead_are_named(bus: Bus) -> None:
     """Behind the publisher of the frame, and in a sentence that says what to do."""
     keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
-    out = bus.run("monitor", "--once").stdout
+    out = bus.run("monitor", "--once", "-p", "2").stdout
     assert re.search("^base +arm AHEAD .* -5 min", out, re.MULTILINE)
     assert "samples of 'base' are 5 min in the future: have /arm on " in " ".join(out.split())
-    pair = bus.run("monitor", "world", "base", "--once").stdout
+    pair = bus.run("monitor", "world", "base", "--once", "-p", "2").stdout
     assert "samples of 'base' are 5 min in the future" in " ".join(pair.split())
 
 
@@ -112,7 +112,7 @@ def test_the_longest_names_fit_into_the_width(bus: Bus) -> None:
     ends = ["left", "right"]
     left, right = (f"{'robot7/' * 40}"[: 255 - len(end)] + end for end in ends)
     keep_sending(bus.node("sim"), left, right, late_ns=1_600_000_000 * 10**9)
-    pair = bus.run("monitor", left, right, "--once").stdout.splitlines()
+    pair = bus.run("monitor", left, right, "--once", "-p", "2").stdout.splitlines()
     assert pair[0].startswith("robot7/") and pair[0].endswith("right")
     assert pair[1].endswith("left ->") and pair[2].endswith("right")
     (row,) = [line for line in pair if re.match(r"ro\S*…\S*ht +sim ", line)]

@@ -278,19 +278,3 @@ def test_all_say_the_same_of_a_node_whose_clock_is_wrong(bus: Bus) -> None:
         eventually(lambda: said() == ("stale",))
         arm.close()
         eventually(lambda: said() == ("gone",))
-
-
-def test_all_say_the_same_of_old_stamps_of_which_only_the_past_is_heard(bus: Bus) -> None:
-    """What a publisher has kept it has sent of late: it is not stale for its stamps."""
-    arm, listening = bus.node("arm"), bus.node("listening")
-    broadcaster = TransformBroadcaster(arm, history_s=100.0)
-    for back in reversed(range(3)):
-        stamp_ns = arm.now_ns() - round((HOUR_S + 100.0 * back) * S)
-        broadcaster.send_transform(TransformStamped(stamp_ns, "map", FRAME, Transform.identity()))
-    buffer = Buffer(cache_time_s=1000.0)
-    with TransformListener(buffer, listening, history_s=100.0) as listener:
-        eventually(lambda: FRAME in buffer.frames() and buffer.frame(FRAME).samples == 3)
-        (stream,) = eventually(listener.streams)
-        assert stream.last_delay_s is None and stream.kept_delay_s is not None
-        tree = frame_tree(buffer, listener.streams(), listening.now_ns())
-        assert said_by_all(tree, buffer) == ()

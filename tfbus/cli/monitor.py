@@ -145,7 +145,9 @@ def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Ite
 
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
-        heard.tree_and_clocks()  # who follows a simulated time is asked before it is reported
+        tree = heard.tree()
+        if any(map(tree.is_ahead, tree.frames.values())):
+            heard.tree_and_clocks()  # they may follow a simulated time: it asks them
         yield make_report(heard, meter, pair)
 
 

@@ -4,7 +4,9 @@ import pytest
 
 from tfbus.wording import (
     age,
+    columns,
     counted,
+    cut_middle,
     did_you_mean,
     duration,
     listed,
@@ -23,6 +25,23 @@ def test_a_long_list_is_cut() -> None:
     """Names beyond the limit are counted."""
     assert listed(["a", "b"], most=2) == "a, b"
     assert listed(["a", "b", "c", "d"], most=2) == "a, b and 2 more"
+
+
+@pytest.mark.parametrize(
+    ("text", "most", "shown"),
+    [
+        ("robot7/wheel", 12, "robot7/wheel"),
+        ("robot7/wheel", 9, "robo…heel"),
+        ("robot7/wheel", 8, "robo…eel"),
+        ("robot7/wheel", 1, "…"),
+        ("日本語日本語", 8, "日本…語"),
+        ("e\u0301" * 9, 5, "e\u0301e\u0301…e\u0301e\u0301"),
+    ],
+)
+def test_a_name_that_is_cut_in_the_middle_keeps_its_ends(text: str, most: int, shown: str) -> None:
+    """Wide letters take two columns, and an accent stays with its letter."""
+    assert cut_middle(text, most) == shown
+    assert columns(shown) <= most
 
 
 def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:

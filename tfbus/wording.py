@@ -46,15 +46,28 @@ def columns(text: str) -> int:
 
 def cut(text: str, most: int) -> str:
     """The text in at most `most` columns of a terminal; where it is cut, it ends in an ellipsis."""
+    return text if columns(text) <= most else f"{_fitting(text, most - 1)}…"
+
+
+def cut_middle(text: str, most: int) -> str:
+    """As `cut`, with the ellipsis in the middle: names that begin alike often end differently."""
     if columns(text) <= most:
         return text
-    kept, room = [], most - 1
+    end = _fitting(text[::-1], (most - 1) // 2)[::-1]
+    while end and not _columns_of(end[0]):
+        end = end[1:]  # an accent whose letter is cut away
+    return f"{_fitting(text, most - 1 - columns(end))}…{end}"
+
+
+def _fitting(text: str, room: int) -> str:
+    """The beginning of a text that fits into this many columns."""
+    kept = []
     for letter in text:
         room -= _columns_of(letter)
         if room < 0:
             break
         kept.append(letter)
-    return f"{''.join(kept)}…"
+    return "".join(kept)
 
 
 def _columns_of(letter: str) -> int:

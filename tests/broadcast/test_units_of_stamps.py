@@ -1,4 +1,4 @@
-"""A stamp in seconds is sent as it is, but not without a word."""
+"""A stamp in seconds, or ahead of the clock, is sent as it is, but not without a word."""
 
 import logging
 import time
@@ -7,8 +7,11 @@ import pytest
 
 from tests.builders import at
 from tests.fakes import Lines
-from tests.live_bus import Bus
+from tests.live_bus import Bus, eventually
 from tfbus import Node, TransformBatch, TransformBroadcaster
+from tfbus.messages import Clock
+
+HOUR_NS = 3_600_000_000_000
 
 
 @pytest.mark.parametrize(
@@ -35,7 +38,42 @@ def test_stamps_of_now_and_small_ones_are_not_logged(sender: Node) -> None:
     for stamp in (0, 10**7, 1_500_000_000, 60 * 10**9, time.time_ns()):
         broadcaster.send_transform(at(stamp_ns=stamp))
     broadcaster.send_transform([])
+    # Of a recording, and what was computed for a moment.
+    for stamp in (time.time_ns() - HOUR_NS, time.time_ns() + 10_000_000):
+        broadcaster.send_transform(at(stamp_ns=stamp))
     assert log.lines == []
+
+
+@pytest.mark.parametrize("as_batch", [False, True])
+def test_a_stamp_ahead_of_the_clock_is_logged_once_per_stream(sender: Node, as_batch: bool) -> None:
+    """Whichever broadcaster sends it, and also where stamps were right at first."""
+    log = Lines(sender.log, logging.WARNING)
+    broadcasters = [TransformBroadcaster(sender), TransformBroadcaster(sender)]
+    for broadcaster in broadcasters:
+        broadcaster.send_transform(at(stamp_ns=time.time_ns()))
+    for broadcaster in [*broadcasters, *broadcasters]:
+        one = at(stamp_ns=time.time_ns() + HOUR_NS)
+        broadcaster.send_transform(TransformBatch.from_transforms([one]) if as_batch else one)
+    TransformBroadcaster(sender, stream="arm").send_transform(at(stamp_ns=time.time_ns() + HOUR_NS))
+    first, other = log.lines
+    assert first.startswith(
+        f"Sent a transform 60 min in the future in stream {sender.name!r}: stamp it with the time "
+        "at which it was measured, node.now_ns()"
+    )
+    assert "in stream 'arm'" in other
+
+
+def test_a_simulated_time_is_not_ahead_of_the_clock(bus: Bus) -> None:
+    """Neither for a node that follows it, nor for one that makes it."""
+    follower, maker = bus.node("follower", sim_time=True), bus.node("maker")
+    clock = maker.create_clock_publisher()
+    logs = [Lines(node.log, logging.WARNING) for node in (follower, maker)]
+    now_ns = time.time_ns() + HOUR_NS
+    clock.publish(Clock(now_ns))
+    eventually(lambda: follower.now_ns() == now_ns)
+    for node in (follower, maker):
+        TransformBroadcaster(node).send_transform(at(stamp_ns=now_ns + HOUR_NS))
+    assert [line for log in logs for line in log.lines if "in the future" in line] == []
 
 
 def test_a_simulated_clock_may_come_by_any_stamp(bus: Bus) -> None:

@@ -1,6 +1,7 @@
 """The tools that look into a recording: what they print, and that they open no bus."""
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -148,6 +149,19 @@ def test_monitor_prints_the_rates_and_the_longest_gap(path: Path) -> None:
     report = json.loads(run("monitor", "world", "laser", "--bag", path, "--json").output)
     assert report["pair"]["chain"] == ["world", "base", "laser"]
     assert [edge["child"] for edge in report["edges"]] == ["base"]
+
+
+@pytest.mark.parametrize("span", [(), ("--to", "+5s")])
+def test_a_command_that_monitor_names_can_be_copied(path: Path, span: tuple[str, ...]) -> None:
+    """It looks into the same recording, at the end of the same span."""
+    named = path.rename(path.with_name("a run.mcap"))
+    done = run("monitor", "world", "lasr", "--bag", named, *span)
+    assert done.exit_code == 1
+    command = shlex.split(done.output.rstrip(")\n").rpartition("(see: ")[2])
+    assert command[:2] == ["tfbus", "why"]
+    copied = run(*command[1:])
+    assert "there is no frame 'lasr'" in copied.output
+    assert f"{'5.0' if span else '19.9'} s into a run.mcap" in copied.output.splitlines()[0]
 
 
 def test_doctor_checks_a_recording(path: Path) -> None:

@@ -1,6 +1,7 @@
 """The command line: exact output, exit codes, and one sentence for each mistake."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -63,6 +64,20 @@ class TestTools:
         """Without nodes nothing is printed, with exit code 0."""
         assert run(bus, "node", "list") == (0, [], [])
         assert run(bus, "param", "list") == (0, [], [])
+
+    @pytest.mark.parametrize("kind", ["node", "topic", "service", "param"])
+    def test_an_empty_list_is_explained_to_a_person_only(self, bus: Bus, kind: str) -> None:
+        """At a terminal one line says that there is nothing, and what to look at."""
+        what = "node" if kind == "param" else kind
+        shown = re.sub(r"\x1b\[\d*m", "", bus.run_in_terminal(kind, "list"))
+        assert shown == f"No {what}: is a node running, on this network?\n"
+        assert run(bus, kind, "list") == (0, [], [])
+
+    def test_an_empty_list_names_the_namespace(self, bus: Bus) -> None:
+        """The node that is there is in none."""
+        serve(bus)
+        shown = bus.run_in_terminal("node", "list", "--namespace", "robot8")
+        assert "No node in namespace 'robot8': is a node running" in shown
 
     def test_node_info(self, bus: Bus) -> None:
         """A node is shown with its process, what it says and serves, and its parameters."""

@@ -11,6 +11,7 @@ import yaml
 
 from tests.live_bus import Bus, Process, keep_sending, send_static
 from tests.processes.sim_time import follower, start_clock
+from tfbus import Transform, TransformBroadcaster, TransformStamped
 
 
 @pytest.fixture
@@ -43,6 +44,16 @@ def test_without_frames_it_fails(bus: Bus) -> None:
     assert done.stderr == (
         "Error: no frame after 0.2 s: is a broadcaster running, on this network?\n"
     )
+
+
+def test_a_frame_that_is_listed_and_never_comes_is_named(bus: Bus) -> None:
+    """Its broadcaster runs: the reason is not that none does."""
+    node = bus.node("arm")
+    broadcaster = TransformBroadcaster(node, history_s=0.0)
+    broadcaster.send_transform(TransformStamped(1, "world", "base", Transform.identity()))
+    done = bus.run("frames")
+    assert done.returncode == 1
+    assert "s: no transform of 'base' has come, though /arm on " in done.stderr
 
 
 def test_problems_are_shown_and_checked(robot: Bus) -> None:
@@ -151,6 +162,31 @@ def test_simulated_time_is_said(bus: Bus) -> None:
     problem = " ".join(done.stdout.split("Problems:")[1].split())
     assert problem.startswith("clock: /clock publishes a simulated time; the stamps of 1 of 1 ")
     assert "Problems:" not in bus.run("frames", "--sim-time").stdout
+
+
+def test_stamps_ahead_are_a_problem(bus: Bus) -> None:
+    """Stamps of five minutes later are named, with what to do; --check then exits with 1."""
+    keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
+    done = bus.run("frames", "--check", "-t", "20")
+    assert done.returncode == 1
+    assert re.search("base +AHEAD, 5 min in the future", done.stdout)
+    publishers, problem = done.stdout.split("Problems:")
+    assert publishers.rstrip().endswith(", 5 min ahead")
+    assert " ".join(problem.split()).startswith(
+        "ahead: samples of 'base' are 5 min in the future: have /arm on "
+    )
+    assert "node.now_ns()" in problem
+
+
+def test_a_simulated_time_ahead_of_ours_is_no_problem_of_stamps(bus: Bus) -> None:
+    """With --sim-time nothing is wrong; without, the simulated time is what is."""
+    start_clock(bus, "--start", "+3600s")
+    keep_sending(follower(bus, "odometry"), "world", "base")
+    problem = bus.run("frames", "-t", "20").stdout.split("Problems:")[1]
+    assert "clock: /clock publishes a simulated time" in problem
+    assert "in the future" not in problem
+    done = bus.run("frames", "--sim-time", "--check", "-t", "20")
+    assert (done.returncode, "Problems:" in done.stdout) == (0, False)
 
 
 def test_watching_follows_what_changes(robot: Bus) -> None:

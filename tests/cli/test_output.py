@@ -27,6 +27,15 @@ class TestTables:
         ]
         assert table(["topic", "rate"], rows)[1] == "a/very/long/name/of/a/topic  62.500"
 
+    def test_names_are_cut_in_the_middle(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Where a column is of names, they keep their ends."""
+        monkeypatch.setenv("NO_COLOR", "1")
+        rows = [["robot7/left_wheel", "1.0"], ["robot7/right_wheel", "2.0"]]
+        assert table(["frame", "rate"], rows, names=[0], longest=17)[1:] == [
+            "robot…wheel  1.0",
+            "robot…wheel  2.0",
+        ]
+
     def test_a_painted_cell_is_cut_within_its_colour(self) -> None:
         """Colour takes no room, and ends with the cell."""
         (_, line) = table(["x"], [[paint("abcdef", "name")]], longest=4)

@@ -1,6 +1,7 @@
 """The tree of frames as a whole: its texts and pictures, and what is wrong with it."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -176,6 +177,26 @@ class TestProblems:
         ]
         rates = {name: it.rate_hz for name, it in tree_of(buffer, *publishers).frames.items()}
         assert rates == {"world": None, "a": pytest.approx(10.0), "b": None, "c": None}
+
+    def test_stamps_ahead(self) -> None:
+        """They are one problem of their publisher: its stamps, or the clock of its host."""
+        buffer = buffer_of(("world", "a"))
+        for child in ("b", "c"):
+            ts = TransformStamped(NOW_NS + 300 * NS, "a", child, Transform.identity())
+            buffer.set_transform(ts, authority="odom")
+        publishers = stream("sim", ("world", "a")), stream("odom", ("a", "b"), ("a", "c"))
+        said = "samples of 'b', 'c' are 5 min in the future"
+        assert self.problems(buffer, *publishers) == [
+            (
+                "ahead",
+                f"{said}: have /odom on robot7, pid 42 stamp 'b', 'c' with the time at which they "
+                "were measured: node.now_ns()",
+            )
+        ]
+        skewed = replace(publishers[1], clock_offset_s=300.0)
+        assert self.problems(buffer, publishers[0], skewed) == [
+            ("ahead", f"{said}: synchronize the clocks of robot7 and this host by NTP")
+        ]
 
     def test_gone_publishers(self) -> None:
         """The frames of a gone publisher are one problem, which names the first five."""

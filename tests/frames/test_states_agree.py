@@ -21,6 +21,7 @@ from tfbus import (
 )
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Host
+from tfbus.frames.simulated import SimulatedTime
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.frames.state import stale_after_s, state
 from tfbus.frames.text import tree_lines
@@ -39,7 +40,7 @@ HOUR_S = 3600.0
 FRAME = "base"
 Faults = tuple[str, ...]
 
-ARM = StreamInfo("arm", node="/arm", alive=True, frames=(("map", FRAME, False),))
+ARM = StreamInfo("arm", node="/arm", host="robot7", alive=True, frames=(("map", FRAME, False),))
 LEFT, RIGHT = replace(ARM, name="left"), replace(ARM, name="right")
 
 
@@ -80,7 +81,66 @@ RECORDED: dict[str, tuple[Buffer, list[StreamInfo], Faults]] = {
         ("gone", "conflict"),
     ),
     "clock behind": (buffer_of(newest_s=HOUR_S), [replace(ARM, last_delay_s=HOUR_S)], ()),
-    "clock ahead": (buffer_of(newest_s=-HOUR_S), [replace(ARM, last_delay_s=-HOUR_S)], ()),
+    "clock ahead": (
+        buffer_of(newest_s=-HOUR_S),
+        [replace(ARM, last_delay_s=-HOUR_S)],
+        ("ahead",),
+    ),
+    "stamped ahead": (
+        buffer_of(newest_s=-0.03),
+        [replace(ARM, last_delay_s=-0.03, clock_offset_s=0.0)],
+        ("ahead",),
+    ),
+    "clock a little ahead": (
+        buffer_of(newest_s=-0.03),
+        [replace(ARM, last_delay_s=-0.03, clock_offset_s=0.031)],
+        (),
+    ),
+    "clock ahead by more than clocks may differ": (
+        buffer_of(newest_s=-0.2),
+        [replace(ARM, last_delay_s=-0.2, clock_offset_s=0.201)],
+        ("ahead",),
+    ),
+    "stamped behind, only history heard": (
+        buffer_of(newest_s=301.0, rate_hz=0.5),
+        [replace(ARM, clock_offset_s=0.0, kept_delay_s=300.5)],
+        (),
+    ),
+    "stamped behind, only history heard, long ago": (
+        buffer_of(newest_s=306.6, rate_hz=0.5),
+        [replace(ARM, clock_offset_s=0.0, kept_delay_s=300.5)],
+        ("stale",),
+    ),
+    "stamped ahead, only history heard, long ago": (
+        buffer_of(newest_s=-293.0, rate_hz=0.5),
+        [replace(ARM, clock_offset_s=0.0, kept_delay_s=-299.5)],
+        ("stale",),
+    ),
+    "stale, only history heard": (
+        buffer_of(newest_s=5.0),
+        [replace(ARM, clock_offset_s=0.0, kept_delay_s=4.5)],
+        ("stale",),
+    ),
+    "stamped ahead, only history heard": (
+        buffer_of(newest_s=-300.0),
+        [replace(ARM, clock_offset_s=0.0)],
+        ("ahead",),
+    ),
+    "stamped ahead by ROS, as its localisation does": (
+        buffer_of(newest_s=-1.0),
+        [replace(ARM, last_delay_s=-1.0, origin=("01",))],
+        (),
+    ),
+    "of ROS, an hour ahead": (
+        buffer_of(newest_s=-HOUR_S),
+        [replace(ARM, last_delay_s=-HOUR_S, origin=("01",))],
+        ("ahead",),
+    ),
+    "ahead and in conflict": (
+        buffer_of(newest_s=-HOUR_S),
+        [replace(ARM, last_delay_s=-HOUR_S), LEFT],
+        ("conflict",),
+    ),
     "clock stepped, the mean delay lags behind": (
         buffer_of(newest_s=HOUR_S),
         [replace(ARM, delay_s=0.1 * HOUR_S, last_delay_s=HOUR_S)],
@@ -120,7 +180,7 @@ def said_by_doctor(tree: FrameTree) -> Faults:
     """The checks of `tfbus doctor` that name the frame."""
     host = Host({}, is_compiled=True, interfaces=(), scouted=None, routers=0)
     seen = Examination(NodeSettings("doctor"), host, (), tree, (), 3.0)
-    checks = {"gone": "gone", "conflicts": "conflict", "stale": "stale"}
+    checks = {"gone": "gone", "conflicts": "conflict", "stale": "stale", "stamps": "ahead"}
     return tuple(
         fault
         for check, fault in checks.items()
@@ -159,6 +219,23 @@ def test_the_offset_of_a_clock_does_not_count_under_simulated_time() -> None:
     buffer.clock = SimulatedClock()
     streams = [replace(ARM, clock_offset_s=HOUR_S)]
     assert said_by_all(frame_tree(buffer, streams, NOW_NS), buffer) == ()
+
+
+@pytest.mark.parametrize(("ahead_s", "faults"), [(2.0, ()), (HOUR_S, ("ahead",))])
+def test_a_simulated_time_goes_in_steps(ahead_s: float, faults: Faults) -> None:
+    """Its publishers may have the next one already, but not that of an hour later."""
+    buffer = buffer_of(newest_s=-ahead_s)
+    buffer.clock = SimulatedClock()
+    tree = frame_tree(buffer, [replace(ARM, last_delay_s=-ahead_s)], NOW_NS)
+    assert said_by_frames(tree) == faults
+
+
+def test_a_simulated_time_that_is_not_ours_is_not_ahead() -> None:
+    """Where its publisher follows it, and the tool does not."""
+    simulated = SimulatedTime(("/clock",), frozenset(["/arm"]), 1)
+    tree = frame_tree(buffer_of(newest_s=-HOUR_S), [ARM], NOW_NS, simulated)
+    assert said_by_frames(tree) == ()
+    assert [problem.kind for problem in tree.problems()] == ["clock"]
 
 
 def test_a_root_is_a_root() -> None:

@@ -48,6 +48,18 @@ def test_a_new_epoch_has_delays_of_its_own(received: Received) -> None:
     assert (counts.delay_s, counts.last_delay_s) == (7.0, 7.0)
 
 
+def test_kept_messages_have_a_delay_of_their_own(received: Received) -> None:
+    """Until the first live one: that of the newest, in whatever order they come."""
+    for stamp_ns in (2 * S, 4 * S, 3 * S):
+        received.stream.receive_kept(payload([at(1, "robot", stamp_ns)], 1))
+    counts = received.stream.counts
+    assert (counts.last_delay_s, counts.kept_delay_s) == (None, 5.0)
+    received.send(at(1, "robot", 8 * S))
+    assert (counts.last_delay_s, counts.kept_delay_s) == (1.0, 5.0)
+    received.send(at(1, "robot", 2 * S), epoch_ns=2)
+    assert counts.kept_delay_s is None
+
+
 def test_what_was_sent_before_the_first_message_heard_is_not_missed(received: Received) -> None:
     """Misses are gaps in the numbers of messages, from the first that was heard."""
     for seq in (5, 6, 9, 10):

@@ -77,6 +77,15 @@ def test_a_stale_frame_says_for_how_long_it_has_been_silent(buffer: Buffer) -> N
     assert text.explained(frames["tool"]) == "stale: no sample for 5.0 s"
 
 
+def test_a_frame_that_is_ahead_says_by_how_much(buffer: Buffer) -> None:
+    """It is a fault, but it does not fade: its samples come."""
+    send(buffer, "map", "base", at_ns=302 * S)
+    frames = look(buffer, at_ns=2 * S)
+    assert (frames["base"].state, frames["base"].opacity) == ("ahead", 1.0)
+    assert text.explained(frames["base"]) == "ahead: its newest stamp is 5 min in the future"
+    assert "1 ahead" in text.headline(frames, "map", Playback())
+
+
 def test_a_conflict_names_both_publishers(buffer: Buffer) -> None:
     """Also beside a frame that is gone."""
     rows = (("map", "base", False),)

@@ -8,7 +8,19 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
-from tfbus.runtime.stamp_units import LATEST_OF_ANOTHER_UNIT, other_unit, unit_hint
+from tfbus.runtime.stamp_units import (
+    LATEST_OF_ANOTHER_UNIT,
+    MOST_AHEAD_NS,
+    other_unit,
+    unit_hint,
+)
+from tfbus.wording import age
+
+# The type of the topic of a simulated time.
+_CLOCK = "Clock"
+
+# Later than any stamp.
+_NEVER_NS = 2**63
 
 Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 
@@ -41,15 +53,18 @@ class TransformBroadcaster:
     ):
         options = StreamOptions(split=split, priority=priority, history_s=history_s)
         self._sender = stream_of_node(node, stream).sender(options)
+        self._stream = stream or node.name
         self._node = node
-        self._unit_is_logged = False
+        # Stamps up to this need no look: the clock is not read at each send.
+        self._seems_right_to_ns = 0
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch of columns.
 
         Each takes points of its child frame into its frame_id, the parent. A stamp that looks like
-        seconds, milliseconds or microseconds is logged once. Raises InvalidArgumentException where
-        parent and child are the same frame, or a frame name in a batch is invalid.
+        seconds, milliseconds or microseconds is logged once, and so is one that is more than 20 ms
+        later than the node's own clock. Raises InvalidArgumentException where parent and child are
+        the same frame, or a frame name in a batch is invalid.
         """
         if isinstance(transforms, TransformStamped):
             self._sender.send_one(transforms)
@@ -58,14 +73,38 @@ class TransformBroadcaster:
             columns = _as_columns(transforms)
             self._sender.send(columns)
             stamp_ns = columns.last_stamp_ns()
-        if stamp_ns is not None and 0 < stamp_ns < LATEST_OF_ANOTHER_UNIT:
-            self._check_unit(stamp_ns)
+        if stamp_ns is not None and not (
+            LATEST_OF_ANOTHER_UNIT <= stamp_ns <= self._seems_right_to_ns
+        ):
+            self._check_stamp(stamp_ns)
 
-    def _check_unit(self, stamp_ns: int) -> None:
-        unit = other_unit(stamp_ns, self._node.clock.now_ns())
-        if unit and not self._unit_is_logged:
-            self._unit_is_logged = True
-            self._node.log.warning("Sent a transform of 1970: %s", unit_hint(stamp_ns, unit))
+    def _check_stamp(self, stamp_ns: int) -> None:
+        if stamp_ns >= LATEST_OF_ANOTHER_UNIT:
+            self._check_ahead(stamp_ns)
+        elif stamp_ns > 0 and (unit := other_unit(stamp_ns, self._node.clock.now_ns())):
+            self._warn_once("Sent a transform of 1970: %s", unit_hint(stamp_ns, unit))
+
+    def _check_ahead(self, stamp_ns: int) -> None:
+        clock = self._node.clock
+        now_ns = clock.now_ns()
+        self._seems_right_to_ns = now_ns + MOST_AHEAD_NS
+        if stamp_ns <= self._seems_right_to_ns:
+            return
+        self._seems_right_to_ns = _NEVER_NS
+        # Others may have a simulated time before this node, and who publishes one makes it.
+        if not clock.is_simulated and _CLOCK not in self._node.describe()["publishes"].values():
+            self._warn_once(
+                "Sent a transform %s in stream %r: stamp it with the time at which it was "
+                "measured, node.now_ns(). Further ones are not logged",
+                age((now_ns - stamp_ns) / 1e9),
+                self._stream,
+            )
+
+    def _warn_once(self, text: str, *values: object) -> None:
+        """Log the first of a kind in the stream, which several broadcasters may share."""
+        if text not in self._sender.warned_of:
+            self._sender.warned_of.add(text)
+            self._node.log.warning(text, *values)
 
     def remove(self, frame: str, *more: str) -> None:
         """Take child frames out of the stream, and so out of every listener's buffer.

@@ -75,6 +75,8 @@ class TransformSender:
         begin_epoch: Callable[[str, int], int],
     ) -> None:
         self.options = options
+        # The kinds of wrong stamps that were logged.
+        self.warned_of: set[str] = set()
         self._epoch_ns = epoch_ns
         self._frames = frames
         self._note_edges = note

@@ -1,10 +1,11 @@
 """A session without a node, for commands that look at the bus and exit."""
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sized
 from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import warn
+from tfbus.cli.output import say, warn
 from tfbus.discover.graph import Graph, graph_of
 from tfbus.errors import DecodeError
 from tfbus.runtime.log import open_log
@@ -34,6 +35,11 @@ def look(session: "Session", on_unreadable: Callable[[DecodeError], object] = wa
     return graph_of(nodes, streams, session.settings.namespace)
 
 
+def is_running(what: str) -> str:
+    """What to ask where nothing was found that a broadcaster, or another node, would send."""
+    return f"is a {what} running, on this network?"
+
+
 def look_once(session: "Session") -> Graph:
     """What `look` gives, for a command that shows it or fails: where there is nothing, it warns of
     a bus here that the session gets no link to.
@@ -44,9 +50,26 @@ def look_once(session: "Session") -> Graph:
     return graph
 
 
-def warn_if_out_of_reach(session: "Session") -> None:
-    """Warn of a bus here that the session, which finds no node, gets no link to."""
+def warn_if_out_of_reach(session: "Session") -> bool:
+    """Warn of a bus here that the session, which finds no node, gets no link to; whether there is
+    one.
+    """
     from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh
 
-    if what := bus_out_of_reach(session):
+    what = bus_out_of_reach(session)
+    if what:
         warn(what)
+    return bool(what)
+
+
+def say_if_empty(session: "Session", found: Sized, kind: str, *, is_all: bool = True) -> None:
+    """Of a list that is empty say so on stderr, to a person only: stdout stays empty, as ROS's.
+
+    `is_all` is whether nothing else was found either: a bus out of reach may be the reason then,
+    and is warned of.
+    """
+    if found or (is_all and warn_if_out_of_reach(session)) or not sys.stderr.isatty():
+        return
+    namespace = session.settings.namespace
+    where = f" in namespace {namespace!r}" if namespace else ""
+    say(f"No {kind}{where}: {is_running('node')}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import is_running
 from tfbus.cli.output import json_option, paint_state, print_lines, screen, width
 from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
@@ -97,9 +98,9 @@ def command(
         hint = "" if tree.frames else heard.hint()
     _show(tree, outputs, long=long, as_json=as_json)
     if not tree.frames:
-        raise click.ClickException(
-            f"no frame after {wait_s:g} s: {hint or 'is a broadcaster running, on this network?'}"
-        )
+        silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
+        why = hint or silent or is_running("broadcaster")
+        raise click.ClickException(f"no frame after {wait_s:g} s: {why}")
     if check and tree.problems():
         raise SystemExit(1)
 

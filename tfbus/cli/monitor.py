@@ -3,13 +3,14 @@
 import itertools
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import is_running
 from tfbus.cli.monitor_report import as_lines, span_as_lines
 from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
@@ -19,6 +20,7 @@ from tfbus.frames.heard import Heard
 from tfbus.monitor.report import PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
+from tfbus.wording import stamp_text
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
@@ -109,7 +111,10 @@ def _measure_recorded(
         from_ns, to_ns = recording.span
         heard = frames_of(recording, settings, fleet)
         report = measured(heard, from_ns, to_ns, pair)
-        _check(heard, report, once=True)
+        of_bag = [word for path in bag.paths for word in ("--bag", str(path))]
+        if bag.end is not None:
+            of_bag += ["--at", stamp_text(to_ns)]
+        _check(heard, report, once=True, of_bag=of_bag)
         if as_json:
             print_json(span_as_map(report))
         else:
@@ -117,17 +122,20 @@ def _measure_recorded(
             print_lines(span_as_lines(report, heard.start_ns))
 
 
-def _check(heard: Heard, report: Report, once: bool) -> None:
-    """Raises ClickException if there is nothing to measure and waiting does not help."""
+def _check(heard: Heard, report: Report, once: bool, of_bag: Sequence[str] = ()) -> None:
+    """Raises ClickException if there is nothing to measure and waiting does not help.
+
+    `of_bag` are the words by which another command looks at the same moment of a recording.
+    """
     pair = report.pair
     if pair and pair.failure:
         unknown = sorted({pair.target, pair.source}.difference(heard.buffer.frames()))
         hint = next(filter(None, map(heard.hint, unknown)), "")
         failure = f"{pair.failure}; {hint}" if hint else pair.failure
-        why = shlex.join(["tfbus", "why", pair.target, pair.source])
+        why = shlex.join(["tfbus", "why", pair.target, pair.source, *of_bag])
         raise click.ClickException(f"{failure} (see: {why})")
     if once and not report.edges():
-        hint = heard.hint() or "is a broadcaster running?"
+        hint = heard.hint() or is_running("broadcaster")
         raise click.ClickException(f"no transform yet: {hint}")
 
 
@@ -137,6 +145,9 @@ def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Ite
 
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
+        tree = heard.tree()
+        if any(map(tree.is_ahead, tree.frames.values())):
+            heard.tree_and_clocks()  # they may follow a simulated time: it asks them
         yield make_report(heard, meter, pair)
 
 

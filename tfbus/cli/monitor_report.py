@@ -1,14 +1,23 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
+import itertools
+import textwrap
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from tfbus.cli.output import paint, paint_state, table
-from tfbus.frames.state import faults, is_another_time, state, whose_clock
+from tfbus.cli.output import paint, paint_state, table, width
+from tfbus.frames.other_clocks import is_another_time, whose_clock
+from tfbus.frames.state import faults, state
 from tfbus.monitor.report import Pair, Report
-from tfbus.wording import counted, duration, listed
+from tfbus.wording import counted, cut_middle, duration, listed
 
 if TYPE_CHECKING:
     from tfbus.monitor.recorded import SpanReport
+
+# Between two frames of a chain.
+_TO = " -> "
+# The most letters that stand beside a name in a line: `Held back by: `, and some.
+_BESIDE_NAME = 20
 
 
 def as_lines(report: Report, hint: str = "") -> list[str]:
@@ -19,7 +28,7 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
     if not report.edges():
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
     tables = [*_edge_table(report), "", *_stream_table(report)]
-    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report)]
+    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
 
 
 def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
@@ -49,7 +58,7 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
         )
     empty = [""] * (len(headings) - 3)
     rows += [[frame.name, frame.authority, "static", *empty] for frame in report.statics()]
-    tables = [*table(headings, sorted(rows), right=range(2, len(headings))), ""]
+    tables = [*_table(headings, sorted(rows), right=range(2, len(headings))), ""]
     of_stream = ("stream", "node", "host", "Hz", "missed", "restarts")
     rows = [
         [
@@ -62,14 +71,18 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
         ]
         for stream in report.tree.streams.values()
     ]
-    return [*lines, *tables, *table(of_stream, rows, right=range(3, len(of_stream)))]
+    tables += _table(of_stream, rows, right=range(3, len(of_stream)))
+    return [*lines, *tables, *_ahead_lines(report)]
 
 
 def _pair_lines(pair: Pair) -> list[str]:
-    lines = [paint(f"{pair.target} -> {pair.source}", "heading")]
+    both = (width() - len(_TO)) // 2
+    lines = [
+        paint(f"{cut_middle(pair.target, both)}{_TO}{cut_middle(pair.source, both)}", "heading")
+    ]
     if pair.failure:
-        return [*lines, paint(f"No transform: {pair.failure}", "bad")]
-    lines.append(f"Chain: {' -> '.join(pair.chain)}")
+        return [*lines, *(paint(line, "bad") for line in _wrapped(f"No transform: {pair.failure}"))]
+    lines += _wrapped(f"Chain: {_TO.join(map(_cut, pair.chain))}")
     if pair.net_delay_s:
         delay = pair.net_delay_s
         lines.append(
@@ -79,8 +92,22 @@ def _pair_lines(pair: Pair) -> list[str]:
     if pair.held_back_by is None:
         lines.append("Held back by: nothing, all edges are static")
     else:
-        lines.append(f"Held back by: {pair.held_back_by}")
+        lines.append(f"Held back by: {_cut(pair.held_back_by)}")
     return [*lines, ""]
+
+
+def _cut(name: str) -> str:
+    """A name that fits into a line of its own, with some words beside it."""
+    return cut_middle(name, max(width() - _BESIDE_NAME, 1))
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, width(), subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: range) -> list[str]:
+    """No wider than a line, in a pipe too; the names in its first two columns keep their ends."""
+    return table(headings, rows, right=right, names=range(2), longest=width())
 
 
 def _clock_lines(report: Report) -> list[str]:
@@ -88,9 +115,26 @@ def _clock_lines(report: Report) -> list[str]:
     odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
     if not odd:
         return []
-    frames = listed(list(map(repr, odd)))
+    frames = listed([repr(_cut(name)) for name in odd])
     question = whose_clock(is_simulated=report.tree.is_simulated)
-    return ["", paint(f"The stamps of {frames} are of another clock: {question}", "bad")]
+    said = _wrapped(f"The stamps of {frames} are of another clock: {question}")
+    return ["", *(paint(line, "bad") for line in said)]
+
+
+def _ahead_lines(report: Report) -> list[str]:
+    """What to do about frames whose stamps are in the future."""
+    shown = {frame.name for frame in report.edges()}
+    problems = [
+        _wrapped(problem.text)
+        for problem in report.tree.problems()
+        if problem.kind == "ahead"
+        and shown.intersection(problem.frames)
+        and not any(
+            is_another_time(report.tree.age_s(report.tree.frames[name])) for name in problem.frames
+        )
+    ]
+    lines = list(itertools.chain.from_iterable(problems))
+    return ["", *(paint(line, "bad") for line in lines)] if lines else []
 
 
 def _edge_table(report: Report) -> list[str]:
@@ -115,7 +159,7 @@ def _edge_table(report: Report) -> list[str]:
         if wrong := faults(report.tree, frame):
             by = paint_state(f"{by} {', '.join(wrong).upper()}", its_state)
         rows.append([name, by, *cells])
-    return table(headings, rows, right=range(2, len(headings)))
+    return _table(headings, rows, right=range(2, len(headings)))
 
 
 def _stream_table(report: Report) -> list[str]:
@@ -135,7 +179,7 @@ def _stream_table(report: Report) -> list[str]:
                 "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}",
             ]
         )
-    return table(headings, rows, right=range(3, len(headings)))
+    return _table(headings, rows, right=range(3, len(headings)))
 
 
 def _dropped_lines(report: Report) -> list[str]:

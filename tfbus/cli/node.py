@@ -6,7 +6,7 @@ from collections import Counter
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import open_bus, warn_if_out_of_reach
+from tfbus.cli.bus import open_bus, say_if_empty
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.cli.recorded_nodes import node_at, nodes_at
 from tfbus.cli.verbs import Verbs
@@ -37,17 +37,16 @@ def list_command(
 ) -> None:
     """Print the full names of all nodes, one per line."""
     if bag is not None:
-        present = list(nodes_at(bag)[0])
+        names = _shown(list(nodes_at(bag)[0]), everyone)
     else:
         with open_bus(settings) as session:
             present = list_nodes(session)
             described = {(node.session, node.name) for node in describe_all(session, warn)}
-            if not present:
-                warn_if_out_of_reach(session)
+            names = _shown(present, everyone)
+            say_if_empty(session, names, "node", is_all=not present)
         for name, count in Counter(name for _, name in described).items():
             if count > 1:
                 warn(f"{count} nodes have the name {name}")
-    names = [name for name in present if everyone or not _is_hidden(name)]
     if only_count:
         click.echo(len(names))
     elif as_json:
@@ -77,6 +76,10 @@ def info_command(settings: NodeSettings, bag: BagChoice | None, name: str, as_js
             print_json(as_map(node))
         else:
             print_lines(_lines(node, now_ns))
+
+
+def _shown(names: list[str], everyone: bool) -> list[str]:
+    return [name for name in names if everyone or not _is_hidden(name)]
 
 
 def _is_hidden(name: str) -> bool:

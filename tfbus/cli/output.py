@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import click
 
-from tfbus.wording import columns, counted, cut, printable
+from tfbus.wording import columns, counted, cut, cut_middle, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -36,6 +36,7 @@ _STATE_ROLES = {
     "root": "heading",
     "static": "faint",
     "stale": "warning",
+    "ahead": "warning",
     "gone": "bad",
     "conflict": "bad",
 }
@@ -178,12 +179,14 @@ def table(
     rows: Iterable[Sequence[str]],
     *,
     right: Iterable[int] = (),
+    names: Iterable[int] = (),
     longest: int | None = None,
 ) -> list[str]:
     """Lines of columns under headings; cells may be painted.
 
     The columns of index `right` are aligned to the right. If a line is longer than `longest` (None:
-    the terminal's width; unlimited in a pipe), the widest columns are cut.
+    the terminal's width; unlimited in a pipe), the widest columns are cut; those of index `names`
+    in the middle.
     """
     if longest is None and is_terminal():
         longest = width()
@@ -191,10 +194,10 @@ def table(
     widths = [max(map(_length, column)) for column in zip(*cells, strict=True)]
     if longest is not None:
         _narrow(widths, longest - len(_GAP) * (len(widths) - 1))
-    on_the_right = set(right)
+    on_the_right, cut_by = set(right), dict.fromkeys(names, cut_middle)
     return [
         _GAP.join(
-            _padded(cell, wide, at in on_the_right)
+            _padded(cell, wide, at in on_the_right, cut_by.get(at, cut))
             for at, (cell, wide) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in cells
@@ -240,9 +243,9 @@ def _narrow(widths: list[int], room: int) -> None:
         widths[widths.index(max(widths))] -= 1
 
 
-def _padded(cell: str, wide: int, right: bool) -> str:
+def _padded(cell: str, wide: int, right: bool, cut_to: Callable[[str, int], str]) -> str:
     bare = click.unstyle(cell)
     if columns(bare) > wide:
-        cell = cell.replace(bare, cut(bare, wide))
+        cell = cell.replace(bare, cut_to(bare, wide))
     space = " " * (wide - _length(cell))
     return space + cell if right else cell + space

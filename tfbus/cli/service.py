@@ -7,7 +7,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look_once, open_bus
+from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.call import TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.messages.message import (
     find_call,
@@ -21,7 +21,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, print_
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName, matching
-from tfbus.discover.graph import ServiceInfo
+from tfbus.discover.graph import Graph, ServiceInfo
 from tfbus.errors import ServiceError
 from tfbus.wire.keys import relative
 from tfbus.wording import did_you_mean
@@ -47,7 +47,9 @@ def command() -> None:
 def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_json: bool) -> None:
     """Print the names of all services and actions, one per line."""
     with open_bus(settings) as session:
-        services = _served(session)
+        graph = look(session)
+        services = _served(graph)
+        say_if_empty(session, services, "service", is_all=not graph.topics)
     if only_count:
         click.echo(len(services))
     elif as_json:
@@ -93,7 +95,7 @@ def type_command(settings: NodeSettings, service: str) -> None:
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
     """Print the names of the services and actions of TYPE, one per line."""
     with open_bus(settings) as session:
-        served = {service.name: service for service in _served(session)}
+        served = {service.name: service for service in _served(look_once(session))}
     found = names_of_type(served, type_name, "service")
     click.echo(len(found)) if only_count else print_lines(found)
 
@@ -164,8 +166,8 @@ def _type_of(info: ServiceInfo) -> type:
     return known[0]
 
 
-def _served(session: Session) -> list[ServiceInfo]:
-    return [service for service in look_once(session).services.values() if service.servers]
+def _served(graph: Graph) -> list[ServiceInfo]:
+    return [service for service in graph.services.values() if service.servers]
 
 
 def _find(session: Session, service: str) -> ServiceInfo:

@@ -5,20 +5,19 @@ from collections import Counter
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
-from tfbus.frames.snapshot import who
-from tfbus.frames.state import is_another_time, whose_clock, why_another_time
+from tfbus.frames.other_clocks import MOST_SKEW_S, is_ahead, is_another_time, whose_clock
+from tfbus.frames.snapshot import in_the_future, who
+from tfbus.frames.state import state, why_another_time
+from tfbus.listen.info import StreamInfo
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.wording import counted, duration
 
-# Above this, lookups at a node's own "now" fail or extrapolate.
-_MOST_SKEW_S = 0.1
 # The rate now differs by this factor from that of the history.
 _RATE_FACTOR = 1.5
 # Jitter above this part of the period is irregular.
 _MOST_JITTER = 0.5
 # A pause is a gap if it is this many periods long, and at least this long.
 _GAP_PERIODS, _LEAST_GAP_S = 5.0, 0.25
-_FUTURE_S = 0.02
 # A message longer than Zenoh's batch goes in fragments: one dropped fragment loses all.
 _BATCH_BYTES = 65_535
 
@@ -34,7 +33,7 @@ def check_clock_skew(seen: Examination) -> Finding:
         f"the clock of {who(stream)} is {duration(abs(offset))} "
         f"{'ahead of' if offset > 0 else 'behind'} ours"
         for stream, offset in offsets.values()
-        if abs(offset) > _MOST_SKEW_S
+        if abs(offset) > MOST_SKEW_S
     ]
     if not offsets:
         return skipped("no publisher's clock is known")
@@ -42,7 +41,7 @@ def check_clock_skew(seen: Examination) -> Finding:
         "fail",
         skewed,
         "synchronise both hosts to the same server (chrony, or another NTP client)",
-        f"{counted(len(offsets), 'clock')} within {duration(_MOST_SKEW_S)} of ours",
+        f"{counted(len(offsets), 'clock')} within {duration(MOST_SKEW_S)} of ours",
     )
 
 
@@ -132,9 +131,16 @@ def check_stamps(seen: Examination) -> Finding:
     ]
     evidence += far
     evidence += [
-        f"samples of {flow.child!r} are {duration(-flow.least_delay_s)} in the future"
+        in_the_future([flow.child], flow.least_delay_s)
         for flow in _of_near_stamps(seen)
-        if flow.least_delay_s is not None and flow.least_delay_s < -_FUTURE_S
+        if flow.least_delay_s is not None and _is_ahead(seen, flow)
+    ]
+    # Of these only what was sent before has come.
+    flowing = {flow.child for flow in seen.flows}
+    evidence += [
+        in_the_future([frame.name], seen.tree.age_s(frame) or 0.0)
+        for frame in seen.tree.frames.values()
+        if frame.name not in flowing and state(seen.tree, frame) == "ahead"
     ]
     return _of_flows(
         seen,
@@ -177,6 +183,11 @@ def check_refused(seen: Examination) -> Finding:
     )
 
 
+def _is_ahead(seen: Examination, flow: EdgeFlow) -> bool:
+    stream = seen.tree.streams.get(flow.stream) or StreamInfo(flow.stream)
+    return is_ahead(flow.least_delay_s, stream, is_simulated=seen.settings.sim_time)
+
+
 def _why_far(seen: Examination, flow: EdgeFlow) -> str:
     """Why the samples of a flow are years away."""
     if seen.settings.sim_time:
@@ -185,10 +196,10 @@ def _why_far(seen: Examination, flow: EdgeFlow) -> str:
 
 
 def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:
-    if not seen.flows:
-        return skipped("no dynamic transform arrived while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
+    if not seen.flows:
+        return skipped("no dynamic transform arrived while listening")
     frames = {flow.child for flow in seen.flows}
     return ok(f"{counted(len(frames), 'dynamic frame')} in {seen.listened_s:.0f} s")
 

@@ -8,8 +8,8 @@ from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
 from tfbus.doctor.recorded import RecordedExamination
 from tfbus.doctor.sim_time_checks import of_our_time
 from tfbus.frames.gaps import gaps_in
+from tfbus.frames.other_clocks import is_another_time
 from tfbus.frames.snapshot import ProblemKind, who
-from tfbus.frames.state import is_another_time
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.recorded import EdgeSamples
 from tfbus.wording import counted, duration, listed

@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -16,6 +16,8 @@ from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.stamp_units import MOST_AHEAD_NS
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
 # This much of what publishers sent before gives their rates at once.
@@ -28,8 +30,8 @@ _QUIET_S = 0.3
 
 _ASK_EVERY_S = 3.0
 
-# Stamps that are so far from the time now are of another time, or nothing comes.
-_ODD_AHEAD_S, _ODD_BEHIND_S = 0.2, 2.0
+# Samples that are so old are of another time, or nothing comes.
+_ODD_BEHIND_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,10 @@ class Listening:
             self._asked.simulated = simulated_time(describe_all(session, lambda error: None))
         return self.tree()
 
+    def note_nodes(self, nodes: Iterable[NodeDescription]) -> None:
+        """Take what the nodes say of a simulated time from descriptions that were asked for."""
+        self._asked.simulated = simulated_time(nodes)
+
     def hint(self, frame: str = "") -> str:
         """Which other namespaces have a frame, or any frame at all; "" when none does."""
         return self.listener.where_to_look(frame)
@@ -101,7 +107,7 @@ class _Asked:
 
 def _is_odd(age_s: float | None) -> bool:
     """Whether an age is not that of a frame which comes now, by the system's time."""
-    return age_s is not None and not -_ODD_AHEAD_S < age_s < _ODD_BEHIND_S
+    return age_s is not None and not -MOST_AHEAD_NS / 1e9 < age_s < _ODD_BEHIND_S
 
 
 @contextmanager

@@ -20,6 +20,7 @@ COLOURS: dict[State, str] = {
     "dynamic": "#2563eb",
     "static": "#4b5563",
     "stale": "#b45309",
+    "ahead": "#0f766e",
     "gone": "#b91c1c",
     "conflict": "#a21caf",
 }
@@ -111,9 +112,9 @@ def _draw_head(axes: Any, tree: FrameTree) -> None:
     title = f"{frames}, {counted(streams, 'publisher')}"
     _write(axes, 0.0, -0.58, title, 13, COLOURS["root"], weight="bold")
     _write(axes, 0.0, -0.32, f"recorded {when:%Y-%m-%d %H:%M:%S %Z}", 8, _GREY)
-    kinds: tuple[State, ...] = ("dynamic", "static", "stale", "gone", "conflict")
+    kinds: tuple[State, ...] = ("dynamic", "static", "stale", "ahead", "gone", "conflict")
     for number, kind in enumerate(kinds):
-        _write(axes, 2.6 + 0.8 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
+        _write(axes, 2.6 + 0.7 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
 
 
 def _draw_frame(axes: Any, place: Place, label: _Label) -> None:

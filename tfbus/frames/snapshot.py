@@ -7,16 +7,17 @@ from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.other_clocks import MOST_SKEW_S, is_ahead, is_another_time, whose_clock
 from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime
 from tfbus.listen.info import StreamInfo
 from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.stamp_units import other_unit
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, listed, printable
+from tfbus.wording import counted, duration, listed, printable
 
 ProblemKind = Literal[
-    "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit"
+    "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit", "ahead"
 ]
 
 # For each child frame the parents that living streams give it, and by which stream.
@@ -128,6 +129,15 @@ class FrameTree:
         """Whether the stamps of a dynamic frame are of a simulated time that we do not follow."""
         return not frame.static and self.publisher(frame).node in self.simulated.followers
 
+    def is_ahead(self, frame: FrameInfo) -> bool:
+        """Whether the newest stamp of a dynamic frame is in the future, by the clock that we follow
+        and the publisher should.
+        """
+        if self.is_of_another_time(frame):
+            return False
+        age_s = self.age_s(frame)
+        return is_ahead(age_s, self.publisher(frame), is_simulated=self.is_simulated)
+
     def unit_of(self, frame: FrameInfo) -> str:
         """The unit that the stamps of a dynamic frame look like, "seconds"; "" for nanoseconds."""
         if frame.static or frame.newest_ns is None:
@@ -144,6 +154,7 @@ class FrameTree:
             *self._silent(),
             *self._of_another_time(),
             *self._in_another_unit(),
+            *self._ahead(),
         ]
 
     def _conflicts(self) -> Iterator[Problem]:
@@ -219,6 +230,29 @@ class FrameTree:
                 "nanoseconds",
             )
 
+    def _ahead(self) -> Iterator[Problem]:
+        by_stream: dict[str, list[FrameInfo]] = {}
+        for frame in self.frames.values():
+            if self.is_ahead(frame) and not frame.gone:
+                by_stream.setdefault(frame.authority, []).append(frame)
+        for frames in by_stream.values():
+            names = [frame.name for frame in frames]
+            least_s = min(self.age_s(frame) or 0.0 for frame in frames)
+            yield Problem(
+                "ahead",
+                tuple(names),
+                f"{in_the_future(names, least_s)}: {self._on_ahead(frames[0], names, least_s)}",
+            )
+
+    def _on_ahead(self, frame: FrameInfo, names: list[str], age_s: float) -> str:
+        """What to do about frames of one stream that are ahead."""
+        stream = self.publisher(frame)
+        if is_another_time(age_s):
+            return f"{who(stream)}: {whose_clock(is_simulated=self.is_simulated)}"
+        if not self.is_simulated and (stream.clock_offset_s or 0.0) > MOST_SKEW_S:
+            return synchronize(stream)
+        return stamp_when_measured(stream, names)
+
 
 def frame_tree(
     buffer: Buffer,
@@ -267,6 +301,25 @@ def who(stream: StreamInfo) -> str:
     if stream.origin:
         return f"{_in_ros(stream)} (brought by {_node(stream)})"
     return _node(stream)
+
+
+def in_the_future(names: list[str], age_s: float) -> str:
+    """`samples of 'arm' are 5 min in the future`, for an age below zero."""
+    return f"samples of {_quoted(names)} are {duration(-age_s)} in the future"
+
+
+def stamp_when_measured(stream: StreamInfo, names: list[str]) -> str:
+    """What to do where a publisher stamps frames with another time."""
+    were = "they were" if len(names) > 1 else "it was"
+    return (
+        f"have {who(stream)} stamp {_quoted(names)} with the time at which {were} measured: "
+        "node.now_ns()"
+    )
+
+
+def synchronize(stream: StreamInfo) -> str:
+    """What to do where the clock of a publisher's host differs from ours."""
+    return f"synchronize the clocks of {stream.host} and this host by NTP"
 
 
 def _in_ros(stream: StreamInfo) -> str:

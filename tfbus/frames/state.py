@@ -9,35 +9,38 @@
 - *static*: it holds at all times.
 - *stale*: silent for longer than 1 s and than 3 of its own periods; where a single sample gives no
   rate, for longer than 3 s.
+- *ahead*: its newest stamp is in the future, by the rule of `other_clocks`.
 - *dynamic*: its samples come.
 
 Silence is the time since a sample arrived: the age of the newest stamp, less the delay of the
 stream's last message. A skewed clock, or a replay with old stamps, changes both alike, so that a
 frame whose samples keep coming is not stale. Before a live message gives the delay, the measured
-offset of the publisher's clock takes its place, except under simulated time, which is no system's.
-Both come with every snapshot of the streams. Arrivals noted frame by frame would be known to
-long-running tools only: to `tfbus frames`, which listens for a second, a frame that stopped long
-ago arrives with the history just now. The price: the delay is that of a whole stream, and a frame
-whose stamps lag behind the others of its stream counts as silent for the difference.
+offset of the publisher's clock takes its place, except under simulated time, which is no system's;
+where that cannot be, as with stamps that are 5 min old, silence counts from when the messages came
+that the publisher had kept. All come with every snapshot of the streams. Arrivals noted frame by
+frame would be known to long-running tools only: to `tfbus frames`, which listens for a second, a
+frame that stopped long ago arrives with the history just now. The price: the delay is that of a
+whole stream, and a frame whose stamps lag behind the others of its stream counts as silent for the
+difference.
 """
 
 from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.other_clocks import is_another_time, whose_clock
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import age, duration
 
-Fault = Literal["gone", "conflict", "stale"]
+Fault = Literal["gone", "conflict", "stale", "ahead"]
 State = Literal["root", "static", "dynamic"] | Fault
 
 _STALE_PERIODS = 3.0
 _STALE_S = 1.0
 _STALE_WITHOUT_RATE_S = 3.0
 
-# Stamps farther away than this are by another clock, such as a simulated one.
-_YEAR_S = 365.25 * 86_400
-
-ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
+# A publisher keeps messages for 10 s, unless its options say otherwise. With some room: where the
+# stamps say that kept messages are older, or not sent yet, it is not known when they were sent.
+_MOST_KEPT_S, _LEAST_KEPT_S = 11.0, 1.0
 
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
@@ -56,7 +59,11 @@ def faults(tree: FrameTree, frame: FrameInfo) -> tuple[Fault, ...]:
     found: tuple[Fault, ...] = ("gone",) if frame.gone else ()
     if frame.name in tree.conflicts:
         found = (*found, "conflict")
-    return found or (("stale",) if is_stale(tree, frame) else ())
+    if found:
+        return found
+    if is_stale(tree, frame):
+        return ("stale",)
+    return ("ahead",) if tree.is_ahead(frame) else ()
 
 
 def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
@@ -67,10 +74,15 @@ def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
     stream = tree.publisher(frame)
     if stream.last_delay_s is not None:
         return age_s - stream.last_delay_s
-    if tree.is_simulated or stream.clock_offset_s is None:
-        return age_s
-    # A clock ahead of ours makes a sample look younger than it is.
-    return age_s + stream.clock_offset_s
+    silence_s = age_s
+    if not tree.is_simulated and stream.clock_offset_s is not None:
+        # A clock ahead of ours makes a sample look younger than it is.
+        silence_s += stream.clock_offset_s
+    if stream.kept_delay_s is None:
+        return silence_s
+    since_kept_s = age_s - stream.kept_delay_s
+    before_s = silence_s - since_kept_s
+    return silence_s if -_LEAST_KEPT_S < before_s < _MOST_KEPT_S else since_kept_s
 
 
 def stale_after_s(frame: FrameInfo) -> float:
@@ -86,20 +98,11 @@ def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
     return silence_s is not None and silence_s > stale_after_s(frame)
 
 
-def is_another_time(age_s: float | None) -> bool:
-    """Whether an age is more than a year, in the past or in the future."""
-    return age_s is not None and abs(age_s) > _YEAR_S
-
-
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
-    unit = "" if frame is None else tree.unit_of(frame)
-    return f"its stamps look like {unit}: stamps are nanoseconds" if unit else ASK_IF_SIMULATED
-
-
-def whose_clock(*, is_simulated: bool) -> str:
-    """What to ask where stamps are of another clock than one's own, which may be simulated."""
-    return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
+    if frame is not None and (unit := tree.unit_of(frame)):
+        return f"its stamps look like {unit}: stamps are nanoseconds"
+    return whose_clock(is_simulated=tree.is_simulated)
 
 
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:

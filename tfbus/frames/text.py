@@ -49,7 +49,8 @@ def publisher_lines(tree: FrameTree) -> list[str]:
         if not stream.alive:
             parts.append("GONE")
         if stream.delay_s is not None:
-            parts.append(f"{duration(stream.delay_s)} late")
+            side = "late" if stream.delay_s >= 0.0 else "ahead"
+            parts.append(f"{duration(abs(stream.delay_s))} {side}")
         if stream.missed:
             parts.append(f"{counted(stream.missed, 'message')} missed")
         lines.append(", ".join(parts))

@@ -7,8 +7,16 @@ from typing import Literal
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
-from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind, who
-from tfbus.frames.state import facts, is_another_time, is_stale, silent_s
+from tfbus.frames.other_clocks import is_another_time
+from tfbus.frames.snapshot import (
+    FrameTree,
+    Problem,
+    ProblemKind,
+    stamp_when_measured,
+    synchronize,
+    who,
+)
+from tfbus.frames.state import facts, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
@@ -197,12 +205,12 @@ def _faults(
             advice.on_stale(frame, stream),
         )
     if stream.clock_offset_s is not None and abs(stream.clock_offset_s) > _CLOCKS_AGREE_S:
-        yield "warn", _skew(stream), f"synchronize the clocks of {stream.host} and this host by NTP"
-    elif _is_ahead(tree, frame):
+        yield "warn", _skew(stream), synchronize(stream)
+    elif _is_all_ahead(tree, frame):
         yield (
             "warn",
             "all its samples are in the future: no lookup at the present time finds one",
-            _stamp_when_measured(frame, stream),
+            stamp_when_measured(stream, [frame.name]),
         )
 
 
@@ -218,8 +226,8 @@ def _out_of_time(
         yield (
             "fail",
             f"the time is {duration((frame.oldest_ns - stamp_ns) / 1e9)} before its oldest sample",
-            _stamp_when_measured(frame, stream)
-            if _is_ahead(tree, frame)
+            stamp_when_measured(stream, [frame.name])
+            if _is_all_ahead(tree, frame)
             else "query a later time: no publisher has kept older samples",
         )
     elif stamp_ns > frame.newest_ns:
@@ -232,18 +240,11 @@ def _out_of_time(
         )
 
 
-def _is_ahead(tree: FrameTree, frame: FrameInfo) -> bool:
+def _is_all_ahead(tree: FrameTree, frame: FrameInfo) -> bool:
     """Whether all samples of a frame are in the future, by the time that this tool follows."""
-    if frame.static or frame.oldest_ns is None or tree.is_of_another_time(frame):
+    if frame.oldest_ns is None or is_another_time(tree.age_s(frame)):
         return False
-    return frame.oldest_ns > tree.recorded_ns and not is_another_time(tree.age_s(frame))
-
-
-def _stamp_when_measured(frame: FrameInfo, stream: StreamInfo) -> str:
-    return (
-        f"have {who(stream)} stamp {frame.name!r} with the time at which it was measured: "
-        "node.now_ns()"
-    )
+    return tree.is_ahead(frame) and frame.oldest_ns > tree.recorded_ns
 
 
 def _skew(stream: StreamInfo) -> str:

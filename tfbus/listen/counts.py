@@ -24,6 +24,7 @@ class Counts(Struct, frozen=False):
     last_heard_ns: int | None = None
     delay_s: float | None = None
     last_delay_s: float | None = None
+    kept_delay_s: float | None = None
 
     def add(self, transforms: int, size: int) -> None:
         """Count one message of `transforms` rows and `size` bytes."""
@@ -37,6 +38,11 @@ class Counts(Struct, frozen=False):
         former_s = delay_s if self.delay_s is None else self.delay_s
         self.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
 
+    def add_kept_delay(self, delay_s: float) -> None:
+        """Take how old a message was when it came that the stream had kept."""
+        former_s = self.kept_delay_s
+        self.kept_delay_s = delay_s if former_s is None else min(former_s, delay_s)
+
     def forget_delays(self) -> None:
         """Forget the delays: a new epoch may be by another clock."""
-        self.delay_s = self.last_delay_s = None
+        self.delay_s = self.last_delay_s = self.kept_delay_s = None

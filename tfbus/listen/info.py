@@ -26,8 +26,9 @@ class StreamInfo(Struct):
     by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
     comes, by its stamp and our clock, smoothed over about ten messages. `clock_offset_s` is how far
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
-    smoothed. All four are None while they are not known. `origin` are the gids of the publishers in
-    ROS whose transforms a bridge sends in it.
+    smoothed; `kept_delay_s` is how old the newest was that the stream had kept, when that came. All
+    five are None while they are not known. `origin` are the gids of the publishers in ROS whose
+    transforms a bridge sends in it.
     """
 
     name: str
@@ -53,6 +54,7 @@ class StreamInfo(Struct):
     clock_offset_s: float | None = None
     last_delay_s: float | None = None
     origin: tuple[str, ...] = ()
+    kept_delay_s: float | None = None
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:

@@ -365,8 +365,12 @@ class StreamReception:
         if message is None or not self.admit(message.epoch_ns):
             return
         batch = message.rows
+        stamp_ns, now_ns = batch.last_stamp_ns(), self.now_ns()
         with self.lock:
             self.counts.add(len(batch), len(payload))
+            # 0 while a simulated time is not known.
+            if stamp_ns is not None and now_ns:
+                self.counts.add_kept_delay((now_ns - stamp_ns) / 1e9)
             removed = self.listing.removed_in(message.epoch_ns)
         self.insert(batch.without(removed) if removed else batch, message.epoch_ns)
         with self.lock:

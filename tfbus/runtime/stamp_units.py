@@ -1,10 +1,15 @@
-"""Stamps in another unit than nanoseconds: how they are noticed, and what to say of them."""
+"""Stamps in another unit than nanoseconds, or of another clock: how they are noticed, and what to
+say of them.
+"""
 
 # Differences of stamps up to this fit 64 bits: 146 years.
 LATEST_STAMP_NS = 2**62 - 1
 
 # Clocks that show less since 1970 are simulated, and begin at 0: ten years.
 _LEAST_OF_A_REAL_CLOCK_NS = 315_360_000_000_000_000
+
+# By one clock a stamp of a measurement is never later than now; this much is no harm.
+MOST_AHEAD_NS = 20_000_000
 
 _YEAR_NS = 31_557_600_000_000_000
 

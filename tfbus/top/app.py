@@ -33,6 +33,7 @@ _NAMES = ("frames", "streams", "nodes", "topics")
 _STYLES: dict[State, str] = {
     "static": "dim",
     "stale": "yellow",
+    "ahead": "cyan",
     "gone": "red",
     "conflict": "magenta",
 }
@@ -109,7 +110,8 @@ Columns
 
 States
   stale: silent for longer than its rate allows; gone: its publisher has
-  left the bus; conflict: two live streams publish it\
+  left the bus; conflict: two live streams publish it; ahead: its newest
+  stamp is in the future\
 """
 
 

@@ -88,6 +88,7 @@ class Source:
                 nodes = describe_all(session, _ignore, timeout_s=_ASK_WITHIN_S)
                 streams = describe_streams(session, _ignore, timeout_s=_ASK_WITHIN_S)
                 self._nodes = tuple(each for each in nodes if each.session != session.id)
+                self._heard.note_nodes(self._nodes)
                 self.hint = "" if self._heard.buffer.frames() else self._heard.hint()
                 self._graph = graph_of(self._nodes, streams, session.settings.namespace)
             finally:

@@ -28,6 +28,7 @@ from tfbus.cli.bag.record_status import (
     summary,
 )
 from tfbus.cli.bag.typed_keys import typed_keys
+from tfbus.cli.bus import is_running
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.discover.out_of_reach import bus_out_of_reach
@@ -263,9 +264,7 @@ def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
         if not plan.everywhere:
             hint = where_to_look(frames_in_other_namespaces(node.session))
         hint = hint or bus_out_of_reach(node.session)
-        node.log.warning(
-            "Nothing to record so far: %s", hint or "is a broadcaster running, on this network?"
-        )
+        node.log.warning("Nothing to record so far: %s", hint or is_running("broadcaster"))
 
 
 def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:

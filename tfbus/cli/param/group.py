@@ -9,7 +9,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import open_bus
+from tfbus.cli.bus import open_bus, say_if_empty
 from tfbus.cli.output import (
     as_text,
     json_option,
@@ -72,6 +72,7 @@ def list_command(
     else:
         with open_bus(settings) as session:
             described = _of_one(session, node) if node else _of_all(session)
+            say_if_empty(session, described, "node")
     found = {
         name: [each for each in parameters if wanted.search(each.name)]
         for name, parameters in described.items()

@@ -6,7 +6,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look_once, open_bus
+from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
@@ -63,7 +63,9 @@ def list_command(
         _list_recorded(bag, show_types, only_count, verbose, as_json)
         return
     with open_bus(settings) as session:
-        topics = list(look_once(session).topics.values())
+        graph = look(session)
+        topics = list(graph.topics.values())
+        say_if_empty(session, topics, "topic", is_all=not graph.services)
     if only_count:
         click.echo(len(topics))
     elif as_json:

@@ -13,14 +13,15 @@ from tfbus.frames.state import Fault, State, silent_s, stale_after_s, state
 FADED = 0.25
 
 # The states that mean that something is wrong.
-FAULTS: tuple[Fault, ...] = ("conflict", "gone", "stale")
+FAULTS: tuple[Fault, ...] = ("conflict", "gone", "stale", "ahead")
 
 
 @dataclass(frozen=True)
 class ViewFrame:
     """A frame as the page shows it.
 
-    `silent_s` is for how long a stale frame has had no sample, else 0; `opacity` is from FADED to
+    `silent_s` is for how long a stale frame has had no sample, `ahead_s` how far in the future the
+    newest stamp is of one that is ahead, else 0; `opacity` is from FADED to
     1. `publishers` are the streams that send it, several in a conflict. `depth` is the number of
     frames above it. `unplaced` says why it cannot be drawn, "" if it can.
     """
@@ -33,6 +34,7 @@ class ViewFrame:
     root: str
     depth: int
     unplaced: str = ""
+    ahead_s: float = 0.0
 
     @property
     def name(self) -> str:
@@ -85,9 +87,12 @@ def frames_of(tree: FrameTree, buffer: Buffer, fixed_frame: str) -> Frames:
             if judged == "stale":
                 silence_s = silent_s(tree, info) or 0.0
                 opacity = fading(silence_s, stale_after_s(info))
+            ahead_s = -(tree.age_s(info) or 0.0) if judged == "ahead" else 0.0
             publishers = tree.publishers(info)
             frames.append(
-                ViewFrame(info, judged, silence_s, opacity, publishers, root, depth, unplaced)
+                ViewFrame(
+                    info, judged, silence_s, opacity, publishers, root, depth, unplaced, ahead_s
+                )
             )
     return Frames(frames)
 

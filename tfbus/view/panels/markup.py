@@ -18,6 +18,7 @@ _SIGNS: dict[State, str] = {
     "dynamic": "●",
     "static": "■",
     "stale": "◐",
+    "ahead": "▶",
     "gone": "✖",
     "conflict": "▲",
     "root": "○",
@@ -143,6 +144,7 @@ div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width:
 .tf-dynamic { color: light-dark(#2b8a3e, #69db7c); }
 .tf-static { color: light-dark(#1864ab, #74c0fc); }
 .tf-stale { color: light-dark(#a85f00, #ffc078); }
+.tf-ahead { color: light-dark(#0b7285, #66d9e8); }
 .tf-gone { color: light-dark(#b3261e, #ff8a80); }
 .tf-conflict { color: light-dark(#a61e9c, #f783ff); }
 .tf-root { color: var(--mantine-color-dimmed); }

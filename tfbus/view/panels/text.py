@@ -151,6 +151,7 @@ def explained(frame: ViewFrame) -> str:
         "dynamic": "dynamic: its samples come",
         "static": "static: holds at all times",
         "stale": f"stale: no sample for {duration(frame.silent_s)}",
+        "ahead": f"ahead: its newest stamp is {duration(frame.ahead_s)} in the future",
         "gone": f"gone: its publisher has left the bus{beside}",
         "conflict": conflict,
         "root": "root: has no parent",

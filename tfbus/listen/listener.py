@@ -35,6 +35,7 @@ from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.right_form import called_as
 from tfbus.runtime.structs import replace
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
@@ -78,6 +79,7 @@ class TransformListener:
     # Whether it takes what its own session sends.
     _hears_itself = True
 
+    @called_as("TransformListener(buffer, node)")
     def __init__(
         self,
         buffer: Buffer,

@@ -62,7 +62,8 @@ except ImportError:
 # Frames that are removed at a time: some 100 microseconds.
 _REMOVED_AT_A_TIME = 256
 
-# The timeout of a lookup that names none, told apart from one that has to be checked.
+# The timeout of a lookup that names none: compiled, equal numbers of a module are one object, so
+# that the default needs no further check.
 _AT_ONCE = 0.0
 
 # Samples of a frame a second of the cache, and the fewest in all: 10 kHz for ten seconds.
@@ -401,7 +402,7 @@ class Buffer:
         source_frame: str,
         stamp_ns: int | None = None,
         *,
-        timeout_s: float = _AT_ONCE,
+        timeout_s: float = 0.0,
         sampling: Sampling | None = None,
         max_age_s: float | None = None,
         living: bool = False,

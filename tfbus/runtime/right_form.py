@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -19,11 +19,21 @@ def called_as(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
             try:
                 return function(*args, **named)
             except TypeError as error:
-                at = error.__traceback__
-                if at is None or at.tb_next is not None:  # raised within the call
+                if _fit(function, args, named):  # it is raised within the call
                     raise
                 raise TypeError(f"{error}; call it as in {form}") from None
 
         return call
 
     return decorate
+
+
+def _fit(function: Callable[..., Any], args: tuple[Any, ...], named: dict[str, Any]) -> bool:
+    """Whether the function takes these arguments, by their number and names."""
+    import inspect  # slow, and most calls fit
+
+    try:
+        inspect.signature(function).bind(*args, **named)
+    except TypeError:
+        return False
+    return True

@@ -390,6 +390,9 @@ class TransformListener:
         ):
             stream.reception.take_description(description, confirmed=is_confirmed)
             self._registry.forget_removed(described)
+        if state.alive and not former.alive:
+            # By what it says of itself now: frames that a new process has not sent are not back.
+            stream.reception.mark()
         if state.alive and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
         self._conflicts.judge(state.name, description if state.alive else None)
@@ -405,7 +408,7 @@ class TransformListener:
             stream.reception.vanish()
             self._warn_gone(state)
         elif state.alive and not former.alive:
-            stream.reception.appear()
+            stream.reception.arrive()
             if stream.is_lost:
                 stream.is_lost = False
                 self._lines.info(("back", state.name), "Stream %s is back", _name(state))

@@ -137,6 +137,8 @@ COMPAT = {
     "sensor_msgs.msg": "JointState",
     "std_msgs.msg": "Header String",
     "std_srvs.srv": "Empty",
+    "tf2_msgs.msg": "TFMessage",
+    "tf2_msgs.srv": "FrameGraph",
     "tf2_geometry_msgs": (
         "do_transform_point do_transform_polygon_stamped do_transform_pose "
         "do_transform_pose_stamped do_transform_pose_with_covariance_stamped "

@@ -54,6 +54,13 @@ class Pose:
     linear_velocity: float
     angular_velocity: float
 
+    def __post_init__(self) -> None:
+        _check_finite("x", self.x)
+        _check_finite("y", self.y)
+        _check_finite("theta", self.theta)
+        _check_finite("linear_velocity", self.linear_velocity)
+        _check_finite("angular_velocity", self.angular_velocity)
+
 
 @dataclass(frozen=True, slots=True)
 class JointState:

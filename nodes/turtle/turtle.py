@@ -26,6 +26,8 @@ TICK_S = 0.016
 COMMAND_TIMEOUT_S = 1.0
 ROTATION_TOLERANCE_RAD = 0.02
 FARTHEST_JUMP_M = 1000.0
+# In m/s and rad/s: across the whole field in one tick.
+FASTEST = 1000.0
 # turtlesim warns on each of its 62.5 ticks a second while a turtle pushes against the wall.
 WALL_WARNING_PERIOD_S = 1.0
 
@@ -51,7 +53,8 @@ class _Rotation:
 class Turtle:
     """A turtle at (x, y) m from the lower left corner, heading theta rad from the x axis.
 
-    Commands may come at any time; its next `step` carries them out.
+    It moves by at most 1000 m/s along each axis, and turns by at most 1000 rad/s. Commands may come
+    at any time; its next `step` carries them out.
     """
 
     def __init__(self, name: str, x: float, y: float, theta: float, log: logging.Logger) -> None:
@@ -66,15 +69,16 @@ class Turtle:
         self._teleports: list[TeleportAbsolute.Request | TeleportRelative.Request] = []
         self._rotation: _Rotation | None = None
         self._ticks_to_wall_warning = 0
+        self._has_been_limited = False
 
     # Commands
 
     def command(self, twist: Twist, *, holonomic: bool = False) -> None:
         """Move with these velocities for the next second; sideways only if holonomic."""
         self._abort_rotation("Velocity command received during rotation goal. Aborting goal")
-        self._forward = twist.linear.x
-        self._left = twist.linear.y if holonomic else 0.0
-        self._turning = twist.angular.z
+        self._forward = self._limited(twist.linear.x)
+        self._left = self._limited(twist.linear.y) if holonomic else 0.0
+        self._turning = self._limited(twist.angular.z)
         self._silent_ticks = 0
 
     def set_pen(self, request: SetPen.Request) -> None:
@@ -171,6 +175,21 @@ class Turtle:
             self._forward = self._left = 0.0
             self._turning = -1.0 if remaining < 0.0 else 1.0
             self._silent_ticks = 0
+
+    def _limited(self, speed: float) -> float:
+        """The speed, at most FASTEST either way; the first that is more is logged."""
+        limited = min(max(speed, -FASTEST), FASTEST)
+        if limited != speed and not self._has_been_limited:
+            self._has_been_limited = True
+            self._log.warning(
+                "Turtle [%s] moves at %g, not at %g: a velocity is at most %g m/s or rad/s "
+                "(logged once)",
+                self.name,
+                limited,
+                speed,
+                FASTEST,
+            )
+        return limited
 
     def _end_rotation(self) -> None:
         self._rotation = None

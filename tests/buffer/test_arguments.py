@@ -1,5 +1,6 @@
 """Arguments of a wrong type or out of range: one sentence that names what is wanted."""
 
+import asyncio
 import math
 from enum import StrEnum
 from typing import Any
@@ -129,6 +130,29 @@ def test_a_timeout_is_a_number_of_seconds(wrong: Any):
         buffer.lookup_transform("world", "robot", 9 * S, timeout_s=wrong)
     with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
         buffer.can_transform("world", "robot", 9 * S, timeout_s=wrong)
+
+
+@pytest.mark.parametrize("wrong", NOT_SECONDS)
+def test_a_wrong_timeout_is_noticed_where_nothing_waits(wrong: Any):
+    """Else it would fail on the first day that a transform comes late."""
+    buffer = filled()
+    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+        buffer.lookup_transform("world", "robot", timeout_s=wrong)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, "1", object()])
+def test_a_wrong_timeout_of_a_coroutine_is_noticed_at_once(wrong: Any):
+    """None is for ever there."""
+    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+        asyncio.run(filled().wait_for_transform("world", "robot", timeout_s=wrong))
+
+
+@pytest.mark.parametrize("right", [0, 0.0, 1, 2.5, -1.0, math.inf, np.float32(0.5)])
+def test_a_number_of_seconds_changes_no_answer_that_is_there(right: Any):
+    """A negative one is of a deadline that has passed: it does not wait."""
+    buffer = filled()
+    answer = buffer.lookup_transform("world", "robot")
+    assert buffer.lookup_transform("world", "robot", timeout_s=right) == answer
 
 
 @pytest.mark.parametrize("wrong", [*NOT_SECONDS, math.inf, 0.0, -1.0])

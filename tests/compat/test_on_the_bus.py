@@ -157,6 +157,12 @@ def test_a_buffer_of_tfbus_is_refused(sender: Node) -> None:
         tf2_ros.TransformListener(TfbusBuffer(), sender)
 
 
+def test_swapped_arguments_of_a_listener_name_their_order(rclpy: ModuleType) -> None:
+    """The buffer comes before the node."""
+    with pytest.raises(TypeError, match=r"in this order: TransformListener\(buffer, node\)"):
+        tf2_ros.TransformListener(rclpy.create_node("a"), tf2_ros.Buffer())
+
+
 def test_a_message_that_is_no_transform_is_refused(rclpy: ModuleType) -> None:
     """It is not sent: a TypeError names what is missing, an InvalidArgument what cannot be."""
     broadcaster = tf2_ros.TransformBroadcaster(rclpy.create_node("a"))

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.builders import lengths, transforms, units
 from tfbus.errors import InvalidArgumentException
-from tfbus.geometry.transform import Transform, TransformStamped
+from tfbus.geometry.transform import Transform, TransformStamped, check_stamp
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped
 
@@ -436,3 +437,35 @@ def test_arguments_of_another_type_are_named(one, call, says):
 def test_a_zero_is_shown_without_a_sign():
     """As the inverse of the identity has them."""
     assert repr(~Transform()) == "Transform(xyz=(0, 0, 0), quat_xyzw=(0, 0, 0, 1))"
+
+
+@pytest.mark.parametrize(
+    ("call", "form"),
+    [
+        (lambda: Transform.from_rpy((0.1, 0.2, 0.3)), "(roll, pitch, yaw, (x, y, z))"),
+        (lambda: Transform.from_rpy([0.1, 0.2, 0.3], (1, 2, 3)), "Transform.from_rpy(*rpy)"),
+        (lambda: Transform.from_rpy(0.1, 0.2, 0.3, 1, 2, 3), "(roll, pitch, yaw, (x, y, z))"),
+        (lambda: Transform.from_quat_wxyz(1, 0, 0, 0), "((w, x, y, z), (x, y, z))"),
+        (lambda: Transform.from_rotvec(0, 0, 1), "((rx, ry, rz), (x, y, z))"),
+    ],
+)
+def test_numbers_where_a_tuple_belongs_name_the_right_form(call: Any, form: str) -> None:
+    """And a tuple where numbers belong."""
+    with pytest.raises(TypeError) as raised:
+        call()
+    assert "; call it as in Transform.from_" in str(raised.value)
+    assert form in str(raised.value)
+
+
+def test_a_stamped_transform_without_its_stamp_names_the_order() -> None:
+    """As ROS's names come first in the head of some; a lookup does not say so of its stamp."""
+    with pytest.raises(InvalidArgumentException, match="not 'world'; the stamp comes first: "):
+        TransformStamped("world", "robot", Transform())
+    with pytest.raises(InvalidArgumentException, match=r"since the Unix epoch, not 'cam'$"):
+        check_stamp("cam")
+
+
+def test_numbers_where_a_transform_belongs_say_what_makes_one() -> None:
+    """A tuple is none."""
+    with pytest.raises(InvalidArgumentException, match=r"got tuple; Transform\(\(x, y, z\)"):
+        TransformStamped(1, "world", "robot", (1, 2, 3))

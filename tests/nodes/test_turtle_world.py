@@ -197,6 +197,24 @@ def test_no_finite_command_breaks_the_world(
     turtle.command(drive(forward, turn, left), holonomic=True)
     steps(world, 2)
     assert 0.0 <= turtle.x <= SIZE_M and 0.0 <= turtle.y <= SIZE_M and -pi <= turtle.theta < pi
+    turtle.pose(0)  # which has finite numbers only
+
+
+def test_a_velocity_beyond_all_turtles_is_limited(caplog: pytest.LogCaptureFixture) -> None:
+    """To 1000 m/s and rad/s, with one line of the log; the wall is named in few digits."""
+    world = World()
+    turtle = turtle1(world)
+    for _ in range(2):
+        turtle.command(drive(1e308, -1e308, 1e308), holonomic=True)
+        world.step()
+    assert turtle.pose(0).angular_velocity == -1000.0
+    assert turtle.pose(0).linear_velocity == pytest.approx(2.0**0.5 * 1000.0)
+    limited, wall = caplog.messages
+    assert limited == (
+        "Turtle [turtle1] moves at 1000, not at 1e+308: a velocity is at most 1000 m/s or rad/s "
+        "(logged once)"
+    )
+    assert "hit the wall" in wall and len(wall) < 100
 
 
 @given(angle=st.floats(-1e6, 1e6))

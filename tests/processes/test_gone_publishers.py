@@ -6,7 +6,7 @@ import pytest
 
 from tests.builders import at
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.live_bus import Bus, eventually, send_until
 from tests.processes.publishers import start
 from tfbus import (
     Buffer,
@@ -79,6 +79,27 @@ def test_a_publisher_that_is_started_again_is_back(
     # Its transforms may come before its token does.
     lines = eventually(lambda: [line for line in log.lines if "is back" in line])
     assert len(lines) == 1
+
+
+def test_a_frame_is_back_once_its_new_publisher_sends_it(
+    bus: Bus, receiver: Node, listener: TransformListener
+) -> None:
+    """Not when that is there: it would be gone again, until its first transform."""
+    buffer, changes = listener.buffer, []
+    with bus.node("sim") as first:
+        broadcaster = TransformBroadcaster(first)
+        send_until(lambda: broadcaster.send_transform(at(1.0)), lambda: buffer.all_frames())
+        eventually(lambda: [each for each in listener.streams() if each.alive and each.frames])
+        buffer.on_change(changes.append)
+    eventually(lambda: changes)
+    second = bus.node("sim")
+    broadcaster = TransformBroadcaster(second)
+    eventually(lambda: [each for each in listener.streams() if each.alive and not each.frames])
+    assert [change.kind for change in changes] == ["publisher gone"]
+    eventually(
+        lambda: broadcaster.send_transform(at(2.0)) or [change.kind for change in changes][1:]
+    )
+    assert [change.kind for change in changes] == ["publisher gone", "publisher back"]
 
 
 def test_a_looped_replay_just_works(bus: Bus, buffer: Buffer) -> None:

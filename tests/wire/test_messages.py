@@ -3,6 +3,7 @@
 import inspect
 import math
 from dataclasses import is_dataclass
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -27,6 +28,7 @@ from tfbus.wire.codec import decode_message, encode_map, encode_message
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.builds(Vector3, numbers, numbers, numbers)
 parts = st.integers(0, 255)
+POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "linear_velocity": 0.0, "angular_velocity": 0.0}
 MESSAGES = st.one_of(
     st.builds(Twist, vectors, vectors),
     st.builds(Pose, st.integers(0, 2**63 - 1), numbers, numbers, numbers, numbers, numbers),
@@ -68,6 +70,7 @@ def test_a_number_that_is_not_finite_is_refused(bad: float) -> None:
         lambda: TeleportAbsolute.Request(0.0, bad),
         lambda: TeleportRelative.Request(0.0, bad),
         lambda: RotateAbsolute.Goal(bad),
+        *(partial(Pose, **{"stamp_ns": 0, **POSE, name: bad}) for name in POSE),
     ):
         with pytest.raises(ValueError, match="must be finite, not"):
             make()

@@ -8,6 +8,7 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
+from tfbus.runtime.right_form import called_as
 from tfbus.runtime.stamp_units import (
     LATEST_OF_ANOTHER_UNIT,
     MOST_AHEAD_NS,
@@ -42,6 +43,7 @@ class TransformBroadcaster:
     already has other options.
     """
 
+    @called_as("TransformBroadcaster(node)")
     def __init__(
         self,
         node: Node,
@@ -122,6 +124,7 @@ class StaticTransformBroadcaster:
     frame. As long as the node lives they reach listeners that join later too.
     """
 
+    @called_as("StaticTransformBroadcaster(node)")
     def __init__(self, node: Node, *, stream: str | None = None):
         self._stream = stream_of_node(node, stream)
 

@@ -6,7 +6,7 @@ from tfbus.core.kernel cimport Path
 from tfbus.geometry.columns cimport Columns
 from tfbus.geometry.transform cimport TransformStamped
 
-cdef object TF2
+cdef object TF2, _AT_ONCE
 cdef long long ALL_STATIC, LONGEST_NS, NO_DATA
 
 cdef class Buffer:

@@ -62,6 +62,10 @@ except ImportError:
 # Frames that are removed at a time: some 100 microseconds.
 _REMOVED_AT_A_TIME = 256
 
+# The timeout of a lookup that names none: compiled, equal numbers of a module are one object, so
+# that the default needs no further check.
+_AT_ONCE = 0.0
+
 # Samples of a frame a second of the cache, and the fewest in all: 10 kHz for ten seconds.
 _SAMPLES_A_SECOND = 10_000
 _LEAST_SAMPLES = 100_000
@@ -416,6 +420,10 @@ class Buffer:
         Raises StaleException if the newest sample of a dynamic edge is older than `max_age_s`, or,
         with `living`, if the publisher of an edge is gone.
         """
+        if timeout_s is not _AT_ONCE and (
+            not (type(timeout_s) is float or type(timeout_s) is int) or timeout_s != timeout_s
+        ):
+            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         # Nearly every lookup is one of these: nothing is made for it but its answer.
         if (
             type(target_frame) is str

@@ -91,11 +91,11 @@ class Lookup:
 
     async def wait_async(self, timeout_s: float | None) -> list[TransformStamped]:
         """As `wait`, for asyncio; with None for ever."""
+        if timeout_s is not None:
+            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         answers = self.answers()
         if answers is not None:
             return answers
-        if timeout_s is not None:
-            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         import asyncio  # slow to import, and most processes do not need it
 
         loop = asyncio.get_running_loop()

@@ -118,10 +118,13 @@ class Commands(Verbs):
         ]
 
     def _hint(self, ctx: click.Context, args: list[str]) -> str:
-        if args[0] == "run" and len(args) > 2:  # ros2 run PACKAGE EXECUTABLE
+        if args[0] in ("run", "rosrun") and len(args) > 2:  # ros2 run PACKAGE EXECUTABLE
             ours = _CALLED_IN_ROS.get(args[2], args[2])
             if ours != args[2] or ours in self.list_commands(ctx):
                 return f"; use: tfbus {ours}"
+        two_words = " ".join(args[:2])
+        if two_words in self.hints:
+            return f"; {self.hints[two_words]}"
         return super()._hint(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -155,31 +158,70 @@ class Commands(Verbs):
 # Names in ROS of what is a command here.
 _CALLED_IN_ROS = {
     "action": "call",
+    "action info": "service info",
+    "action list": "service list",
+    "action type": "service type",
     "check_urdf": "robot_state",
     "foxglove_bridge": "foxglove",
     "interface": "topic show, or tfbus service show",
     "joint_state_publisher": "joints",
     "joint_state_publisher_gui": "joints",
+    "msg": "topic show",
     "pkg": "create",
     "robot_state_publisher": "robot_state",
+    "rosbag": "bag",
+    "roslaunch": "launch",
+    "rosmsg": "topic show",
+    "rosnode": "node",
+    "rosparam": "param",
+    "rosservice": "service",
+    "rossrv": "service show",
+    "rostopic": "topic",
+    "roswtf": "doctor",
+    "rqt": "top, tfbus plot, tfbus view or tfbus foxglove",
+    "rqt_bag": "bag info, tfbus view --bag, or tfbus foxglove --bag",
     "rqt_graph": "node list, or tfbus top",
     "rqt_plot": "plot",
+    "rqt_reconfigure": "param set",
     "rqt_tf_tree": "frames",
+    "rqt_top": "top",
+    "rqt_topic": "top",
+    "rviz": "view",
     "rviz2": "view",
+    "security": "keys",
+    "srv": "service show",
     "static_transform_publisher": "static",
     "tf2_echo": "echo",
     "tf2_monitor": "monitor",
+    "tf_echo": "echo",
+    "tf_monitor": "monitor",
     "turtle_teleop_key": "teleop",
     "turtlesim_node": "simulator",
     "view_frames": "frames",
     "wtf": "doctor",
 }
 
+_RUN = "a node is a command itself, as in: tfbus simulator"
+
+# Commands of ROS that have no counterpart.
+_NOT_NEEDED = {
+    "component": "tfbus has none, since each node is a process: tfbus launch starts several",
+    "daemon": "tfbus has none, since each command asks the nodes itself: nothing to start or stop",
+    "lifecycle": "tfbus has none, since a node is active from its start to its end: tfbus node "
+    "list shows those that run",
+    "multicast": "tfbus has no test of its own for it: tfbus doctor says whether multicast works",
+    "roscore": "tfbus has no master: start a node, as in tfbus simulator",
+    "rosrun": _RUN,
+    "rqt_console": "tfbus has none, since nodes log to their terminals: tfbus launch shows the "
+    "logs of all it started",
+    "run": _RUN,
+    "test": "tfbus has none: pytest runs the tests of a package that tfbus create wrote",
+}
+
 
 @click.command(
     cls=Commands,
-    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
-    | {"run": "a node is a command itself, as in: tfbus simulator"},
+    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()} | _NOT_NEEDED,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To get started: tfbus launch turtle",
 )

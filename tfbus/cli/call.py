@@ -23,6 +23,7 @@ from tfbus.cli.messages.message import (
 from tfbus.cli.messages.of_type import bare
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
+from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, ServiceName
 from tfbus.discover.graph import ServiceInfo
@@ -46,8 +47,23 @@ TIMEOUT = click.option(
     help="Fail after this many seconds without an answer or feedback.",
 )
 
+_FEEDBACK = "not needed: the feedback of an action is printed"
+_FROM_A_SHELL = 'leave it out, and take the request from the shell: "$(cat request.yaml)"'
+
+# Options of `ros2 service call` and `ros2 action send_goal`.
+CALLED_IN_ROS = {
+    "-r": "tfbus calls once; repeat it in the shell: while sleep 1; do tfbus call ...; done",
+    "--rate": "tfbus calls once; repeat it in the shell: while sleep 1; do tfbus call ...; done",
+    "-f": _FEEDBACK,
+    "--feedback": _FEEDBACK,
+    "--stdin": _FROM_A_SHELL,
+    "--yaml-file": _FROM_A_SHELL,
+}
+
 
 @click.command(
+    cls=Answering,
+    hints=CALLED_IN_ROS,
     epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
 )
 @click.argument("service", type=ServiceName())

@@ -8,7 +8,7 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
-from tfbus.cli.call import TIMEOUT, follow, typed_request, types_of
+from tfbus.cli.call import CALLED_IN_ROS, TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.messages.message import (
     find_call,
     supplied_call,
@@ -100,7 +100,11 @@ def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> No
     click.echo(len(found)) if only_count else print_lines(found)
 
 
-@command.command("call", epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'")
+@command.command(
+    "call",
+    hints=CALLED_IN_ROS,
+    epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'",
+)
 @click.argument("service", type=ServiceName())
 @click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]", shell_complete=complete_request)
 @TIMEOUT

@@ -168,7 +168,10 @@ class ParameterName(_BusName):
 
 
 class Number(click.ParamType[float]):
-    """A finite number from `least`, or above it where `more_than_least`, to `most`."""
+    """A finite number from `least`, or above it where `more_than_least`, to `most`.
+
+    `zero` says what to write in place of a 0.
+    """
 
     name = "number"
 
@@ -178,10 +181,12 @@ class Number(click.ParamType[float]):
         least: float = -math.inf,
         most: float = math.inf,
         more_than_least: bool = False,
+        zero: str = "",
     ):
         self._least = least
         self._most = most
         self._more = more_than_least
+        self._zero = zero
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
@@ -197,7 +202,8 @@ class Number(click.ParamType[float]):
             self.fail(f"must be at most {self._most:g}, not {number:g}", param, ctx)
         if number < self._least or (self._more and number == self._least):
             relation = "more than" if self._more else "at least"
-            self.fail(f"must be {relation} {self._least:g}, not {number:g}", param, ctx)
+            instead = f": {self._zero}" if self._zero and not number else ""
+            self.fail(f"must be {relation} {self._least:g}, not {number:g}{instead}", param, ctx)
         return number
 
 
@@ -222,18 +228,24 @@ class MomentType(click.ParamType[Moment]):
 
 
 class Size(click.ParamType[int]):
-    """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number."""
+    """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number.
+
+    `zero` says what to write in place of a 0.
+    """
 
     name = "size"
 
-    def __init__(self, *, least: int = 1):
+    def __init__(self, *, least: int = 1, zero: str = ""):
         self._least = least
+        self._zero = zero
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> int:
         """The size; a usage error for another text."""
         size = value if isinstance(value, int) else size_in(str(value))
+        if size == 0 and self._zero:
+            self.fail(f"must be at least {size_text(self._least)}, not 0: {self._zero}", param, ctx)
         if not size:
             self.fail(
                 f"{value!r} is not a size: write a number of bytes, or one with a unit of B, kB, "

@@ -38,6 +38,7 @@ from tfbus.geometry.rotations import (
     unit_quaternion,
 )
 from tfbus.names import mistake_in
+from tfbus.runtime.right_form import called_as
 from tfbus.runtime.signature import SourceSignature
 from tfbus.runtime.stamp_units import LATEST_STAMP_NS
 
@@ -60,6 +61,11 @@ except ImportError:
 LAST_ROW_WITHIN = 1e-9
 
 _LARGEST = sys.float_info.max
+
+_STAMP_COMES_FIRST = (
+    "; the stamp comes first: TransformStamped(stamp_ns, frame_id, child_frame_id, transform), or "
+    "without one TransformStamped(frame_id=..., child_frame_id=..., transform=...)"
+)
 
 
 @cython.freelist(256)
@@ -102,6 +108,7 @@ class Transform:
         return Transform(numbers[:3], numbers[3:])
 
     @staticmethod
+    @called_as("Transform.from_quat_wxyz((w, x, y, z), (x, y, z))")
     def from_quat_wxyz(quat_wxyz: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
         """From a quaternion (4,) with its scalar first: w, x, y, z, as Eigen's constructor, MuJoCo
         and pytransform3d have it. The order x, y, z, w is that of `Transform(xyz, quat_xyzw)`.
@@ -139,6 +146,7 @@ class Transform:
         return Transform(m[:3, 3], quaternion_of_matrix(rotation.tolist()))
 
     @staticmethod
+    @called_as("Transform.from_rpy(roll, pitch, yaw, (x, y, z)), or Transform.from_rpy(*rpy)")
     def from_rpy(
         roll: float,
         pitch: float,
@@ -172,6 +180,7 @@ class Transform:
         return Transform(xyz, rotation._quaternion())
 
     @staticmethod
+    @called_as("Transform.from_rotvec((rx, ry, rz), (x, y, z))")
     def from_rotvec(
         rotvec: ArrayLike, xyz: ArrayLike = (0, 0, 0), *, degrees: bool = False
     ) -> "Transform":
@@ -496,7 +505,7 @@ class TransformStamped:
         *,
         extrapolated_ns: int = 0,
     ) -> None:
-        self._stamp_ns = check_stamp(stamp_ns)
+        self._stamp_ns = check_stamp(stamp_ns, "stamp", _STAMP_COMES_FIRST)
         self._frame_id = check_frame_id(frame_id, "frame_id")
         child = check_frame_id(child_frame_id, "child_frame_id")
         self._pose = pose_of(checked_transform(transform, "transform"))
@@ -620,6 +629,8 @@ def checked_transform(value: Any, what: str = "other") -> Transform:
     """The transform. Raises InvalidArgumentException, which calls it `what`, for another type."""
     if not isinstance(value, Transform):
         hint = "; its .transform is one" if isinstance(value, TransformStamped) else ""
+        if isinstance(value, tuple | list):
+            hint = "; Transform((x, y, z), (qx, qy, qz, qw)) makes one"
         raise InvalidArgumentException(
             f"{what}: expected a tfbus.Transform, got {_type_of(value)}{hint}"
         )
@@ -667,14 +678,16 @@ def plain(text: str) -> str:
     return text if type(text) is str else str.__str__(text)
 
 
-def check_stamp(stamp_ns: object, what: str = "stamp") -> int:
-    """The stamp as an int. Raises InvalidArgumentException if it cannot be one."""
+def check_stamp(stamp_ns: object, what: str = "stamp", of_text: str = "") -> int:
+    """The stamp as an int. Raises InvalidArgumentException if it cannot be one, which says
+    `of_text` of a str.
+    """
     try:
         if type(stamp_ns) is not int and _is_masked(stamp_ns):
             raise TypeError
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
-        hint = "" if isinstance(stamp_ns, str) else "; tfbus.stamp_ns(...) converts it"
+        hint = of_text if isinstance(stamp_ns, str) else "; tfbus.stamp_ns(...) converts it"
         raise InvalidArgumentException(
             f"a {what} must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}{hint}"
         ) from None

@@ -35,6 +35,7 @@ from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.right_form import called_as
 from tfbus.runtime.structs import replace
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
@@ -78,6 +79,7 @@ class TransformListener:
     # Whether it takes what its own session sends.
     _hears_itself = True
 
+    @called_as("TransformListener(buffer, node)")
     def __init__(
         self,
         buffer: Buffer,
@@ -388,6 +390,9 @@ class TransformListener:
         ):
             stream.reception.take_description(description, confirmed=is_confirmed)
             self._registry.forget_removed(described)
+        if state.alive and not former.alive:
+            # By what it says of itself now: frames that a new process has not sent are not back.
+            stream.reception.mark()
         if state.alive and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
         self._conflicts.judge(state.name, description if state.alive else None)
@@ -403,7 +408,7 @@ class TransformListener:
             stream.reception.vanish()
             self._warn_gone(state)
         elif state.alive and not former.alive:
-            stream.reception.appear()
+            stream.reception.arrive()
             if stream.is_lost:
                 stream.is_lost = False
                 self._lines.info(("back", state.name), "Stream %s is back", _name(state))

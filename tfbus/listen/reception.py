@@ -545,10 +545,18 @@ class StreamReception:
         return True
 
     def appear(self) -> None:
-        """The publisher is there, for the first time or again."""
+        """The publisher is there, for the first time or again, with the description it had."""
+        self.arrive()
+        self.mark()
+
+    def arrive(self) -> None:
+        """The publisher is there; `mark` follows when its description has been taken."""
         with self.lock:
             self.epochs.appear()
             self._marks.invalidate()
+
+    def mark(self) -> None:
+        """Mark its frames in the buffer as gone, or not."""
         self._marks.update()
 
     def vanish(self) -> None:

@@ -17,6 +17,8 @@ from tfbus.errors import TfbusError
 # A file begins with what is in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000
 _LEAST_CACHE_BYTES = 1_000_000
+_NO_CACHE = "messages are always written from memory, within 1 s; omit the option for 100MB"
+_NO_LIMIT = "omit the option for no limit"
 
 
 @click.command(
@@ -51,7 +53,7 @@ _LEAST_CACHE_BYTES = 1_000_000
     "--max-size",
     "--max-bag-size",
     "max_bytes",
-    type=Size(least=_LEAST_FILE_BYTES),
+    type=Size(least=_LEAST_FILE_BYTES, zero=_NO_LIMIT),
     metavar="SIZE",
     help="Go on in a new file after this size, such as 500MB.",
 )
@@ -60,7 +62,7 @@ _LEAST_CACHE_BYTES = 1_000_000
     "--max-duration",
     "--max-bag-duration",
     "max_s",
-    type=Number(least=1.0, most=1e9),
+    type=Number(least=1.0, most=1e9, zero=_NO_LIMIT),
     metavar="S",
     help="Go on in a new file after this many seconds.",
 )
@@ -98,7 +100,7 @@ _LEAST_CACHE_BYTES = 1_000_000
 @click.option(
     "--max-cache-size",
     "cache_bytes",
-    type=Size(least=_LEAST_CACHE_BYTES),
+    type=Size(least=_LEAST_CACHE_BYTES, zero=_NO_CACHE),
     metavar="SIZE",
     help="Memory for messages that wait to be written (default 100MB), or for the snapshot "
     "(default 500MB).",

@@ -70,19 +70,20 @@ def find_call(text: str) -> type:
     return found
 
 
-def find_type(text: str) -> type:
+def find_type(text: str, otherwise: str = "") -> type:
     """The type that `Pose`, ROS's `turtlesim/msg/Pose`, or `my_robot.messages:Battery` stands for.
 
-    Raises click.UsageError.
+    Raises click.UsageError, which says what else to do.
     """
     module, colon, name = text.partition(":")
     if colon:
         return _imported(module, name, is_dataclass, "no dataclass {!r}; a message must be one")
     found = supplied_type(bare(text))
     if found is None:
-        hint = did_you_mean(text, _supplied(), none="")
+        hint = did_you_mean(bare(text), _supplied(), none="")
         raise click.UsageError(
-            f"tfbus.messages has no message {text!r} (write your own as package.module:Name){hint}"
+            f"tfbus.messages has no message {text!r} (write your own as package.module:Name"
+            f"{otherwise}){hint}"
         )
     return found
 

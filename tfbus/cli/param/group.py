@@ -2,6 +2,8 @@
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import IO
 
 import click
@@ -48,6 +50,22 @@ def _complete_pair(
 )
 def command() -> None:
     """List, read, set, save and load the parameters of nodes."""
+
+
+@contextmanager
+def _one_of_ros(name: str) -> Iterator[None]:
+    """Where a node refuses ROS's parameter of simulated time, a usage error that says how to set
+    it.
+    """
+    try:
+        yield
+    except ParameterError as error:
+        if name != "use_sim_time":
+            raise
+        raise click.UsageError(
+            "a node has no parameter 'use_sim_time': simulated time is set where it starts, as in: "
+            "tfbus simulator --sim-time; tfbus clock publishes the time"
+        ) from error
 
 
 @command.command("list", epilog="Example: tfbus param list sim")
@@ -109,7 +127,7 @@ def get_command(
         described = [parameter_in(recorded, name) for name in parameters]
     else:
         with open_bus(settings) as session:
-            described = [parameter_of(session, node, name, warn) for name in parameters]
+            described = [_described(session, node, name) for name in parameters]
     if as_json:
         print_json({each.name: each.value for each in described})
         return
@@ -166,7 +184,8 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
         raise click.UsageError(f"parameters and values come in pairs: {pairs[-1]!r} has no value")
     with open_bus(settings) as session:
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
-            set_parameter(session, node, name, value, warn)
+            with _one_of_ros(name):
+                set_parameter(session, node, name, value, warn)
             many = f": {name}" if len(pairs) > 2 else ""
             print_text(f"Set parameter successful{many}")
 
@@ -229,7 +248,7 @@ def describe_command(
     """Print the type, description and bounds of parameters of NODE, or of all."""
     with open_bus(settings) as session:
         if parameters:
-            described = [parameter_of(session, node, name, warn) for name in parameters]
+            described = [_described(session, node, name) for name in parameters]
         else:
             described = parameters_of(session, node)
     if as_json:
@@ -237,6 +256,11 @@ def describe_command(
         return
     for each in described:
         print_lines(_description(each))
+
+
+def _described(session: Session, node: str, name: str) -> ParameterDescription:
+    with _one_of_ros(name):
+        return parameter_of(session, node, name, warn)
 
 
 def _compiled(pattern: str) -> re.Pattern[str]:

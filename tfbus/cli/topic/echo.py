@@ -17,6 +17,7 @@ from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import full_topic, may_be_retained, type_of, visiting
+from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName, matching
@@ -79,7 +80,22 @@ def _info(arrival: Arrival) -> str:
     return f"# arrived at {stamp_text(arrival.received_ns)}, {size}"
 
 
-@click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
+_NO_LOSSES = "not needed: messages that are skipped are counted in a warning at the end"
+
+# Options of `ros2 topic echo`.
+_CALLED_IN_ROS = {
+    "--flow-style": "use --json, one line a message",
+    "--lost-messages": _NO_LOSSES,
+    "--no-lost-messages": _NO_LOSSES,
+}
+
+
+@click.command(
+    "echo",
+    cls=Answering,
+    hints=_CALLED_IN_ROS,
+    epilog="Example: tfbus topic echo turtle1/pose --field x --once",
+)
 @click.argument("topic", type=TopicName())
 @click.argument("type_text", metavar="[TYPE]", default="", shell_complete=_complete_type)
 @click.option("--once", is_flag=True, help="Print one message and exit.")

@@ -14,6 +14,7 @@ from tfbus.cli.output import json_option, warn
 from tfbus.cli.topic import reports
 from tfbus.cli.topic.meter import Meter, measure, print_measured
 from tfbus.cli.topic.source import full_topic, type_of, visiting
+from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from tfbus.node.node import Node
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_OF_HZ = {"--wall-time": "not needed: rates are measured by this host's clock"}
 
 
 def _measuring(window: int) -> Callable[[F], F]:
@@ -56,7 +59,9 @@ def _measuring(window: int) -> Callable[[F], F]:
     return lambda function: functools.reduce(lambda f, option: option(f), options[::-1], function)
 
 
-@click.command("hz", epilog="Example: tfbus topic hz turtle1/pose tf/broadcaster1")
+@click.command(
+    "hz", cls=Answering, hints=_OF_HZ, epilog="Example: tfbus topic hz turtle1/pose tf/broadcaster1"
+)
 @click.option(
     "--filter",
     "expression",
@@ -96,7 +101,7 @@ def hz_command(
     _run(settings, topics, reports.RATE, number_of, **how)
 
 
-@click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")
+@click.command("bw", cls=Answering, epilog="Example: tfbus topic bw turtle1/pose")
 @bag_options("begin", "end")
 @_measuring(100)
 def bw_command(
@@ -113,7 +118,7 @@ def bw_command(
     _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
 
 
-@click.command("delay", epilog="Example: tfbus topic delay turtle1/pose")
+@click.command("delay", cls=Answering, epilog="Example: tfbus topic delay turtle1/pose")
 @bag_options("begin", "end")
 @_measuring(10_000)
 def delay_command(

@@ -16,9 +16,12 @@ from tfbus.cli.messages.message import (
     read_map,
     supplied_type,
 )
+from tfbus.cli.messages.of_type import bare
 from tfbus.cli.messages.prototype import complete_message
+from tfbus.cli.messages.transforms import TRANSFORMS_TYPES
 from tfbus.cli.output import as_json, print_text, say, warn
 from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
+from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
@@ -35,9 +38,28 @@ if TYPE_CHECKING:
 # How often nodes are asked for their subscriptions while it waits for several.
 _ASK_AGAIN_S = 0.2
 
+_NO_TRANSFORMS = (
+    "{!r} carries transforms: publish one with `tfbus static`, or many from a program with a "
+    "TransformBroadcaster"
+)
+_WITHOUT_TYPE = ", or leave the type out: any map of fields can be published"
+
+_FROM_A_SHELL = 'leave it out, and take the values from the shell: "$(cat values.yaml)"'
+_NAME = "not needed: its node is not in the lists of nodes"
+
+# Options of `ros2 topic pub`.
+_CALLED_IN_ROS = {
+    "--stdin": _FROM_A_SHELL,
+    "--yaml-file": _FROM_A_SHELL,
+    "-n": _NAME,
+    "--node-name": _NAME,
+}
+
 
 @click.command(
     "pub",
+    cls=Answering,
+    hints=_CALLED_IN_ROS,
     epilog="Example: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'",
 )
 @click.argument("topic", type=TopicName())
@@ -117,7 +139,7 @@ def pub_command(
     with visiting(settings, "pub", goes_on=times is None) as node:
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:
-            raise click.UsageError(f"{topic!r} carries transforms: publish one with `tfbus static`")
+            raise click.UsageError(_NO_TRANSFORMS.format(topic))
         message_type = given_type or supplied_type(announced)
         if message_type:
             values = complete_values(values, message_type)
@@ -198,7 +220,9 @@ def _split(words: Sequence[str]) -> tuple[type | None, dict[str, Any]]:
         raise click.UsageError(
             f"expected a type and a map of fields, got {len(words)} words: quote the map"
         )
+    if words and bare(words[0]) in TRANSFORMS_TYPES:
+        raise click.UsageError(_NO_TRANSFORMS.format(words[0]))
     if len(words) == 2:
-        return find_type(words[0]), checked_map(words[1], "VALUES")
+        return find_type(words[0], _WITHOUT_TYPE), checked_map(words[1], "VALUES")
     values = read_map(words[0]) if words else {}
-    return (find_type(words[0]), {}) if values is None else (None, values)
+    return (find_type(words[0], _WITHOUT_TYPE), {}) if values is None else (None, values)

@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 # After this long without a message, the tools print what they wait for.
 SAY_AFTER_S = 2.0
 
+# What to do where a bus has no transforms.
+_SHOWN_BY = {
+    TRANSFORMS: "tfbus frames shows all frames, and tfbus echo TARGET SOURCE one from another",
+    STATIC_TRANSFORMS: "tfbus static world camera publishes one, and tfbus frames shows all frames",
+}
+
 
 @contextmanager
 def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> Iterator["Node"]:
@@ -117,8 +123,10 @@ def why_silent(node: "Node", topic: str) -> str:
         senders = []
     if senders:
         return f"Waiting for a message on {topic!r}: its publisher {', '.join(senders)} sends none"
-    hint = did_you_mean(topic, published, none=", nor any other topic")
-    return f"Waiting for a message on {topic!r}: it has no publisher{hint}"
+    waiting = f"Waiting for a message on {topic!r}: it has no publisher"
+    if topic in _SHOWN_BY:
+        return f"{waiting}; {_SHOWN_BY[topic]}"
+    return waiting + did_you_mean(topic, published, none=", nor any other topic")
 
 
 def _transforms(topic: str) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future as Answer
 from concurrent.futures import TimeoutError as NotYet
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import BusType
 from tfbus.compat.rclpy.executors import Work
@@ -17,6 +17,9 @@ from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
 from tfbus.runtime.executor import Timer as TfbusTimer
 
+if TYPE_CHECKING:
+    from tfbus.compat.transform_topics import TransformsPublisher
+
 # How often a service that waits for its callback looks whether the node still lives, and a call
 # that waits for its service, whether the client is still open.
 _LOOKS_EVERY_S = 0.5
@@ -25,7 +28,12 @@ _LOOKS_EVERY_S = 0.5
 class Publisher:
     """Publishes messages of one type on a topic."""
 
-    def __init__(self, endpoint: TfbusPublisher[Any], on_bus: BusType, message_type: type) -> None:
+    def __init__(
+        self,
+        endpoint: "TfbusPublisher[Any] | TransformsPublisher",
+        on_bus: BusType,
+        message_type: type,
+    ) -> None:
         self.endpoint: Endpoint = endpoint
         self.topic_name = endpoint.name
         self._publisher = endpoint

@@ -16,9 +16,11 @@ from tfbus.compat.rclpy.logging import RosLogger
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.time import ClockType
+from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 __all__ = ["Node"]
 
@@ -141,6 +143,11 @@ class Node:
     def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""
         retained = applied(qos_profile, topic, self.say_once)[1]
+        if kind := _transforms_topic(msg_type, topic):
+            from tfbus.compat import transform_topics as of  # it imports this package
+
+            sender = of.TransformsPublisher(self.tfbus_node, kind)
+            return Publisher(sender, of.ON_TRANSFORM_TOPICS, msg_type)
         on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
         return Publisher(publisher, on_bus, msg_type)
@@ -164,6 +171,14 @@ class Node:
                 "the bytes of the bus"
             )
         depth, retained = applied(qos_profile, topic, self.say_once)
+        if kind := _transforms_topic(msg_type, topic):
+            from tfbus.compat import transform_topics as of  # it imports this package
+
+            subscription = Subscription(self.work, of.ON_TRANSFORM_TOPICS, callback, depth)
+            subscription.endpoint = of.TransformsSubscription(
+                self.tfbus_node, kind, subscription.receive
+            )
+            return subscription
         on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
         subscription = Subscription(self.work, on_bus, callback, depth)
         subscription.endpoint = self.tfbus_node.create_subscription(
@@ -279,6 +294,16 @@ class Node:
                 )
             self.get_parameter(each.name)
             self._declared[each.name].set(each.value)
+
+
+def _transforms_topic(message_type: type, topic: str) -> str:
+    """The kind of transforms, `tf` or `tf_static`, of such a topic; "" for every other topic.
+
+    As of a TransformListener they are those of the node's namespace.
+    """
+    name = topic.lstrip("/")
+    is_one = message_type is TFMessage and name in (TRANSFORMS, STATIC_TRANSFORMS)
+    return name if is_one else ""
 
 
 def tfbus_node_of(node: Any) -> TfbusNode:

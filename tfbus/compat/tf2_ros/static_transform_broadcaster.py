@@ -6,6 +6,7 @@ from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as TfbusBroad
 from tfbus.compat.rclpy.node import tfbus_node_of
 from tfbus.compat.tf2_ros.transform_broadcaster import as_tfbus
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
+from tfbus.runtime.right_form import called_as
 
 __all__ = ["StaticTransformBroadcaster"]
 
@@ -15,6 +16,7 @@ class StaticTransformBroadcaster:
     logged.
     """
 
+    @called_as("StaticTransformBroadcaster(node)")
     def __init__(self, node: Any, qos: Any = None) -> None:
         warn_of_qos(node, "StaticTransformBroadcaster", qos)
         self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))

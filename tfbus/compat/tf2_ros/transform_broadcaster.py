@@ -8,6 +8,7 @@ from tfbus.compat.fields import stamped_of
 from tfbus.compat.rclpy.node import tfbus_node_of
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.geometry.transform import TransformStamped
+from tfbus.runtime.right_form import called_as
 
 __all__ = ["TransformBroadcaster"]
 
@@ -15,6 +16,7 @@ __all__ = ["TransformBroadcaster"]
 class TransformBroadcaster:
     """Sends dynamic transforms. QoS is not applied, which is logged."""
 
+    @called_as("TransformBroadcaster(node)")
     def __init__(self, node: Any, qos: Any = None) -> None:
         warn_of_qos(node, "TransformBroadcaster", qos)
         self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))

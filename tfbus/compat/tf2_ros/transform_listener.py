@@ -9,6 +9,7 @@ from tfbus.compat.rclpy.executors import ExternalShutdownException, SingleThread
 from tfbus.compat.rclpy.node import Node, tfbus_node_of
 from tfbus.compat.tf2_ros.buffer import Buffer
 from tfbus.listen.listener import TransformListener as TfbusListener
+from tfbus.runtime.right_form import called_as
 
 __all__ = ["TransformListener"]
 
@@ -23,6 +24,7 @@ class TransformListener:
     topic than /tf and /tf_static: of what robot the transforms are says the namespace of the node.
     """
 
+    @called_as("TransformListener(buffer, node)")
     def __init__(
         self,
         buffer: Buffer,
@@ -43,6 +45,7 @@ class TransformListener:
                 )
         if static_only:
             raise TypeError("static_only: a listener of tfbus receives dynamic transforms too")
+        self._check(buffer)
         self.node = node
         self._tfbus_node = tfbus_node_of(node)
         warn_of_qos(node, "TransformListener", qos, static_qos)
@@ -76,12 +79,16 @@ class TransformListener:
                 self.node.work.listeners.remove(self._count)
         self.tfbus_listener.close()
 
-    def _listen(self, buffer: Buffer) -> TfbusListener:
+    @staticmethod
+    def _check(buffer: Any) -> None:
         if not isinstance(buffer, Buffer):
             raise TypeError(
-                "a TransformListener takes a Buffer of tfbus.compat.tf2_ros and a node, not a "
-                f"{type(buffer).__name__}"
+                "a TransformListener takes a Buffer of tfbus.compat.tf2_ros and a node, in this "
+                f"order: TransformListener(buffer, node), not a {type(buffer).__name__}"
             )
+
+    def _listen(self, buffer: Buffer) -> TfbusListener:
+        self._check(buffer)
         buffer.run_callbacks_in(self.node)
         return TfbusListener(buffer.tfbus_buffer, self._tfbus_node)
 

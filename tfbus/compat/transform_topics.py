@@ -1,0 +1,100 @@
+"""ROS's topics /tf and /tf_static of messages: on the bus they are the streams of transforms."""
+
+from collections.abc import Callable
+
+from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
+from tfbus.bus.retained import declare_retained_subscriber
+from tfbus.compat.builtin_interfaces.msg import Time
+from tfbus.compat.bus_types import BusType
+from tfbus.compat.fields import stamped_of
+from tfbus.compat.geometry_msgs import msg as ros
+from tfbus.compat.std_msgs.msg import Header
+from tfbus.compat.tf2_msgs.msg import TFMessage
+from tfbus.errors import DecodeError
+from tfbus.geometry.transform import TransformStamped
+from tfbus.node.endpoint import Endpoint
+from tfbus.node.node import Node
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.keys import STATIC_TRANSFORMS, is_foreign
+from tfbus.wire.scan import TransformMessage
+from tfbus.wire.transforms import decode_transforms
+
+_SECOND_NS = 1_000_000_000
+
+
+class TransformsPublisher(Endpoint):
+    """Sends the transforms of messages as a broadcaster of the node does."""
+
+    def __init__(self, node: Node, kind: str) -> None:
+        super().__init__(kind, TFMessage)
+        is_static = kind == STATIC_TRANSFORMS
+        self._broadcaster = (StaticTransformBroadcaster if is_static else TransformBroadcaster)(
+            node
+        )
+
+    def publish(self, transforms: list[TransformStamped]) -> None:
+        """Send them; nothing after `close()`."""
+        if not self.closed:
+            self._broadcaster.send_transform(transforms)
+
+
+class TransformsSubscription(Endpoint):
+    """Calls `callback(message)` for each message of any stream, static ones at once, on a thread
+    of Zenoh.
+    """
+
+    def __init__(
+        self, node: Node, kind: str, callback: Callable[[TransformMessage], object]
+    ) -> None:
+        super().__init__(kind, TFMessage)
+        self._callback = callback
+        self._once = LogOnce(node.log)
+        key = f"{kind}/**"  # each stream has its own, and each frame of a split one
+        if kind == STATIC_TRANSFORMS:
+            self._parts.append(declare_retained_subscriber(node.session, key, self._take))
+        else:
+            self._parts.append(node.session.subscriber(key, self._take))
+
+    def _take(self, key: str, payload: bytes) -> None:
+        if self.closed or is_foreign(key):
+            return
+        try:
+            message = decode_transforms(payload)
+        except DecodeError as error:
+            self._once.warning(("unreadable", key), "Skipped a message on %r: %s", key, error)
+            return
+        self._callback(message)
+
+
+def _to_bus(message: TFMessage) -> list[TransformStamped]:
+    return [stamped_of(each) for each in message.transforms]
+
+
+def _from_bus(message: TransformMessage) -> TFMessage:
+    """The transforms as they were sent, with those that a buffer refuses."""
+    rows = message.rows
+    named = ((rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs())
+    poses = rows.as_batch().poses.tolist()
+    return TFMessage(
+        transforms=[
+            ros.TransformStamped(
+                header=Header(stamp=_time(stamp_ns), frame_id=parent),
+                child_frame_id=child,
+                transform=ros.Transform(
+                    translation=ros.Vector3(x=x, y=y, z=z),
+                    rotation=ros.Quaternion(x=qx, y=qy, z=qz, w=qw),
+                ),
+            )
+            for (parent, child), stamp_ns, (x, y, z, qx, qy, qz, qw) in zip(
+                named, rows.stamps_as_ints(), poses, strict=True
+            )
+        ]
+    )
+
+
+def _time(stamp_ns: int) -> Time:
+    sec, nanosec = divmod(stamp_ns, _SECOND_NS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+ON_TRANSFORM_TOPICS = BusType(TFMessage, _to_bus, _from_bus)

@@ -250,3 +250,37 @@ def test_one_thread_stores_while_others_look_up_many():
     print(len(done))
     """
     assert run(program) == "20\n"
+
+
+def test_an_interrupt_between_the_rows_of_a_batch_leaves_the_buffer_usable():
+    """What a finalizer left for later may raise where the lock is let go in the middle."""
+    program = """
+    import threading
+    from tfbus import TransformBatch
+
+    class Cycle:
+        def __init__(self):
+            self.me = self
+
+        def __del__(self):
+            buffer.set_transform(moved(0, "world", "late"))
+
+    def on_change(change):
+        if change.frame == "late":
+            raise KeyboardInterrupt
+
+    buffer.on_change(on_change)
+    names = [f"x{i}" for i in range(3000)]
+    rows = TransformBatch.from_transforms([moved(0, "world", name) for name in names])
+    Cycle()
+    gc.set_threshold(50)
+    try:
+        buffer.set_transforms(rows)
+    except KeyboardInterrupt:
+        gc.set_threshold(700)
+        print("interrupted")
+    other = threading.Thread(target=lambda: print(buffer.frame("late").parent))
+    other.start()
+    other.join()
+    """
+    assert run(program) == "interrupted\nworld\n"

@@ -134,8 +134,10 @@ class Lock:
             self._mutex.acquire()
             self._owner = PyThread_get_thread_ident()  # type: ignore[name-defined]  # noqa: F821
         else:
-            self.leave()
-            self.enter()
+            try:
+                self.leave()
+            finally:
+                self.enter()
 
     def __enter__(self) -> bool:
         return self.enter()
@@ -168,8 +170,10 @@ class Lock:
     def _pass_on(self) -> None:
         """Give the lock to the thread that has waited longest, and wait for it again."""
         if self._disturbed:
-            self._leave_disturbed()
-            self.enter()
+            try:
+                self._leave_disturbed()
+            finally:
+                self.enter()
         elif self._queue:
             gate = self._queue[0]
             gate.passed = True

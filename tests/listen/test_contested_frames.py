@@ -146,11 +146,14 @@ def test_a_frame_that_is_rejected_while_it_is_sent_is_not_kept(rule: Rule, is_st
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])
 @pytest.mark.parametrize("is_static", [True, False])
-def test_a_static_frame_that_is_listed_comes_back_from_one_that_lists_nothing(
-    rule: Rule, is_static: bool
+@pytest.mark.parametrize("is_described", [True, False])
+def test_a_static_frame_that_is_listed_comes_back_from_one_that_does_not_list_it(
+    rule: Rule, is_static: bool, is_described: bool
 ) -> None:
     """Also where the other sent it before it was known that it is listed."""
     received = Received(rule)
+    if is_described:
+        received.describe("b", "other")
     received.send_static("a", camera=1.0)
     (received.send_static if is_static else received.send)("b", camera=2.0, bolt=2.0)
     assert received.held("camera")[:2] == (2.0, "b")
@@ -178,6 +181,41 @@ def test_a_dynamic_frame_that_is_listed_is_taken_with_the_next_message(
     received.send("a", robot=1.0)
     assert received.held("robot") == (1.0, "a", False)
     assert received.buffer.sent_by("a") == {"robot": 1}
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+def test_a_static_frame_that_one_no_longer_lists_but_sends_late_is_the_others(rule: Rule) -> None:
+    """Of the list and the set either may be the older one."""
+    received = Received(rule)
+    for stream, x in (("b", 2.0), ("a", 1.0)):
+        received.send_static(stream, camera=x)
+        received.describe(stream, "camera")
+    received.describe("b")
+    received.send_static("b", camera=3.0)
+    received.send_static("b", bolt=3.0)
+    assert received.held("camera") == (1.0, "a", False)
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+def test_a_frame_that_is_listed_while_it_is_sent_is_not_lost(rule: Rule) -> None:
+    """The lists of both streams come while the frame goes into the buffer."""
+
+    class BusyBuffer(Buffer):
+        def set_transforms(
+            self, batch: TransformBatch, *, static: bool = False, authority: str = ""
+        ) -> int:
+            stored = super().set_transforms(batch, static=static, authority=authority)
+            if authority == "a" and not lists:
+                lists.append("both")
+                received.describe("b", "camera")
+                received.describe("a", "camera")
+            return stored
+
+    lists: list[str] = []
+    received = Received(rule, BusyBuffer())
+    received.send_static("b", camera=2.0)
+    received.send_static("a", camera=1.0)
+    assert received.held("camera")[0] in ({1.0, 2.0} if rule == "latest" else {1.0})
 
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])

@@ -59,8 +59,8 @@ try:
 except ImportError:
     from tfbus.core import cython_stub as cython
 
-# Frames that are removed at a time: some 100 microseconds.
-_REMOVED_AT_A_TIME = 256
+# Frames that are removed, or looked at, at a time: some 100 microseconds.
+_FRAMES_AT_A_TIME = 256
 
 # The timeout of a lookup that names none: compiled, equal numbers of a module are one object, so
 # that the default needs no further check.
@@ -87,8 +87,9 @@ class Buffer:
     frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
     unless `sampling` says otherwise.
 
-    Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
-    lookup with a timeout sleeps without the lock until what it needs has come, and never polls.
+    Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch, of
+    which at most 256 bring new frames; a lookup with a timeout sleeps without the lock until what
+    it needs has come, and never polls.
 
     A signal handler, or a finalizer that the garbage collector calls, may run in the middle of a
     call of the same thread. It may use the buffer: lookups answer at once, without waiting, and
@@ -290,12 +291,13 @@ class Buffer:
     def senders_of(self, frames: Iterable[str]) -> dict[str, set[str]]:
         """These frames by the authority that sent each last; unknown ones are left out."""
         senders: dict[str, set[str]] = {}
-        with self._store.lock:
-            known = self._store.tree.frames
-            for frame in frames:
-                history = known.get(frame)
-                if history is not None and history.parent is not None:
-                    senders.setdefault(history.authority, set()).add(frame)
+        left = iter(frames)
+        while some := list(islice(left, _FRAMES_AT_A_TIME)):
+            with self._store.lock:
+                for frame in some:
+                    history = self._store.tree.frames.get(frame)
+                    if history is not None and history.parent is not None:
+                        senders.setdefault(history.authority, set()).add(frame)
         return senders
 
     def forget(self, authority: str, frames: Iterable[str] | None = None) -> None:
@@ -324,7 +326,7 @@ class Buffer:
         if self._store.lock.later(self.remove_sent, frames, authority):
             return
         left = iter(frames)
-        while some := list(islice(left, _REMOVED_AT_A_TIME)):
+        while some := list(islice(left, _FRAMES_AT_A_TIME)):
             with self._store.lock:
                 for frame in some:
                     self._store.tree.remove_sent(_text(frame, "frame"), authority)

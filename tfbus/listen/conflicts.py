@@ -54,13 +54,14 @@ class Conflicts:
         return [reception for reception in receptions if reception is not None]
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
-        """Take the frames that a stream lists from those that have said nothing of themselves."""
+        """Take the frames that a stream lists from those that do not list them."""
         senders = self._buffer.senders_of(frames)
         for stream in self._known([name]):
             for sender in self._known(senders.keys() - {name}):
-                if sender.is_undescribed:
-                    stream.inherit(senders[sender.name], sender.name)
-                    stream.apply_statics(senders[sender.name])
+                unlisted = senders[sender.name] - sender.listing.children
+                if unlisted:
+                    stream.inherit(unlisted, sender.name)
+                    stream.apply_statics(unlisted)
 
     def claimed_by_others(self, name: str, children: Iterable[str]) -> frozenset[str]:
         """Which of these frames other live streams list. Safe from any thread."""
@@ -68,14 +69,13 @@ class Conflicts:
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
         """Put back the static transforms of the streams with priority for these frames, which the
-        stream of this name has replaced since.
+        stream of this name has replaced since, or removed.
         """
         resolutions = self._claims.resolutions(name, frames)
-        is_undescribed = any(each.is_undescribed for each in self._known([name]))
+        listed = [each.listing.children for each in self._known([name])]
         for each in self._known(resolutions.keys() - {name}):
             accepted = resolutions[each.name].accepted
-            if is_undescribed:
-                each.inherit(accepted, name)
+            each.inherit(accepted.difference(*listed), name)
             each.apply_statics(accepted)
 
     def _report(self, conflict: Conflict) -> None:

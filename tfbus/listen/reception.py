@@ -59,12 +59,13 @@ class StreamReception:
     `excluded` are the frames for which another publisher has priority. `reader` is one for all
     streams of a namespace. `now_s` is a clock that never goes back.
 
-    `claimed_by_others(children)` is which of these frames other live streams list: a stream without
-    a description does not get them.
+    `claimed_by_others(children)` is which of these frames other live streams list: a stream that
+    does not list them itself does not get them.
 
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
-    a publisher that has just got priority. `on_takeover(name, epoch_ns)` is called where two
-    processes publish the stream, one fell silent, and the messages of the other count from now on.
+    a publisher that has just got priority, or lists them, and where they were removed.
+    `on_takeover(name, epoch_ns)` is called where two processes publish the stream, one fell silent,
+    and the messages of the other count from now on.
 
     `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_strangers`
     what is wrong with others: any process can make up their names, and so fill its log.
@@ -112,6 +113,8 @@ class StreamReception:
         self.counts = Counts()
         # By frame the stream that it is taken from with the next message that has it.
         self._inherits: dict[str, str] = {}
+        # Of the last batch whose frames were all listed: the list, and its frames and edges.
+        self._all_listed: tuple[frozenset[str], tuple[str, ...], bytes] = frozenset(), (), b""
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._held = held or DisputedMessages()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
@@ -127,11 +130,6 @@ class StreamReception:
     def epoch_ns(self) -> int | None:
         """The epoch that counts; None before the first message."""
         return self.epochs.present_ns
-
-    @property
-    def is_undescribed(self) -> bool:
-        """Whether the stream has said nothing of itself."""
-        return self.listing.epoch_ns is None
 
     # Every message
 
@@ -224,9 +222,10 @@ class StreamReception:
         """
         if self.frame_rights is not None:
             batch = self.frame_rights.allowed_of(batch)
-        is_undescribed = self.is_undescribed
-        if is_undescribed:
-            batch = self._without_claimed(batch)
+        unlisted = self._unlisted(batch)
+        claimed = self.claimed_by_others(unlisted) if unlisted else unlisted
+        if claimed:
+            batch = self._without_claimed(batch, claimed)
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
@@ -249,9 +248,9 @@ class StreamReception:
             buffer.forget(self.name)
         if self.excluded is not excluded:
             self._give_way(batch, self.excluded - excluded)
-        if is_undescribed and (claimed := self.claimed_by_others(children_of(_as_columns(batch)))):
+        if unlisted and (late := self.claimed_by_others(unlisted - claimed)):
             # Another listed them while they were inserted.
-            self.on_overlap(self.name, claimed)
+            self.on_overlap(self.name, late)
         return are_taken
 
     def decode(self, payload: bytes) -> TransformMessage | None:
@@ -320,24 +319,35 @@ class StreamReception:
             self.counts.excluded += len(whole) - len(kept)
         return kept
 
-    def _without_claimed(self, batch: TransformBatch | Columns) -> TransformBatch | Columns:
-        """Of a stream that has said nothing of itself: without the frames that others list. It may
-        be about to describe itself; its static transforms are taken then.
+    def _unlisted(self, batch: TransformBatch | Columns) -> frozenset[str]:
+        """The child frames of a batch that the stream does not list."""
+        rows, listed = _as_columns(batch), self.listing.children
+        frames, edges = rows.frames, rows.edges_bytes()
+        all_listed, of_frames, of_edges = self._all_listed
+        if all_listed is listed and edges == of_edges and frames == of_frames:
+            return frozenset()
+        unlisted = children_of(rows) - listed
+        if not unlisted:
+            self._all_listed = listed, frames, edges
+        return unlisted
+
+    def _without_claimed(
+        self, batch: TransformBatch | Columns, claimed: frozenset[str]
+    ) -> TransformBatch | Columns:
+        """Without the frames that others list, and this stream does not. It may be about to list
+        them; its static transforms are taken then.
         """
-        claimed = self.claimed_by_others(children_of(_as_columns(batch)))
-        if not claimed:
-            return batch
         self._warn_once(
             "claimed",
-            "Dropped %s of stream %r, which has no description: another stream lists it",
+            "Dropped %s of stream %r, which does not list it: another stream does",
             name_some(sorted(claimed)),
             self.name,
         )
         return self._without(batch, claimed)
 
     def inherit(self, frames: Collection[str], sender: str) -> None:
-        """Take these frames, which it lists, from a stream that has said nothing of itself: what
-        that has sent of each is dropped when this one sends it, so that none is missing meanwhile.
+        """Take these frames, which it lists, from a stream that does not: what that has sent of one
+        is dropped when this one sends it, so that none is missing meanwhile.
         """
         self._inherits.update(dict.fromkeys(frames, sender))
 
@@ -414,6 +424,8 @@ class StreamReception:
             return
         # First, as a former one may be in the way of one of the set.
         self._remove_statics(removed)
+        if removed:
+            self.on_overlap(self.name, removed)
         self.apply_statics(None)
         self.on_growth(self.name)
 
@@ -513,6 +525,7 @@ class StreamReception:
             self._marks.invalidate()
         if removed:
             self.buffer.remove_sent(removed, self.name)
+            self.on_overlap(self.name, removed)
         # An earlier list may have left them out, wrongly.
         if found and self.statics.batch is not None:
             self.apply_statics(found - self.buffer.sent_by(self.name).keys())

@@ -35,6 +35,9 @@ from tfbus.wording import listed, stamp_text
 # Messages of a disputed epoch ask at most this often for the publisher's word.
 _DISPUTES_APART_S = 1.0
 
+# A publisher lists a frame a moment after it sends it: what is dropped until then is not logged.
+_LISTED_WITHIN_S = 1.0
+
 # Lines that a stream could cause without end come again after this time, with their number; in that
 # time of at most this many streams.
 _LINES_APART_S = 60.0
@@ -123,6 +126,8 @@ class StreamReception:
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
         self._disputed_s = -math.inf
+        # When it first sent a frame that others list, and it did not.
+        self._claimed_s = math.inf
         # At this count of transforms it may have grown.
         self.grows_at = _GROWS_AFTER
 
@@ -337,12 +342,15 @@ class StreamReception:
         """Without the frames that others list, and this stream does not. It may be about to list
         them; its static transforms are taken then.
         """
-        self._warn_once(
-            "claimed",
-            "Dropped %s of stream %r, which does not list it: another stream does",
-            name_some(sorted(claimed)),
-            self.name,
-        )
+        now_s = self.now_s()
+        self._claimed_s = min(self._claimed_s, now_s)
+        if now_s > self._claimed_s + _LISTED_WITHIN_S:
+            self._warn_once(
+                "claimed",
+                "Dropped %s of stream %r, which does not list it: another stream does",
+                name_some(sorted(claimed)),
+                self.name,
+            )
         return self._without(batch, claimed)
 
     def inherit(self, frames: Collection[str], sender: str) -> None:

@@ -197,6 +197,19 @@ def test_a_static_frame_that_one_no_longer_lists_but_sends_late_is_the_others(ru
 
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+def test_a_static_frame_that_is_listed_late_is_where_it_was_sent_last(rule: Rule) -> None:
+    """Also where an older pose of its own is there, and another listed it in between."""
+    received = Received(rule)
+    received.describe("a", "lamp")
+    received.send_static("a", lamp=1.0, camera=1.0)
+    received.describe("b", "camera")
+    received.send_static("a", lamp=1.0, camera=2.0)
+    assert received.held("camera") == (1.0, "a", False)
+    received.describe("a", "lamp", "camera")
+    assert received.held("camera") == (2.0, "a", False)
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
 def test_a_frame_that_is_listed_while_it_is_sent_is_not_lost(rule: Rule) -> None:
     """The lists of both streams come while the frame goes into the buffer."""
 

@@ -536,7 +536,7 @@ class StreamReception:
             self.on_overlap(self.name, removed)
         # An earlier list may have left them out, wrongly.
         if found and self.statics.batch is not None:
-            self.apply_statics(found - self.buffer.sent_by(self.name).keys())
+            self.apply_statics(found)
         self._marks.update()
         if confirmed:
             self._held.release(self.name, epoch_ns)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.compat.spinning import publish_until, spin_until
 from tests.live_bus import Bus, eventually, keep_sending, send_static
 from tfbus import ServiceError, messages
 from tfbus.compat import rclpy as ported
@@ -39,27 +40,6 @@ from tfbus.compat.turtlesim.srv import Spawn
 from tfbus.errors import ParameterError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
-
-
-def spin_until(node: Any, condition: Any) -> None:
-    """Run callbacks until the condition holds."""
-
-    def spun() -> bool:
-        ported.spin_once(node, timeout_sec=0.01)
-        return bool(condition())
-
-    eventually(spun)
-
-
-def publish_until(node: Any, publisher: Any, message: Any, condition: Any) -> None:
-    """The same, and publish meanwhile."""
-
-    def published() -> bool:
-        publisher.publish(message)
-        ported.spin_once(node, timeout_sec=0.01)
-        return bool(condition())
-
-    eventually(published)
 
 
 def test_a_node_before_init_is_an_error() -> None:

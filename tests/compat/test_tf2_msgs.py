@@ -2,14 +2,13 @@
 
 import math
 from types import ModuleType
-from typing import Any
 
 import pytest
 
 from tests.builders import x_of
+from tests.compat.spinning import publish_until
 from tests.live_bus import Bus, eventually, send_static
 from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
-from tfbus.compat import rclpy as ported
 from tfbus.compat.fields import message_of, stamped_of
 from tfbus.compat.geometry_msgs.msg import TransformStamped as Message
 from tfbus.compat.rclpy.qos import DurabilityPolicy, QoSProfile
@@ -26,17 +25,6 @@ def edge(parent: str, child: str, x: float = 1.0) -> Message:
     message.header.stamp = Time(seconds=5.0).to_msg()
     message.transform.translation.x = x
     return message
-
-
-def publish_until(node: Any, publisher: Any, message: Any, condition: Any) -> None:
-    """Publish and spin until it holds."""
-
-    def published() -> bool:
-        publisher.publish(message)
-        ported.spin_once(node, timeout_sec=0.01)
-        return bool(condition())
-
-    eventually(published)
 
 
 @pytest.mark.parametrize("topic", ["/tf", "tf_static"])

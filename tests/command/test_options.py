@@ -1,5 +1,7 @@
 """The command-line options of every process."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -294,3 +296,20 @@ def test_an_assignment_of_ros_is_answered_in_our_words(typed: str, form: str) ->
     with pytest.raises(click.UsageError) as caught:
         list(in_tfbus_words([typed]))
     assert caught.value.message.startswith(f"'{typed}' needs its option: write {form}")
+
+
+def test_an_interrupted_exec_is_a_usual_end_too(tmp_path: Path) -> None:
+    """As where a dataclass is imported just then: Python would end a module by SIGINT."""
+    (tmp_path / "interrupted.py").write_text(
+        "import click\n"
+        "from tfbus import node_options\n"
+        "@click.command()\n"
+        "@node_options('x')\n"
+        "def main(settings):\n"
+        "    exec('import signal; signal.raise_signal(signal.SIGINT)')\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "interrupted"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

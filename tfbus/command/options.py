@@ -12,6 +12,7 @@ from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.command.ros_args import RosArgs
 from tfbus.command.types import LogLevel
 from tfbus.errors import SettingsError, TfbusError
+from tfbus.runtime.signals import forget_interrupt
 from tfbus.wording import printable
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -76,6 +77,7 @@ def _interruptible(function: F) -> F:
         try:
             return function(*args, **values)
         except KeyboardInterrupt:
+            forget_interrupt()
             raise SystemExit(0) from None
 
     return cast(F, command)

@@ -30,7 +30,7 @@ from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.seconds import seconds_to_wait
-from tfbus.runtime.signals import StopSignals, Wakeup
+from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:
@@ -176,9 +176,7 @@ class Node:
     ) -> bool:
         stopped_by_signal = kind is KeyboardInterrupt and not self.ok
         if stopped_by_signal:
-            # Importing a dataclass runs exec(). Where the signal interrupted one, Python would end
-            # the process by SIGINT, though this is its end: another exec() makes it forget that.
-            exec("")
+            forget_interrupt()
         self.close()
         if self._parameters_are_typed_in and isinstance(error, ParameterError):
             raise SystemExit(f"Error: {error}") from None

@@ -214,6 +214,15 @@ def _in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
+def forget_interrupt() -> None:
+    """Where a KeyboardInterrupt was a usual end, let Python exit with its own code.
+
+    Importing a dataclass runs exec(). Where the signal interrupted one, Python would end the
+    process by SIGINT: another exec() makes it forget that.
+    """
+    exec("")
+
+
 def _is_interactive() -> bool:
     """Whether a person types at a prompt of Python or IPython, or runs the cells of a notebook."""
     return hasattr(sys, "ps1")

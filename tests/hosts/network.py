@@ -17,9 +17,11 @@ _TESTS = Path(__file__).parents[1]
 
 
 class Hosts:
-    """Some hosts on one network, which nothing else is on."""
+    """Some hosts on one network, which nothing else is on; `offline` are those of them whose
+    interface is down and without an address at first.
+    """
 
-    def __init__(self, *names: str):
+    def __init__(self, *names: str, offline: Sequence[str] = ()):
         self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
         self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
         for space in self._space.values():
@@ -30,12 +32,12 @@ class Hosts:
         _ip("-n", bridge, "link", "set", BRIDGE, "up")
         for name, address in self.address.items():
             space = self._space[name]
-            cable = ["link", "add", name, "netns", bridge, "type", "veth"]
+            cable = ["link", "add", "name", name, "netns", bridge, "type", "veth"]
             _ip(*cable, "peer", "name", "eth0", "netns", space)
             _ip("-n", bridge, "link", "set", name, "master", BRIDGE, "up")
-            _ip("-n", space, "addr", "add", f"{address}/24", "dev", "eth0")
             _ip("-n", space, "link", "set", "lo", "up")
-            _ip("-n", space, "link", "set", "eth0", "up", "multicast", "on")
+            if name not in offline:
+                self.set_network(name, address)
 
     def command(self, host: str, *command: str) -> Sequence[str]:
         """The command as it runs on the host."""
@@ -44,6 +46,34 @@ class Hosts:
     def set_link(self, host: str, *, up: bool) -> None:
         """Plug the host's cable in, or pull it out."""
         _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
+
+    def set_network(self, host: str, address: str) -> None:
+        """Bring the host's interface up with this address, as DHCP does: a former one is gone."""
+        space = self._space[host]
+        _ip("-n", space, "addr", "flush", "dev", "eth0")
+        _ip("-n", space, "addr", "add", f"{address}/24", "dev", "eth0")
+        _ip("-n", space, "link", "set", "eth0", "up", "multicast", "on")
+        self.address[host] = address
+
+    def replace_interface(self, host: str, interface: str) -> None:
+        """Take the host's interface away, and give it another one with the same address."""
+        bridge, space = self._space[BRIDGE], self._space[host]
+        _ip("-n", bridge, "link", "del", "dev", host)
+        cable = ["link", "add", "name", host, "netns", bridge, "type", "veth"]
+        _ip(*cable, "peer", "name", interface, "netns", space)
+        _ip("-n", bridge, "link", "set", "dev", host, "master", BRIDGE, "up")
+        _ip("-n", space, "addr", "add", f"{self.address[host]}/24", "dev", interface)
+        _ip("-n", space, "link", "set", interface, "up", "multicast", "on")
+
+    def join_by_tunnel(self, one: str, other: str) -> None:
+        """Join two hosts by an interface that both get now, as a VPN does."""
+        ends = (("tun0", self._space[one], "10.77.0.1"), ("tun0", self._space[other], "10.77.0.2"))
+        (name, space, _), (_, other_space, _) = ends
+        _ip("link", "add", "name", name, "netns", space, "type", "veth", "peer", "name", name,
+            "netns", other_space)  # fmt: skip
+        for interface, host, address in ends:
+            _ip("-n", host, "addr", "add", f"{address}/24", "dev", interface)
+            _ip("-n", host, "link", "set", interface, "up", "multicast", "on")
 
     def set_deaf(self, host: str, *, deaf: bool) -> None:
         """Drop all that is sent to the host, or none of it."""
@@ -70,9 +100,9 @@ class Hosts:
 class Network:
     """Hosts, and processes of Python on them: peers that scout, or clients of a router."""
 
-    def __init__(self, bus: Bus, *names: str):
+    def __init__(self, bus: Bus, *names: str, offline: Sequence[str] = ()):
         self._bus = bus
-        self.hosts = Hosts(*names, ROUTER_HOST)
+        self.hosts = Hosts(*names, ROUTER_HOST, offline=offline)
         self.router = f"tcp/{self.hosts.address[ROUTER_HOST]}:7447"
 
     def start(

@@ -24,6 +24,7 @@ class Hosts:
     def __init__(self, *names: str, offline: Sequence[str] = ()):
         self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
         self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
+        self._interface = dict.fromkeys(names, "eth0")
         for space in self._space.values():
             _ip("netns", "add", space)
         bridge = self._space[BRIDGE]
@@ -49,15 +50,17 @@ class Hosts:
 
     def set_network(self, host: str, address: str) -> None:
         """Bring the host's interface up with this address, as DHCP does: a former one is gone."""
-        space = self._space[host]
-        _ip("-n", space, "addr", "flush", "dev", "eth0")
-        _ip("-n", space, "addr", "add", f"{address}/24", "dev", "eth0")
-        _ip("-n", space, "link", "set", "eth0", "up", "multicast", "on")
+        space, interface = self._space[host], self._interface[host]
+        _ip("-n", space, "addr", "flush", "dev", interface)
+        _ip("-n", space, "addr", "add", f"{address}/24", "dev", interface)
+        _ip("-n", space, "link", "set", interface, "up", "multicast", "on")
         self.address[host] = address
 
-    def replace_interface(self, host: str, interface: str) -> None:
-        """Take the host's interface away, and give it another one with the same address."""
+    def replace_interface(self, host: str) -> None:
+        """Take the host's interface away, and give it one of another name with the same address."""
         bridge, space = self._space[BRIDGE], self._space[host]
+        interface = "wlan0" if self._interface[host] == "eth0" else "eth0"
+        self._interface[host] = interface
         _ip("-n", bridge, "link", "del", "dev", host)
         cable = ["link", "add", "name", host, "netns", bridge, "type", "veth"]
         _ip(*cable, "peer", "name", interface, "netns", space)
@@ -81,7 +84,7 @@ class Hosts:
 
     def set_mute(self, host: str, *, mute: bool) -> None:
         """Drop all that the host sends, or none of it."""
-        _set_dropping(self._space[host], "eth0", mute)
+        _set_dropping(self._space[host], self._interface[host], mute)
 
     def set_multicast(self, host: str, *, on: bool) -> None:
         """Carry packets for many to and from the host, or drop them."""
@@ -89,7 +92,8 @@ class Hosts:
         bridge = self._space[BRIDGE]
         state = "on" if on else "off"
         _ip("-n", bridge, "link", "set", host, "type", "bridge_slave", "mcast_flood", state)
-        _ip("-n", self._space[host], "link", "set", "eth0", "multicast", state)
+        interface = self._interface[host]
+        _ip("-n", self._space[host], "link", "set", interface, "multicast", state)
 
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""

@@ -64,7 +64,7 @@ def renumber(*renumbered: str) -> Callable[[Hosts], None]:
 
 def replace(*replaced: str) -> Callable[[Hosts], None]:
     """The interfaces of hosts are replaced by those of another name."""
-    return lambda hosts: [hosts.replace_interface(each, "wlan0") for each in replaced] and None
+    return lambda hosts: [hosts.replace_interface(each) for each in replaced] and None
 
 
 ROWS = {

@@ -17,15 +17,16 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import zenoh
 
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import Interface, scouted
+from tfbus.bus.links import Links
 from tfbus.bus.network_watch import NetworkWatch
-from tfbus.bus.zenoh_sockets import ZenohSockets
+from tfbus.bus.zenoh_sockets import ZenohSockets, end_link
 from tfbus.runtime.addresses import is_local
 from tfbus.wire.scouting import (
     LARGEST,
@@ -46,12 +47,16 @@ _SETTLED_S = 0.05
 # The pauses between Scouts after a change, or after a host was lost: some networks carry nothing in
 # their first second. The last one repeats while a neighbour may come back soon. After that Zenoh's
 # own Scouts do, where it scouts on the networks of now, or as rare ones.
-_PAUSES_S = (0.0, 0.25, 0.5, 0.75, 1.5, 3.0)
+_PAUSES_S = (0.0, 0.25, 0.5, 0.5, 0.5, 0.75, 1.5, 3.0)
 _BACK_WITHIN_S = 300.0
 _LATER_S = 8.0
 
 # Of two peers the one with the greater id connects at once, the other after this time.
 _POLITE_S = 0.6
+
+# One that was lost is connected to after this part of the lease at the earliest: it notices the
+# loss within the time between two keep-alives, which is a quarter.
+_APART = 2 / 3
 
 # Anyone can send a Scout.
 _MOST_ANSWERS_A_SECOND = 200
@@ -99,6 +104,7 @@ class Neighbours:
     """Watches the network for one session, on a thread of its own, until `close()`.
 
     Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
+    `lease_s` is the time after which a silent link is lost.
     """
 
     def __init__(
@@ -106,6 +112,7 @@ class Neighbours:
         session: zenoh.Session,
         scouting: Scouting | None,
         sockets: ZenohSockets,
+        lease_s: float,
         log: logging.Logger | None,
         remedy: str,
     ) -> None:
@@ -114,16 +121,17 @@ class Neighbours:
         self._scouting = scouting
         self._only = () if scouting is None else scouting.only
         self._sockets = sockets
+        self._apart_s = _APART * lease_s
         self._log = log
         self._remedy = remedy
         self._watch = NetworkWatch()
         self._waker, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._closing = threading.Event()
-        self._links_changed = threading.Event()
         self._places = places_at_start() if not self._only else _places(self._only)
-        # The hosts of those that the session is linked to, by their ids.
-        self._linked: dict[str, str] = {}
+        self._links = Links()
+        # When each of those that are lost was lost.
+        self._lost_s: dict[str, float] = {}
         self._asking: dict[str, socket.socket] = {}
         self._answering: socket.socket | None = None
         self._waiting: dict[str, float] = {}
@@ -132,11 +140,9 @@ class Neighbours:
         self._turn = 0
         self._missed_s = 0.0
         self._next_scout_s: float | None = None
-        self._links: Declaration | None = None
+        self._events: list[Declaration] = []
         if scouting is not None:
-            handler = direct(lambda _: self._note_links())
-            listener = session.info.declare_link_events_listener(handler, history=True)
-            self._links = Declaration(listener)
+            self._watch_links(session.info)
         self._thread = threading.Thread(target=self._run, name="tfbus-network", daemon=True)
         self._thread.start()
 
@@ -145,8 +151,8 @@ class Neighbours:
         if self._closing.is_set():
             return
         self._closing.set()
-        if self._links is not None:
-            self._links.close()
+        for events in self._events:
+            events.close()
         self._wake()
         if threading.current_thread() is not self._thread:
             self._thread.join(_CLOSING_S)
@@ -155,10 +161,20 @@ class Neighbours:
         with suppress(OSError):
             self._waker.send(b".")
 
-    def _note_links(self) -> None:
-        if not self._links_changed.is_set():
-            self._links_changed.set()
-            self._wake()
+    def _watch_links(self, info: zenoh.SessionInfo) -> None:
+        def noted(note: Callable[[Any], None]) -> Any:
+            def take(event: Any) -> None:
+                note(event)
+                self._wake()
+
+            return direct(take)
+
+        links = self._links
+        transports = info.declare_transport_events_listener(
+            noted(links.note_transport), history=True
+        )
+        each_link = info.declare_link_events_listener(noted(links.note_link), history=True)
+        self._events = [Declaration(transports), Declaration(each_link)]
 
     # The thread
 
@@ -217,9 +233,7 @@ class Neighbours:
             self._look()
 
     def _look(self) -> None:
-        if self._links_changed.is_set():
-            self._links_changed.clear()
-            self._look_at_links()
+        self._look_at_links()
         places = _places(self._only)
         if places != self._places:
             former, self._places, self._has_changed = self._places, places, True
@@ -228,17 +242,20 @@ class Neighbours:
             self._look_for_neighbours()
 
     def _look_at_links(self) -> None:
-        former = self._linked
-        links = self._session.info.links()
-        self._linked = {str(link.zid): _host(link.dst) for link in links}
-        for zid in self._linked:
-            self._waiting.pop(zid, None)
-        here = {address for *_, address in self._places}
-        lost = {host for zid, host in former.items() if zid not in self._linked}
+        lost, half = self._links.take()
+        now_s = time.monotonic()
+        for zid in self._waiting.keys() & {zid for zid in self._waiting if zid in self._links}:
+            del self._waiting[zid]
+        self._lost_s = {
+            zid: at_s for zid, at_s in self._lost_s.items() if now_s - at_s < self._apart_s
+        } | dict.fromkeys(lost, now_s)
+        for link in half:
+            end_link(_end_of(link.src), _end_of(link.dst))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
-        lost -= {*self._linked.values(), *here}
-        is_alone = bool(former) and not self._linked
-        if is_alone or any(not is_local(host) for host in lost):
+        known = {address for *_, address in self._places}
+        known |= {_host(endpoint) for endpoint in self._links.endpoints()}
+        missed = {host for endpoint in lost.values() if not is_local(host := _host(endpoint))}
+        if half or (lost and not self._links) or missed - known:
             self._look_for_neighbours()
 
     def _say(self, former: frozenset[Place], places: frozenset[Place]) -> None:
@@ -371,7 +388,7 @@ class Neighbours:
 
     def _meet(self, hello: Hello, host: str) -> None:
         """Let Zenoh connect to one that has answered."""
-        if hello.zid in self._linked or not self._is_turn(hello):
+        if hello.zid in self._links or not self._is_turn(hello):
             return
         # The first address of several may be one that is not reached from here, and Zenoh would
         # try it for 10 s.
@@ -383,7 +400,11 @@ class Neighbours:
             to_zenoh.sendto(message, ("127.0.0.1", self._sockets.asking[0]))
 
     def _is_turn(self, hello: Hello) -> bool:
-        """Whether to connect now. If both did so at once they could stay half linked."""
+        """Whether to connect now, and not while the other one connects, or has not noticed that
+        the last link is lost: the two would be half linked.
+        """
+        if hello.zid in self._lost_s:
+            return time.monotonic() - self._lost_s[hello.zid] >= self._apart_s
         if hello.role == "router" or int(self._id, 16) > int(hello.zid, 16):
             return True
         if len(self._waiting) >= _MOST_WAITING:
@@ -435,6 +456,10 @@ def _split(endpoint: str) -> tuple[str, str, int]:
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
     return protocol, host.strip("[]"), int(port) if port.isdigit() else 0
+
+
+def _end_of(endpoint: str) -> str:
+    return f"{_host(endpoint)}:{_split(endpoint)[2]}"
 
 
 def _host(endpoint: str) -> str:

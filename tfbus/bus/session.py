@@ -25,7 +25,7 @@ from tfbus.bus.handles import (
 from tfbus.bus.neighbours import Neighbours, places_at_start
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import listens_beyond_loopback, scouting_of, zenoh_config
+from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
@@ -92,7 +92,7 @@ class Session:
         # Where any process of another host reaches it.
         self.open_to = () if settings.closed else listens_beyond_loopback(config)
         self.id = str(self.zenoh.zid())
-        self._neighbours = self._meet_neighbours(is_second=is_second)
+        self._neighbours = self._meet_neighbours(config, is_second=is_second)
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
         _end_at_a_signal_once_main_has_ended()
@@ -132,7 +132,7 @@ class Session:
                 partial(zenoh.open, config), self._scouting.group
             )
 
-    def _meet_neighbours(self, *, is_second: bool) -> Neighbours | None:
+    def _meet_neighbours(self, config: zenoh.Config, *, is_second: bool) -> Neighbours | None:
         """Watch the network, on hosts where tfbus knows its interfaces."""
         if not places_at_start():
             return None
@@ -142,7 +142,7 @@ class Session:
         elif self.settings.connect:
             remedy = f"trying {' and '.join(self.settings.connect)} again"
         log = None if is_second else self._log
-        return Neighbours(self.zenoh, self._scouting, self._sockets, log, remedy)
+        return Neighbours(self.zenoh, self._scouting, self._sockets, lease_s(config), log, remedy)
 
     def __enter__(self) -> "Session":
         return self

@@ -191,6 +191,11 @@ def scouting_of(config: zenoh.Config, settings: NodeSettings) -> Scouting | None
     )
 
 
+def lease_s(config: zenoh.Config) -> float:
+    """The time after which a silent link of this configuration is lost."""
+    return float(json.loads(config.get_json("transport/link/tx/lease")) or _LEASE_MS) / 1e3
+
+
 def _value(config: zenoh.Config, key: str) -> Any:
     return json.loads(config.get_json(f"scouting/multicast/{key}"))
 

@@ -1,4 +1,4 @@
-"""Zenoh's own sockets: the ports that a session has opened, which Zenoh does not tell."""
+"""Zenoh's own sockets: those that a session has opened, which Zenoh does not tell."""
 
 import os
 import socket
@@ -34,6 +34,24 @@ def with_sockets(open_session: Callable[[], T], group: tuple[str, int]) -> tuple
         before = _files()
         opened = open_session()
         return opened, _told_apart(_sockets(_files() - before), group)
+
+
+def end_link(src: str, dst: str) -> None:
+    """End the connection of TCP between two addresses such as `10.0.0.1:7447`; Zenoh then takes
+    the link for lost, as the other process does. Nothing if there is none.
+    """
+    for each in _sockets(_files()):
+        with each, suppress(OSError):
+            if each.type == socket.SOCK_STREAM and _ends(each) == (src, dst):
+                each.shutdown(socket.SHUT_RDWR)
+
+
+def _ends(one: socket.socket) -> tuple[str, str]:
+    here, there = (
+        f"{address[0].removeprefix('::ffff:')}:{address[1]}"
+        for address in (one.getsockname(), one.getpeername())
+    )
+    return here, there
 
 
 def _told_apart(found: Iterator[socket.socket], group: tuple[str, int]) -> ZenohSockets:

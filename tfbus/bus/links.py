@@ -48,12 +48,13 @@ class _Connection(Struct, frozen=False):
 
 
 class Changes(NamedTuple):
-    """What has changed: the last endpoints of those that were lost, by their ids, and the links of
-    those that are half linked.
+    """What has changed: the last endpoints of those that were lost, by their ids, the links that
+    are new, and those of processes that are half linked.
     """
 
     lost: dict[str, str]
-    half: list[Link]
+    new: set[Link]
+    half: set[Link]
 
 
 class Links:
@@ -80,22 +81,23 @@ class Links:
     def __bool__(self) -> bool:
         return bool(self._connections)
 
-    def endpoints(self) -> set[str]:
-        """The endpoints at the other ends."""
-        return {each.dst for each in self._connections.values()}
+    def all(self) -> set[Link]:
+        """The links that are open."""
+        return {link for each in self._connections.values() for link in each.links}
 
     def take(self) -> Changes:
         """Take what was noted."""
         lost: dict[str, str] = {}
         now_s = time.monotonic()
+        former = self.all()
         while self._events:
             self._take_event(self._events.popleft(), lost)
-        half = []
+        half: set[Link] = set()
         for each in self._connections.values():
             if each.is_half(now_s):
-                half += each.links
+                half |= each.links
                 each.added_s = each.removed_s = float("-inf")
-        return Changes(lost, half)
+        return Changes(lost, self.all() - former, half)
 
     def _take_event(self, event: _Event, lost: dict[str, str]) -> None:
         zid, link, has_come, at_s = event

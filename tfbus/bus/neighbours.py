@@ -8,6 +8,7 @@ come: Zenoh connects then as to any neighbour. The session stays as it is, with 
 declared.
 """
 
+import errno
 import logging
 import select
 import socket
@@ -24,9 +25,9 @@ import zenoh
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import Interface, scouted
-from tfbus.bus.links import Links
+from tfbus.bus.links import Link, Links
 from tfbus.bus.network_watch import NetworkWatch
-from tfbus.bus.zenoh_sockets import ZenohSockets, end_link
+from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
 from tfbus.runtime.addresses import is_local
 from tfbus.wire.scouting import (
     LARGEST,
@@ -141,8 +142,7 @@ class Neighbours:
         self._missed_s = 0.0
         self._next_scout_s: float | None = None
         self._events: list[Declaration] = []
-        if scouting is not None:
-            self._watch_links(session.info)
+        self._watch_links(session.info)
         self._thread = threading.Thread(target=self._run, name="tfbus-network", daemon=True)
         self._thread.start()
 
@@ -239,24 +239,34 @@ class Neighbours:
             former, self._places, self._has_changed = self._places, places, True
             self._say(former, places)
             self._take_over(former)
+            self._end_links_without_address()
             self._look_for_neighbours()
 
     def _look_at_links(self) -> None:
-        lost, half = self._links.take()
+        lost, new, half = self._links.take()
         now_s = time.monotonic()
         for zid in self._waiting.keys() & {zid for zid in self._waiting if zid in self._links}:
             del self._waiting[zid]
         self._lost_s = {
             zid: at_s for zid, at_s in self._lost_s.items() if now_s - at_s < self._apart_s
         } | dict.fromkeys(lost, now_s)
-        for link in half:
-            end_link(_end_of(link.src), _end_of(link.dst))
+        if new:
+            shorten_close(_ends(new))
+        if half:
+            end_links(_ends(half))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
-        known |= {_host(endpoint) for endpoint in self._links.endpoints()}
+        known |= {_host(link.dst) for link in self._links.all()}
         missed = {host for endpoint in lost.values() if not is_local(host := _host(endpoint))}
         if half or (lost and not self._links) or missed - known:
             self._look_for_neighbours()
+
+    def _end_links_without_address(self) -> None:
+        """End links from an address that this host has lost: nothing comes on them any more."""
+        links = self._links.all()
+        gone = {host for host in {_host(link.src) for link in links} if not _is_here(host)}
+        if gone:
+            end_links(_ends(link for link in links if _host(link.src) in gone))
 
     def _say(self, former: frozenset[Place], places: frozenset[Place]) -> None:
         if self._log is None:
@@ -456,6 +466,21 @@ def _split(endpoint: str) -> tuple[str, str, int]:
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
     return protocol, host.strip("[]"), int(port) if port.isdigit() else 0
+
+
+def _is_here(address: str) -> bool:
+    """Whether an address is one of this host."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.bind((address.partition("%")[0], 0))
+    except OSError as error:
+        return error.errno != errno.EADDRNOTAVAIL
+    return True
+
+
+def _ends(links: Iterable[Link]) -> set[Ends]:
+    return {(_end_of(link.src), _end_of(link.dst)) for link in links}
 
 
 def _end_of(endpoint: str) -> str:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 # in this time.
 _LEASE_MS = 1500
 
+_OPEN_TIMEOUT_MS = 5000
+_RETRY = {"period_init_ms": 500, "period_max_ms": 1000, "period_increase_factor": 2}
+
 # This many batches of 64 KiB of urgent messages wait on a link before one is dropped. With Zenoh's
 # two, a burst of 10,000 transforms on as many keys lost up to 2,000 of them.
 _URGENT_BATCHES = 8
@@ -69,6 +72,10 @@ def zenoh_config(
         "scouting/gossip/autoconnect_strategy": _ONE_CONNECTS,
         # An unplugged host is noticed after this time; Zenoh's default is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
+        # Between two tries to reach an endpoint at most 1 s passes, and a try ends after 5 s: TCP
+        # itself would send its third question after 7 s. By default 4 s and 10 s.
+        "connect/retry": _RETRY,
+        "transport/unicast/open_timeout": _OPEN_TIMEOUT_MS,
         "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
         # Zenoh's default is 1 GB, and any peer could make every process hold that.
         "transport/link/rx/max_message_size": min(

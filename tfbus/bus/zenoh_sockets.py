@@ -3,14 +3,20 @@
 import os
 import socket
 import stat
+import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
 T = TypeVar("T")
 
+# The addresses of the two ends of a connection, each as `10.0.0.1:7447`.
+Ends = tuple[str, str]
+
 _FILES = "/proc/self/fd"
+
+_CLOSE_WITHIN_S = 1
 
 # Two sessions that open at once would take each other's sockets for their own.
 _opening = threading.Lock()
@@ -36,17 +42,34 @@ def with_sockets(open_session: Callable[[], T], group: tuple[str, int]) -> tuple
         return opened, _told_apart(_sockets(_files() - before), group)
 
 
-def end_link(src: str, dst: str) -> None:
-    """End the connection of TCP between two addresses such as `10.0.0.1:7447`; Zenoh then takes
-    the link for lost, as the other process does. Nothing if there is none.
+def shorten_close(links: Container[Ends]) -> None:
+    """Let the close of these links wait for 1 s at most. Zenoh's default is 10 s, in which a link
+    that is lost stands in the way of the next one to the same process.
     """
+    for each in _connections(links):
+        _set_linger(each, _CLOSE_WITHIN_S)
+
+
+def end_links(links: Container[Ends]) -> None:
+    """Break these links: Zenoh takes them for lost, as do the other processes."""
+    for each in _connections(links):
+        with suppress(OSError):  # it ends by itself just now
+            _set_linger(each, 0)
+            each.shutdown(socket.SHUT_RDWR)
+
+
+def _connections(links: Container[Ends]) -> Iterator[socket.socket]:
     for each in _sockets(_files()):
         with each, suppress(OSError):
-            if each.type == socket.SOCK_STREAM and _ends(each) == (src, dst):
-                each.shutdown(socket.SHUT_RDWR)
+            if each.type == socket.SOCK_STREAM and _ends(each) in links:
+                yield each
 
 
-def _ends(one: socket.socket) -> tuple[str, str]:
+def _set_linger(one: socket.socket, seconds: int) -> None:
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, seconds))
+
+
+def _ends(one: socket.socket) -> Ends:
     here, there = (
         f"{address[0].removeprefix('::ffff:')}:{address[1]}"
         for address in (one.getsockname(), one.getpeername())

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from signal import SIGCONT, SIGSTOP
 from typing import Any
 
 from tests.hosts.fault_publisher import STATICS, dynamic_frame, static_frame
@@ -19,8 +20,8 @@ PUBLISHERS = {"arm": "robot", "base": "robot", "crane": "dock", "drone": "desk"}
 WITNESSES = {"witness_robot": "robot", "witness_dock": "dock", "witness_desk": "desk"}
 LINKS = ("robot", "dock", "desk", ROUTER_HOST)
 
-# After healing: Zenoh looks for its neighbours again after 8 s at most.
-HEALED_WITHIN_S = 20.0
+# The safety net: the processes meet 5 s after healing at the latest.
+HEALED_WITHIN_S = 30.0
 FRESH_S = 1.0
 MOST_GROWTH_KB = 30_000
 
@@ -37,6 +38,8 @@ class InjuredHosts:
         self._router: Process | None = None
         self._processes: dict[str, Process] = {}
         self._links_down: set[str] = set()
+        self._half_down: dict[str, Callable[[str], None]] = {}
+        self._stopped: set[str] = set()
         self.history: list[str] = []
         self._start_router()
         for name in (*PUBLISHERS, *WITNESSES):
@@ -71,11 +74,19 @@ class InjuredHosts:
 
     def injure(self) -> None:
         """Break one to four things, one after the other."""
+        faults: tuple[Callable[[], None], ...] = (
+            self._kill_publisher,
+            self._kill_witness,
+            self._kill_router,
+            self._cut_link,
+            self._cut_half_a_link,
+            self._restart,
+            self._renumber,
+            self._replace_interface,
+            self._stop,
+        )
         for _ in range(self._random.randint(1, 4)):
-            fault: Callable[[], None] = self._random.choice(
-                (self._kill_publisher, self._kill_witness, self._kill_router, self._cut_link)
-            )
-            fault()
+            self._random.choice(faults)()
             pause_s = self._random.uniform(0.2, 2.5)
             self.history.append(f"  wait {pause_s:.1f} s")
             time.sleep(pause_s)  # a fault lasts, and the next comes in the midst of its healing
@@ -86,6 +97,12 @@ class InjuredHosts:
         for host in sorted(self._links_down):
             self._hosts.set_link(host, up=True)
         self._links_down.clear()
+        for host, heal in self._half_down.items():
+            heal(host)
+        self._half_down.clear()
+        for name in self._stopped & self._processes.keys():
+            self._processes[name].signal(SIGCONT)
+        self._stopped.clear()
         if self._router is None:
             self._start_router()
         for name in (*PUBLISHERS, *WITNESSES):
@@ -115,6 +132,50 @@ class InjuredHosts:
         self.history.append(f"  cut {host} off")
         self._hosts.set_link(host, up=False)
         self._links_down.add(host)
+
+    def _cut_half_a_link(self) -> None:
+        host = self._random.choice(LINKS)
+        if host in self._half_down:
+            return
+        if self._random.random() < 0.5:
+            self.history.append(f"  make {host} deaf")
+            self._hosts.set_deaf(host, deaf=True)
+            self._half_down[host] = lambda host: self._hosts.set_deaf(host, deaf=False)
+        else:
+            self.history.append(f"  make {host} mute")
+            self._hosts.set_mute(host, mute=True)
+            self._half_down[host] = lambda host: self._hosts.set_mute(host, mute=False)
+
+    def _restart(self) -> None:
+        """One that begins while other things are broken."""
+        if living := self.living(PUBLISHERS | WITNESSES):
+            name = self._random.choice(living)
+            self.history.append(f"  restart {name}")
+            self._processes.pop(name).kill()
+            self._stopped.discard(name)
+            self._start(name)
+
+    def _renumber(self) -> None:
+        # The router's address is the one that its clients know.
+        host = self._random.choice([each for each in LINKS if each != ROUTER_HOST])
+        taken = set(self._hosts.address.values())
+        free = [each for at in range(20, 250) if (each := f"10.99.0.{at}") not in taken]
+        address = self._random.choice(free)
+        self.history.append(f"  give {host} the address {address}")
+        self._hosts.set_network(host, address)
+
+    def _replace_interface(self) -> None:
+        host = self._random.choice(LINKS)
+        if host not in self._links_down and host not in self._half_down:
+            self.history.append(f"  replace the interface of {host}")
+            self._hosts.replace_interface(host)
+
+    def _stop(self) -> None:
+        if living := self.living(PUBLISHERS | WITNESSES):
+            name = self._random.choice(living)
+            self.history.append(f"  stop {name}")
+            self._processes[name].signal(SIGSTOP)
+            self._stopped.add(name)
 
     def _start_router(self) -> None:
         command = [sys.executable, "-m", "tfbus", "router"]
@@ -172,14 +233,18 @@ def _wrongs_of_frames(frames: dict[str, Any], publisher: str) -> list[str]:
     return wrong
 
 
-def wait_until_well(world: InjuredHosts) -> None:
-    """Until every witness knows all that lives and nothing else; what is wrong, if it lasts."""
+def wait_until_well(world: InjuredHosts) -> float:
+    """Wait until every witness knows all that lives and nothing else; the time in s, or what is
+    wrong, if it lasts.
+    """
+    began_s = time.monotonic()
 
     def is_well() -> bool:
         return not any(world.wrongs(witness) for witness in WITNESSES)
 
     try:
         eventually(is_well, within_s=HEALED_WITHIN_S)
+        return time.monotonic() - began_s
     except AssertionError:
         wrongs = {witness: world.wrongs(witness) for witness in WITNESSES}
         history = "\n".join(world.history)

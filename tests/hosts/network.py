@@ -17,11 +17,14 @@ _TESTS = Path(__file__).parents[1]
 
 
 class Hosts:
-    """Some hosts on one network, which nothing else is on."""
+    """Some hosts on one network, which nothing else is on; `offline` are those of them whose
+    interface is down and without an address at first.
+    """
 
-    def __init__(self, *names: str):
+    def __init__(self, *names: str, offline: Sequence[str] = ()):
         self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
         self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
+        self._interface = dict.fromkeys(names, "eth0")
         for space in self._space.values():
             _ip("netns", "add", space)
         bridge = self._space[BRIDGE]
@@ -30,12 +33,12 @@ class Hosts:
         _ip("-n", bridge, "link", "set", BRIDGE, "up")
         for name, address in self.address.items():
             space = self._space[name]
-            cable = ["link", "add", name, "netns", bridge, "type", "veth"]
+            cable = ["link", "add", "name", name, "netns", bridge, "type", "veth"]
             _ip(*cable, "peer", "name", "eth0", "netns", space)
             _ip("-n", bridge, "link", "set", name, "master", BRIDGE, "up")
-            _ip("-n", space, "addr", "add", f"{address}/24", "dev", "eth0")
             _ip("-n", space, "link", "set", "lo", "up")
-            _ip("-n", space, "link", "set", "eth0", "up", "multicast", "on")
+            if name not in offline:
+                self.set_network(name, address)
 
     def command(self, host: str, *command: str) -> Sequence[str]:
         """The command as it runs on the host."""
@@ -45,13 +48,43 @@ class Hosts:
         """Plug the host's cable in, or pull it out."""
         _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
 
+    def set_network(self, host: str, address: str) -> None:
+        """Bring the host's interface up with this address, as DHCP does: a former one is gone."""
+        space, interface = self._space[host], self._interface[host]
+        _ip("-n", space, "addr", "flush", "dev", interface)
+        _ip("-n", space, "addr", "add", f"{address}/24", "dev", interface)
+        _ip("-n", space, "link", "set", interface, "up", "multicast", "on")
+        self.address[host] = address
+
+    def replace_interface(self, host: str) -> None:
+        """Take the host's interface away, and give it one of another name with the same address."""
+        bridge, space = self._space[BRIDGE], self._space[host]
+        interface = "wlan0" if self._interface[host] == "eth0" else "eth0"
+        self._interface[host] = interface
+        _ip("-n", bridge, "link", "del", "dev", host)
+        cable = ["link", "add", "name", host, "netns", bridge, "type", "veth"]
+        _ip(*cable, "peer", "name", interface, "netns", space)
+        _ip("-n", bridge, "link", "set", "dev", host, "master", BRIDGE, "up")
+        _ip("-n", space, "addr", "add", f"{self.address[host]}/24", "dev", interface)
+        _ip("-n", space, "link", "set", interface, "up", "multicast", "on")
+
+    def join_by_tunnel(self, one: str, other: str) -> None:
+        """Join two hosts by an interface that both get now, as a VPN does."""
+        ends = (("tun0", self._space[one], "10.77.0.1"), ("tun0", self._space[other], "10.77.0.2"))
+        (name, space, _), (_, other_space, _) = ends
+        _ip("link", "add", "name", name, "netns", space, "type", "veth", "peer", "name", name,
+            "netns", other_space)  # fmt: skip
+        for interface, host, address in ends:
+            _ip("-n", host, "addr", "add", f"{address}/24", "dev", interface)
+            _ip("-n", host, "link", "set", interface, "up", "multicast", "on")
+
     def set_deaf(self, host: str, *, deaf: bool) -> None:
         """Drop all that is sent to the host, or none of it."""
         _set_dropping(self._space[BRIDGE], host, deaf)
 
     def set_mute(self, host: str, *, mute: bool) -> None:
         """Drop all that the host sends, or none of it."""
-        _set_dropping(self._space[host], "eth0", mute)
+        _set_dropping(self._space[host], self._interface[host], mute)
 
     def set_multicast(self, host: str, *, on: bool) -> None:
         """Carry packets for many to and from the host, or drop them."""
@@ -59,7 +92,8 @@ class Hosts:
         bridge = self._space[BRIDGE]
         state = "on" if on else "off"
         _ip("-n", bridge, "link", "set", host, "type", "bridge_slave", "mcast_flood", state)
-        _ip("-n", self._space[host], "link", "set", "eth0", "multicast", state)
+        interface = self._interface[host]
+        _ip("-n", self._space[host], "link", "set", interface, "multicast", state)
 
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
@@ -70,9 +104,9 @@ class Hosts:
 class Network:
     """Hosts, and processes of Python on them: peers that scout, or clients of a router."""
 
-    def __init__(self, bus: Bus, *names: str):
+    def __init__(self, bus: Bus, *names: str, offline: Sequence[str] = ()):
         self._bus = bus
-        self.hosts = Hosts(*names, ROUTER_HOST)
+        self.hosts = Hosts(*names, ROUTER_HOST, offline=offline)
         self.router = f"tcp/{self.hosts.address[ROUTER_HOST]}:7447"
 
     def start(

@@ -22,10 +22,12 @@ from tfbus.bus.handles import (
     ServedWatch,
     Token,
 )
+from tfbus.bus.neighbours import Neighbours, places_at_start
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import listens_beyond_loopback, zenoh_config
+from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
+from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime.seconds import seconds_to_wait
@@ -82,23 +84,31 @@ class Session:
         self._outside: Session | None = None
         self._outside_lock = threading.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
-        config = zenoh_config(settings, scouting_s, is_second=is_second)
+        places_at_start()
+        with bus_errors(f"join the bus{_through(settings)}"):
+            config = self._open(
+                partial(zenoh_config, settings, scouting_s, is_second=is_second), patience_s
+            )
         # Where any process of another host reaches it.
         self.open_to = () if settings.closed else listens_beyond_loopback(config)
-        with bus_errors(f"join the bus{_through(settings)}"):
-            self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())
+        self._neighbours = self._meet_neighbours(config, is_second=is_second)
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
         _end_at_a_signal_once_main_has_ended()
 
-    def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
-        """Zenoh's session; retried here, since Ctrl-C does not interrupt Zenoh's own retry."""
+    def _open(self, make_config: Callable[[], zenoh.Config], patience_s: float) -> zenoh.Config:
+        """Open Zenoh's session, and return its configuration, which has the addresses of this host.
+
+        Retried here, since Ctrl-C does not interrupt Zenoh's own retry.
+        """
         deadline = time.monotonic() + patience_s
         is_waiting = False
         while True:
+            config = make_config()
             try:
-                return zenoh.open(config)
+                self._open_once(config)
+                return config
             except zenoh.ZError as error:
                 if not is_router_missing(error):
                     raise
@@ -111,6 +121,28 @@ class Session:
                 is_waiting = True
                 self._log.warning("Waiting for a router%s", _at(self.settings))
             time.sleep(_RETRY_S)
+
+    def _open_once(self, config: zenoh.Config) -> None:
+        self._scouting = scouting_of(config, self.settings)
+        self._sockets = ZenohSockets()
+        if self._scouting is None:
+            self.zenoh = zenoh.open(config)
+        else:
+            self.zenoh, self._sockets = with_sockets(
+                partial(zenoh.open, config), self._scouting.group
+            )
+
+    def _meet_neighbours(self, config: zenoh.Config, *, is_second: bool) -> Neighbours | None:
+        """Watch the network, on hosts where tfbus knows its interfaces."""
+        if not places_at_start():
+            return None
+        remedy = "others reach it there"
+        if self._scouting is not None and self._scouting.connects:
+            remedy = "looking for others there"
+        elif self.settings.connect:
+            remedy = f"trying {' and '.join(self.settings.connect)} again"
+        log = None if is_second else self._log
+        return Neighbours(self.zenoh, self._scouting, self._sockets, lease_s(config), log, remedy)
 
     def __enter__(self) -> "Session":
         return self
@@ -129,6 +161,8 @@ class Session:
             atexit.unregister(self._end_with_process)
             for end in list(self._ending):
                 end()
+            if self._neighbours is not None:
+                self._neighbours.close()
             # A thread that is in Zenoh when Python shuts down aborts the process.
             self._answering.close(_LAST_ANSWERS_S)
             # Zenoh may open a link while it closes, where it learns of a peer just then. That link

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfbus.bus.interfaces import loopback_where_alone
+from tfbus.bus.interfaces import scouted
+from tfbus.bus.neighbours import Scouting
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 # A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
 # in this time.
 _LEASE_MS = 1500
+
+_OPEN_TIMEOUT_MS = 5000
+_RETRY = {"period_init_ms": 500, "period_max_ms": 1000, "period_increase_factor": 2}
 
 # This many batches of 64 KiB of urgent messages wait on a link before one is dropped. With Zenoh's
 # two, a burst of 10,000 transforms on as many keys lost up to 2,000 of them.
@@ -41,6 +45,10 @@ _MOST_OF_ZENOH = 2**32 - 1
 # From this number on, rules of access control are read faster from a file.
 _MANY_RULES = 300
 
+_INTERFACE = "scouting/multicast/interface"
+_DEFAULT_GROUP = "224.0.0.224:7446"
+_GROUP = re.compile(r"(\d+\.\d+\.\d+\.\d+):(\d+)")
+
 # The port at the end of each endpoint in a list in JSON: ["tcp/[::]:7447#iface=eth0"].
 _PORT = re.compile(r':\d{1,5}(?=["?#])')
 
@@ -59,10 +67,15 @@ def zenoh_config(
     defaults = {
         # Late joiners order retained messages by their time.
         "timestamping/enabled": True,
-        "scouting/multicast/interface": loopback_where_alone(),
+        # Zenoh looks at the interfaces once in a process.
+        _INTERFACE: ",".join(each.address for each in scouted()),
         "scouting/gossip/autoconnect_strategy": _ONE_CONNECTS,
         # An unplugged host is noticed after this time; Zenoh's default is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
+        # Between two tries to reach an endpoint at most 1 s passes, and a try ends after 5 s: TCP
+        # itself would send its third question after 7 s. By default 4 s and 10 s.
+        "connect/retry": _RETRY,
+        "transport/unicast/open_timeout": _OPEN_TIMEOUT_MS,
         "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
         # Zenoh's default is 1 GB, and any peer could make every process hold that.
         "transport/link/rx/max_message_size": min(
@@ -159,13 +172,54 @@ def has_scouting(settings: NodeSettings) -> bool:
 
 def listens_beyond_loopback(config: zenoh.Config) -> tuple[str, ...]:
     """The endpoints of a configuration on which other hosts reach its session."""
-    mode = json.loads(config.get_json("mode")) or "peer"
-    listen = json.loads(config.get_json("listen/endpoints"))
-    if isinstance(listen, dict):
-        listen = listen.get(mode)
-    if mode == "client":
-        listen = ()
-    return tuple(endpoint for endpoint in listen or () if not _is_of_loopback(endpoint))
+    return tuple(endpoint for endpoint in _listen(config) if not _is_of_loopback(endpoint))
+
+
+def scouting_of(config: zenoh.Config, settings: NodeSettings) -> Scouting | None:
+    """How a session of this configuration takes part in scouting.
+
+    None if it does not: a client, one without multicast, or one whose group is of IPv6.
+    """
+    role = _mode(config)
+    group = _GROUP.fullmatch(_value(config, "address") or _DEFAULT_GROUP)
+    if role == "client" or _value(config, "enabled") is False or group is None:
+        return None
+    named = _named_in_file(settings.config)
+    only = _value(config, "interface") if _is_in(named, _INTERFACE) else "auto"
+    connects = _value(config, "autoconnect")
+    return Scouting(
+        role,
+        tuple(_listen(config)),
+        (group[1], int(group[2])),
+        ttl=_value(config, "ttl") or 1,
+        only=() if only in (None, "", "auto") else tuple(map(str.strip, only.split(","))),
+        answers=_for_mode(_value(config, "listen"), role) is not False,
+        connects=role == "peer" and _for_mode(connects, role) not in ([], ""),
+    )
+
+
+def lease_s(config: zenoh.Config) -> float:
+    """The time after which a silent link of this configuration is lost."""
+    return float(json.loads(config.get_json("transport/link/tx/lease")) or _LEASE_MS) / 1e3
+
+
+def _value(config: zenoh.Config, key: str) -> Any:
+    return json.loads(config.get_json(f"scouting/multicast/{key}"))
+
+
+def _mode(config: zenoh.Config) -> str:
+    return json.loads(config.get_json("mode")) or "peer"
+
+
+def _listen(config: zenoh.Config) -> list[str]:
+    mode = _mode(config)
+    listen = _for_mode(json.loads(config.get_json("listen/endpoints")), mode)
+    return [] if mode == "client" else listen or []
+
+
+def _for_mode(value: Any, mode: str) -> Any:
+    """The value for one mode, of a setting that may have one for each."""
+    return value.get(mode) if isinstance(value, dict) else value
 
 
 def _is_of_loopback(endpoint: str) -> bool:

@@ -1,0 +1,120 @@
+"""The links of a session to other processes: who is lost, and who is half linked.
+
+A process that has lost another may connect again before that one has noticed. Zenoh then adds the
+new link to what the other still has, and tells the first nothing of what it had declared: the two
+stay half linked for good (eclipse-zenoh/zenoh#2806).
+"""
+
+import time
+from collections import deque
+from typing import NamedTuple
+
+import zenoh
+
+from tfbus.runtime.structs import Struct, field
+
+# The loss of an old link that is noticed this long after, or before, a new one has come was that
+# of a connection which the other process had given up already.
+_SAME_LOSS_S = 5.0
+
+
+class Link(NamedTuple):
+    """One link, by its two endpoints."""
+
+    src: str
+    dst: str
+
+
+class _Event(NamedTuple):
+    zid: str
+    link: Link | None  # None for the connection as a whole
+    has_come: bool
+    at_s: float
+
+
+class _Connection(Struct, frozen=False):
+    """The links to one process; all share what was declared when the first one came."""
+
+    links: set[Link] = field(default_factory=set)
+    has_had_first: bool = False
+    added_s: float = float("-inf")
+    removed_s: float = float("-inf")
+    dst: str = ""
+
+    def is_half(self, now_s: float) -> bool:
+        """Whether a link was lost and another one added, in the same loss."""
+        since_s = now_s - _SAME_LOSS_S
+        return bool(self.links) and self.added_s > since_s and self.removed_s > since_s
+
+
+class Changes(NamedTuple):
+    """What has changed: the last endpoints of those that were lost, by their ids, the links that
+    are new, and those of processes that are half linked.
+    """
+
+    lost: dict[str, str]
+    new: set[Link]
+    half: set[Link]
+
+
+class Links:
+    """Who a session is linked to. Events come on any thread, all else on one."""
+
+    def __init__(self) -> None:
+        self._events: deque[_Event] = deque()
+        self._connections: dict[str, _Connection] = {}
+
+    def note_transport(self, event: zenoh.TransportEvent) -> None:
+        """Note that a connection opens or ends."""
+        has_come = event.kind == zenoh.SampleKind.PUT
+        self._events.append(_Event(str(event.transport.zid), None, has_come, time.monotonic()))
+
+    def note_link(self, event: zenoh.LinkEvent) -> None:
+        """Note that a link opens or ends."""
+        link, has_come = event.link, event.kind == zenoh.SampleKind.PUT
+        ends = Link(link.src, link.dst)
+        self._events.append(_Event(str(link.zid), ends, has_come, time.monotonic()))
+
+    def __contains__(self, zid: str) -> bool:
+        return zid in self._connections
+
+    def __bool__(self) -> bool:
+        return bool(self._connections)
+
+    def all(self) -> set[Link]:
+        """The links that are open."""
+        return {link for each in self._connections.values() for link in each.links}
+
+    def take(self) -> Changes:
+        """Take what was noted."""
+        lost: dict[str, str] = {}
+        now_s = time.monotonic()
+        former = self.all()
+        while self._events:
+            self._take_event(self._events.popleft(), lost)
+        half: set[Link] = set()
+        for each in self._connections.values():
+            if each.is_half(now_s):
+                half |= each.links
+                each.added_s = each.removed_s = float("-inf")
+        return Changes(lost, self.all() - former, half)
+
+    def _take_event(self, event: _Event, lost: dict[str, str]) -> None:
+        zid, link, has_come, at_s = event
+        if link is None and has_come:
+            self._connections.setdefault(zid, _Connection())
+            lost.pop(zid, None)
+        elif link is None:
+            connection = self._connections.pop(zid, None)
+            if connection is not None:
+                lost[zid] = connection.dst
+        elif has_come:
+            connection = self._connections.setdefault(zid, _Connection())
+            connection.links.add(link)
+            connection.dst = link.dst
+            if connection.has_had_first:
+                connection.added_s = at_s
+            connection.has_had_first = True
+        elif (connection := self._connections.get(zid)) is not None:
+            connection.links.discard(link)
+            connection.removed_s = at_s

@@ -38,6 +38,7 @@ WRIST = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
 def arm(tmp_path: Path) -> Path:
     """A xacro file beside the package that it includes a file of."""
     (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "package.xml").touch()
     (tmp_path / "parts" / "wrist.xacro").write_text(WRIST)
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "package.xml").write_text("<package><name>arm_description</name></package>")

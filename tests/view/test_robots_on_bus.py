@@ -136,19 +136,26 @@ def test_a_mistake_is_forgotten_once_the_robot_is_described_again(bus: Bus) -> N
     assert titles(robots) == ["arm"]
 
 
-def test_the_same_robot_of_another_file_is_read_again(bus: Bus, tmp_path: Path) -> None:
-    """Its meshes may lie beside that file."""
+def test_the_source_of_a_description_counts_in_a_given_folder_only(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """Its meshes lie beside that file; elsewhere a stranger would have files of this machine read.
+    The same robot of another file is read again.
+    """
     text = urdf("arm").replace(
         "<link name='base'/>",
         "<link name='base'><visual><geometry><mesh filename='a.stl'/></geometry></visual></link>",
     )
-    (tmp_path / "arm.urdf").write_text(text)
+    given, other = tmp_path / "given", tmp_path / "other"
+    for folder in (given, other):
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(text)
     publisher = bus.node("arm").create_publisher(
         RobotDescription, "robot_description", retained=True
     )
-    robots = RobotsOnBus(bus.node("view"))
-    for source, file in (("", None), (str(tmp_path / "arm.urdf"), tmp_path / "a.stl")):
-        publisher.publish(RobotDescription(text, "", source))
+    robots = RobotsOnBus(bus.node("view"), package_path=[given])
+    for folder, file in ((other, None), (given, given / "a.stl")):
+        publisher.publish(RobotDescription(text, "", str(folder / "arm.urdf")))
         eventually(lambda: mesh_files(robots) == [file])  # noqa: B023  # called at once
 
 

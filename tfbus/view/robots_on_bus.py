@@ -14,6 +14,7 @@ from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
+from tfbus.robot.described import read_described
 from tfbus.robot.robot import Robot
 from tfbus.runtime.log_once import LogOnce
 from tfbus.view.meshes.guard import MeshError
@@ -179,13 +180,8 @@ class RobotsOnBus:
             if known is None and former is None and len(self._described) >= _MOST_ROBOTS:
                 self._name_mistake(_TOO_MANY, f"Only {_MOST_ROBOTS} robots are shown")
                 return
-        source = Path(described.source)
-        folder = source.parent if source.is_absolute() and source.is_file() else None
-        robot = Robot.from_text(
-            described.urdf,
-            folder=folder,
-            package_path=self._package_path,
-            name_of_source=printable(described.source or "the robot_description"),
+        robot = read_described(
+            described.urdf, described.source, self._package_path, "the robot_description"
         )
         names = self._fleet.names(origin) if self._fleet is not None else None
         shown = ShownRobot(robot, described.prefix, names, is_described=True, is_fetched=True)

@@ -109,6 +109,11 @@ class MeshFiles:
         self._beside = above[count : count + _repository(above[count:])]
         self._packages: dict[str, list[Path]] = {}
 
+    @property
+    def package_path(self) -> tuple[Path, ...]:
+        """The folders that were given."""
+        return tuple(self._named)
+
     def find(self, name: str) -> Path | None:
         """The file of a mesh; the first place where it should be if there is none.
 

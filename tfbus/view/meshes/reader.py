@@ -2,22 +2,17 @@
 
 import os
 import subprocess
-import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from tfbus.runtime.limited_process import command_of
 from tfbus.view.meshes.child import receive, send
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.limits import LONGEST_S
 from tfbus.view.meshes.part import Part
 from tfbus.view.meshes.request import MeshRequest
-
-# With the paths of this process, and not with the working directory, where anything may lie.
-_PROGRAM = (
-    "import sys; sys.path[:] = sys.argv[1:]; from tfbus.view.meshes import child; child.main()"
-)
 
 
 @dataclass(frozen=True)
@@ -83,7 +78,7 @@ class MeshReader:
                 raise MeshError("the page has ended")
             if self._process is None:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-c", _PROGRAM, *filter(None, sys.path)],
+                    command_of("tfbus.view.meshes.child"),
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,

@@ -210,9 +210,24 @@ def test_a_mesh_that_is_not_here_is_fetched_in_parts_and_again_where_it_changes(
     versions = iter([b"1 first", *[b"2 second version"] * 100])
     serve_mesh(bus.node("arm", namespace="robot7"), lambda: next(versions))
     robots = RobotsOnBus(bus.node("view"), Fleet())
-    assert robots.fetch("robot7", "arm.stl") == b"2 second version"
+    assert robots.fetch("robot7", "arm.stl", 30.0) == b"2 second version"
     with pytest.raises(MeshError, match="could not be fetched: the description does not name it"):
-        robots.fetch("robot7", "/etc/passwd")
+        robots.fetch("robot7", "/etc/passwd", 30.0)
+
+
+def test_a_mesh_that_comes_too_slowly_is_given_up(bus: Bus) -> None:
+    """However its parts come, one byte at a time among them."""
+    served = []
+
+    def one_byte(request: RobotMesh.Request) -> RobotMesh.Response:
+        served.append(request.offset)
+        return RobotMesh.Response(b"x", 10**8, "1")
+
+    bus.node("arm").create_service(RobotMesh, "robot_mesh", one_byte)
+    robots = RobotsOnBus(bus.node("view"))
+    with pytest.raises(MeshError, match=r"it came too slowly|timed out"):
+        robots.fetch("", "arm.stl", 1.0)
+    assert served
 
 
 def test_joints_follow_joint_states_and_their_targets_are_sent(bus: Bus) -> None:
@@ -283,7 +298,7 @@ def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> 
         eventually(lambda: titles(robots) == ["arm"])
         assert robots.joints(robots.robots()[0]) is None
         with pytest.raises(MeshError, match="may not call"):
-            robots.fetch("", "package://arm/hand.stl")
+            robots.fetch("", "package://arm/hand.stl", 30.0)
     finally:
         bus.close()
 

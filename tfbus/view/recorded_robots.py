@@ -79,7 +79,7 @@ class RecordedRobots:
         """None: they were where they were."""
         return None
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """Meshes are not recorded."""
         raise MeshError("it is not on this machine")
 

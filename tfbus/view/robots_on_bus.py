@@ -102,10 +102,10 @@ class RobotsOnBus:
                     self._log_once.warning("rights", "The joints cannot be moved: %s", error)
             return self._joints[robot.origin]
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """A mesh of a robot, from the machine that describes it."""
         try:
-            return self._meshes.fetch(origin, mesh)
+            return self._meshes.fetch(origin, mesh, within_s)
         except TfbusError as error:
             reason = printable(str(error), 400)
             raise MeshError(f"it is not on this machine, and {reason}") from error
@@ -184,7 +184,11 @@ class RobotsOnBus:
             described.urdf, described.source, self._package_path, "the robot_description"
         )
         names = self._fleet.names(origin) if self._fleet is not None else None
-        shown = ShownRobot(robot, described.prefix, names, is_described=True, is_fetched=True)
+        # One that sets no source is a plain publisher: its namespace tells it from others.
+        by = sender or origin
+        shown = ShownRobot(
+            robot, described.prefix, names, is_described=True, is_fetched=True, sender=by
+        )
         with self._lock:
             if former is not None:
                 del self._described[former]

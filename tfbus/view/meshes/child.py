@@ -8,6 +8,8 @@ standard output; each is its length in 4 bytes, and msgpack.
 import os
 import struct
 import sys
+from contextlib import suppress
+from importlib import import_module
 from typing import IO, Any
 
 import msgpack
@@ -81,5 +83,8 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     limit_this_process(memory_bytes=MOST_MEMORY)
+    with suppress(ImportError):  # said of each file
+        import_module("tfbus.view.meshes.read")
+    send(answers, {"ready": True})
     while (values := receive(sys.stdin.buffer)) is not None:
         send(answers, _answer(values))

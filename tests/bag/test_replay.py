@@ -14,7 +14,7 @@ import pytest
 
 from tests.builders import S, at, x_of
 from tests.fakes import Clock as FakeClock
-from tests.fakes import InAThread, Lines
+from tests.fakes import InAThread
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Buffer,
@@ -745,14 +745,14 @@ def test_services_do_what_keys_do(played: Any, bus: Bus) -> None:
 
 
 def test_a_stream_that_lives_is_named(played: Any, sender: Node, bus: Bus) -> None:
-    """Two streams of one name cannot be told apart: the player warns, and says what to do."""
+    """Two streams of one name cannot be told apart: the player says what to do."""
     TransformBroadcaster(sender, stream="sim").send_transform(at(1.0))
     node = bus.node("player")
-    lines = Lines(node.log)
     eventually(lambda: node.session.living("@tfbus/stream/*"))
     run = played([moving(0, 1.0)], node=node, names=ReplayedNames())
-    run.replay.warn_of_living()
-    assert "'sim'" in lines.lines[-1] and "--prefix" in lines.lines[-1]
+    assert "'sim'" in run.replay.living() and "--prefix" in run.replay.living()
+    sender.close()
+    eventually(lambda: run.replay.living() == "")
 
 
 def test_a_description_that_cannot_be_read_is_left_out(played: Any, buffer: Buffer) -> None:

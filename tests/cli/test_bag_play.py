@@ -9,8 +9,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tests.builders import S, at
-from tests.live_bus import Bus
+from tests.builders import S, at, x_of
+from tests.live_bus import Bus, eventually
+from tfbus import Buffer, TransformBroadcaster, TransformListener
 from tfbus.bag.player import Player, Progress
 from tfbus.cli.bag.play import command
 from tfbus.cli.bag.play_keys import follow
@@ -52,6 +53,33 @@ def test_it_plays_to_the_end(bus: Bus, run_mcap: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert re.search(r"Playing 2\.0 s at rate 50: 1 stream, 1 topic; stamps are moved", done.stderr)
     assert re.search(r"Played 6 messages in", done.stderr)
+
+
+@pytest.mark.parametrize("delay", [(), ("--delay", "0.1")])
+def test_it_does_not_take_over_a_live_robot(
+    bus: Bus, run_mcap: Path, delay: tuple[str, ...]
+) -> None:
+    """Beside the publisher of one of its streams it ends with 1, and plays nothing; --force plays.
+    Beside other streams, or with --prefix, it plays.
+    """
+    live = TransformBroadcaster(bus.node("robot"), stream="sim")
+    buffer = Buffer()
+
+    def robot_is_known() -> bool:
+        live.send_transform(at(7.0))
+        return x_of(buffer) == 7.0
+
+    with TransformListener(buffer, bus.node("listener")):
+        eventually(robot_is_known)
+        play = ("bag", "play", str(run_mcap), "--rate", "50", *delay)
+        done = bus.run(*play)
+        assert done.returncode == 1 and "Played" not in done.stderr
+        [line] = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+        assert "'sim'" in line and "--prefix recorded" in line and "--force" in line
+        assert x_of(buffer) == 7.0
+        assert bus.run(*play, "--prefix", "old").returncode == 0
+        done = bus.run(*play, "--force")
+        assert done.returncode == 0 and "would be taken over: 'sim'" in done.stderr
 
 
 def test_quiet_it_shows_no_progress(bus: Bus, run_mcap: Path) -> None:

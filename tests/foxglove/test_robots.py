@@ -97,7 +97,6 @@ def test_a_robot_of_the_bus_is_a_string_with_a_urdf(bus: Bus, urdf: Path) -> Non
             "package://arm/meshes/my%20base.dae",
             "package://arm/hand.stl",
             "package://arm/up/shared/nail.obj",
-            "https://a.example/tip.stl",
         ]
         assert names(robot, ".//color", "rgba") == ["1 0 0 1"]
 
@@ -143,6 +142,58 @@ def test_only_the_files_of_robots_can_be_asked_for(bus: Bus, urdf: Path) -> None
             assert isinstance(refused, str), uri
 
 
+@pytest.mark.parametrize("folder", ["", "arm"])
+def test_files_of_this_machine_are_not_for_a_stranger_to_name(
+    bus: Bus, urdf: Path, folder: str
+) -> None:
+    """A description counts for the folders that the command line has; its `source` for none, and
+    the meshes beside it come from the machine that it is from.
+    """
+    arm = bus.node("arm")
+    arm.create_service(RobotMesh, "robot_mesh", lambda request: RobotMesh.Response(b"far", 3, "1"))
+    describe(arm, URDF, "", str(urdf))
+    given = [urdf.parents[2] / folder] if folder else []
+    here = {"package://arm/meshes/my%20base.dae": b"base", "package://arm/hand.stl": b"hand"}
+    bridge = LiveBridge(bus.node("foxglove"), Serving(port=0), package_path=given)
+    with watching(bridge) as client:
+        client.subscribe("/robot_description")
+        described(client)
+        assert {uri: client.fetch(uri) for uri in here} == (
+            here if folder else dict.fromkeys(here, b"far")
+        )
+
+
+def test_a_mesh_that_cannot_be_had_names_the_remedy(bus: Bus, urdf: Path) -> None:
+    """Where the robot's machine does not serve it, by the option that names a folder here."""
+    describe(bus.node("arm"), URDF, "", str(urdf))
+    with watching(LiveBridge(bus.node("foxglove"), Serving(port=0))) as client:
+        client.subscribe("/robot_description")
+        described(client)
+        refused = client.fetch("package://arm/hand.stl")
+        assert isinstance(refused, str) and "--package-path" in refused and "--urdf" in refused
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        URDF,
+        URDF.replace("<mesh", "<x:mesh xmlns:x='a'"),
+        URDF.replace('<color rgba="1 0 0 1"/>', '<texture filename="https://a.example/a.png"/>'),
+        # No robot for us: one of two roots.
+        URDF.replace('<joint name="end"', '<other name="end"').replace("/hand.stl", "//a.example/"),
+        '<!DOCTYPE robot [<!ENTITY a "https://a.example/">]>' + URDF,
+        "https://a.example/",
+    ],
+)
+def test_clients_are_sent_to_no_address_of_a_stranger(bus: Bus, text: str) -> None:
+    """Neither by a mesh nor by a texture, nor by the text of what is no robot; it is said once."""
+    describe(bus.node("arm"), text, "", f"--><robot>{URDF}</robot>")
+    with watching(LiveBridge(bus.node("foxglove"), Serving(port=0))) as client:
+        client.subscribe("/robot_description")
+        data = eventually(lambda: client.of("/robot_description"))[-1]
+        assert "a.example" not in DESCRIBED.decode(data)["urdf"] and b"a.example" not in data
+
+
 def test_a_robot_of_a_file_takes_the_place_of_those_described(bus: Bus, urdf: Path) -> None:
     """As in the view; clients that come later have it, too."""
     describe(bus.node("other"), "<robot name='other'><link name='base'/></robot>")
@@ -179,7 +230,7 @@ def test_a_robot_of_a_fleet_has_its_frames_and_meshes_in_its_namespace(bus: Bus)
 
 
 def test_what_is_no_robot_is_passed_on(bus: Bus) -> None:
-    """A client may know more; the log says what is wrong."""
+    """Without its meshes: a client may know more. The log says what is wrong."""
     describe(bus.node("arm"), "<robot name='arm'/>")
     with watching(LiveBridge(bus.node("foxglove"), Serving(port=0))) as client:
         client.subscribe("/robot_description")
@@ -201,7 +252,8 @@ def test_a_recording_has_the_robots_that_were_described(tmp_path: Path, urdf: Pa
             TopicItem(2 * S, "robot_description", "RobotDescription", values, retained=True)
         )
         writer.write(TopicItem(3 * S, "battery", "Battery", {"volts": 1.0}))
-    bridge = PlaybackBridge([path], (S, 3 * S), Serving(port=0))
+    given = [urdf.parents[1]]
+    bridge = PlaybackBridge([path], (S, 3 * S), Serving(port=0), package_path=given)
     player = threading.Thread(target=bridge.run, daemon=True)
     player.start()
     try:

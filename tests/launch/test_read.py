@@ -387,6 +387,49 @@ def test_a_mistake_has_its_line_and_key(tmp_path: Path, text: str, where: str, w
     assert what in reason
 
 
+def test_files_that_include_each_other_many_times_are_a_mistake(tmp_path: Path) -> None:
+    """Sixty includes five deep would be 777 million files."""
+    for depth in range(5):
+        write(
+            tmp_path, "includes: [" + f"{{file: ./{depth + 1}.yaml}}, " * 60 + "]", f"{depth}.yaml"
+        )
+    write(tmp_path, "nodes: [{node: sim}]", "5.yaml")
+    with pytest.raises(YamlFileError, match=r"^[^ ]*\d\.yaml:1: includes.*at most 1,000"):
+        read_launch_file(tmp_path / "0.yaml")
+
+
+def test_a_launch_has_a_limited_number_of_processes(tmp_path: Path) -> None:
+    """Files that are included often may list many each."""
+    write(tmp_path, "nodes:\n" + "- node: sim\n" * 2_000, "many.yaml")
+    includes = "".join(f"- {{file: ./many.yaml, namespace: n{n}}}\n" for n in range(6))
+    with pytest.raises(YamlFileError, match="at most 10,000"):
+        read(tmp_path, f"includes:\n{includes}")
+
+
+def test_an_argument_does_not_grow_without_end(tmp_path: Path) -> None:
+    """Each file passes it on twice as long to the next."""
+    for depth in range(40):
+        arguments = "arguments: {a: {default: x}}"
+        include = f"includes: [{{file: ./{depth + 1}.yaml, arguments: {{a: '${{a}}${{a}}'}}}}]"
+        write(tmp_path, f"{arguments}\n{include}", f"{depth}.yaml")
+    with pytest.raises(
+        YamlFileError, match=r"arguments\.a: has 131,072 letters .* at most 100,000"
+    ):
+        read_launch_file(tmp_path / "0.yaml")
+
+
+def test_what_is_nested_too_deeply_is_a_mistake(tmp_path: Path) -> None:
+    """Not a RecursionError."""
+    with pytest.raises(YamlFileError, match=r"robot\.yaml:1: is nested too deeply"):
+        read(tmp_path, "[" * 20_000)
+
+
+def test_a_long_chain_of_nodes_that_wait_is_read(tmp_path: Path) -> None:
+    """Each after the one before."""
+    nodes = [f"- {{node: sim, name: n{n}, after: [n{n - 1}]}}\n" for n in range(1, 3_000)]
+    assert len(read(tmp_path, "nodes:\n- {node: sim, name: n0}\n" + "".join(nodes))) == 3_000
+
+
 def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
     """The error names the files of the circle in order."""
     write(tmp_path, "includes:\n  - file: ./b.yaml\n", "a.yaml")

@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
-from tfbus.launch.run.console import Console, Lines, Stream
+from tfbus.launch.run.console import Console, Lines, Stream, safe_line
 from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.orphans import adopting_orphans
 from tfbus.launch.run.program import Program
@@ -343,6 +343,45 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
     assert launch.exit_code() == 0
     for line in said(launch.stdout, "a"):
         assert_gone(int(line))
+
+
+@pytest.mark.parametrize(
+    ("line", "plain", "styled"),
+    [
+        ("plain \tété 日本".encode(), "plain \tété 日本", None),
+        (b"\x1b[1;31mred\x1b[0m, plain", "red, plain", "\x1b[1;31mred\x1b[0m, plain\x1b[0m"),
+        (b"\x1b[2J\x1b]0;title\x07a\x08b", r"\x1b[2J\x1b]0;title\x07a\x08b", None),
+        (b"\x1b[31\x1b[mK\x9bm", r"\x1b[31K\x9bm", "\\x1b[31\x1b[mK\\x9bm\x1b[0m"),
+        ("\x9b2J\u202eab\rc".encode(), r"\x9b2J\u202eab\rc", None),
+        (b"\xe9t\xe9", r"\xe9t\xe9", None),
+        (b"", "", None),
+    ],
+)
+def test_what_a_process_prints_cannot_drive_the_terminal(
+    line: bytes, plain: str, styled: str | None
+) -> None:
+    """Control characters are escaped; colours stay where the terminal shows them, else they are
+    left out.
+    """
+    assert safe_line(line, styled=False).decode() == plain
+    assert safe_line(line, styled=True).decode() == (plain if styled is None else styled)
+
+
+def test_the_output_of_a_process_is_relayed_without_its_control_characters() -> None:
+    """Standard output and standard error alike, a last line without an end too."""
+    program = r"printf '\033[2Jone\ntwo\a' ; printf '\033]0;three\007' >&2"
+    launch = Launch([shell("a", program)])
+    assert launch.exit_code() == 0
+    assert said(launch.stdout, "a") == [r"\x1b[2Jone", r"two\x07"]
+    assert said(launch.stderr, "a") == [r"\x1b]0;three\x07"]
+
+
+def test_a_long_line_is_not_cut_within_a_letter() -> None:
+    """Its parts are as they were."""
+    text = "é" * 70_000
+    lines = Lines()
+    parts = [*lines.feed(b"x" + text.encode()), *lines.end()]
+    assert len(parts) == 3 and "".join(part.decode() for part in parts) == "x" + text
 
 
 def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:

@@ -109,6 +109,45 @@ def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) ->
     token.close()
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, count: int) -> None:
+    """Each with a later epoch of its own session, and no message: once the publisher has shown that
+    it lives, it keeps its stream. Its restart takes it as ever.
+    """
+    claimers = [scene.bus.node(f"claimer{n}").session for n in range(count)]
+    publishers = [declare_retained_publisher(each, "@tfbus/stream/sim") for each in claimers]
+
+    def claim() -> None:
+        for claimer, publisher in zip(claimers, publishers, strict=True):
+            data = description([], epoch=time.time_ns(), session=claimer.id)
+            publisher.put(encode_message(data))
+
+    def owner() -> str:
+        return scene.listener._watch.streams()["sim"].owner
+
+    def is_taken() -> bool:
+        claim()
+        return owner() == claimers[-1].id
+
+    eventually(is_taken)
+    eventually(lambda: scene.reaches(3) and owner() == scene.sim.session.id)
+    owners: set[str] = set()
+    for x in range(4, 7):
+        before = scene.listener._watch.rejected["sim"]
+
+        def is_refused(before: int = before, x: int = x) -> bool:
+            claim()
+            owners.add(owner())
+            return scene.reaches(x) and scene.listener._watch.rejected["sim"] > before
+
+        eventually(is_refused)
+    assert owners == {scene.sim.session.id}
+    scene.sim.close()
+    again = scene.bus.node("sim")
+    scene.dynamic = TransformBroadcaster(again)
+    eventually(lambda: scene.reaches(8) and owner() == again.session.id)
+
+
 def test_a_stream_without_a_description_takes_no_frame_that_another_lists(scene: Scene) -> None:
     """Neither a dynamic nor a static one, as long as that one is there; its own are taken."""
     epoch_ns = time.time_ns()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.robot.mesh_files import MeshFiles, MeshPathError
+from tfbus.robot.mesh_files import MeshFiles, MeshPathError, file_beside, folder_of_source
 
 
 @pytest.fixture
@@ -25,21 +25,115 @@ def made(file: Path) -> Path:
     return file
 
 
-def test_packages_are_searched_in_given_folders_then_by_ros_then_above_the_urdf(
+def test_packages_are_searched_in_given_folders_then_by_ros_then_beside_the_urdfs(
     tmp_path: Path, urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a folder with the package's name."""
+    """In a folder with the package's name; one beside the URDF's has a package.xml."""
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros1"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros2"))
     inside = Path("hand", "meshes", "tool.stl")
-    above, given = tmp_path / inside, tmp_path / "given" / inside
+    beside, given = urdf.parents[1] / inside, tmp_path / "given" / inside
     by_ros_1, by_ros_2 = tmp_path / "ros1" / inside, tmp_path / "ros2" / "share" / inside
-    for file in (above, by_ros_1, by_ros_2, given):
+    made(beside.parents[1] / "package.xml")
+    for file in (beside, by_ros_1, by_ros_2, given):
         made(file)
         files = MeshFiles(urdf, [tmp_path / "given"])
         assert files.find(f"package://{inside}") == file
         assert files.find(f"model://{inside}") == file
         assert files.package("hand") == file.parents[1]
+
+
+@pytest.mark.parametrize("mark", ["package.xml", ".git", "pyproject.toml", "", "share"])
+def test_what_lies_above_the_package_of_a_urdf_has_no_file(tmp_path: Path, mark: str) -> None:
+    """A URDF from elsewhere gets no folder of the disk served: not by a name of its own choice, nor
+    as a picture beside. A folder is a package by a file in it, below `share`, or above `urdf`.
+    """
+    package = tmp_path / "disk" / (mark if mark == "share" else "down") / "arm"
+    if mark not in ("", "share"):
+        made(package / mark)
+    own = made(package / "meshes" / "a.stl")
+    made(package / "meshes" / "b.png")
+    files = MeshFiles(own.parents[1] / "urdf")
+    assert files.find("package://arm/meshes/a.stl") == own
+    for secret in ("secret", "arm/../../secret"):
+        made(tmp_path / "disk" / secret / "a.stl")
+        made(tmp_path / "disk" / secret / "b.png")
+    for name in ("secret", "disk", "tmp", "down", "share"):
+        for path in ("a.stl", "secret/a.stl", "disk/secret/a.stl"):
+            file = files.find(f"package://{name}/{path}")
+            assert file is None or not file.exists()
+            if file is not None:
+                beside = f"package://{name}/{path.replace('a.stl', 'b.png')}"
+                assert file_beside(f"package://{name}/{path}", file, beside) is None
+
+
+def test_the_root_of_the_disk_and_the_home_folder_are_no_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a mark lies in them, or a URDF."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    made(tmp_path / "package.xml")
+    secret = made(tmp_path / "pictures" / "a.stl")
+    from_root = secret.relative_to("/")
+    for folder in (Path("/"), Path("/urdf"), tmp_path, tmp_path / "urdf"):
+        files = MeshFiles(folder)
+        for name in (f"package://{from_root}", "package://pictures/a.stl", str(secret)):
+            assert files.find(name) != secret
+    assert MeshFiles(tmp_path).find("pictures/a.stl") is None
+
+
+def test_packages_of_a_repository_find_each_other(tmp_path: Path) -> None:
+    """Wherever they are in it; those of another one beside it do not."""
+    repository = tmp_path / "repository"
+    for place in ("arms/arm", "hand", "../other"):
+        made(repository / place / "package.xml")
+        made(repository / place / "a.stl")
+    made(repository / ".git" / "HEAD")
+    files = MeshFiles(repository / "arms" / "arm" / "urdf")
+    assert files.find("package://hand/a.stl") == repository / "hand" / "a.stl"
+    assert files.find("package://other/a.stl") != tmp_path / "other" / "a.stl"
+
+
+def test_a_link_of_a_mesh_to_another_kind_of_file_has_no_file(urdf: Path, tmp_path: Path) -> None:
+    """A clone may bring links; those of `colcon build --symlink-install` are to meshes."""
+    mesh, key = made(tmp_path / "build" / "a.stl"), made(tmp_path / "id_rsa")
+    for name, target in (("a.stl", mesh), ("b.stl", key), ("c.png", key)):
+        (urdf.parent / name).symlink_to(target)
+    files = MeshFiles(urdf)
+    assert files.find("../a.stl") == urdf.parent / "a.stl"
+    assert files.find("../b.stl") is None
+    assert file_beside("../a.stl", urdf.parent / "a.stl", "../c.png") is None
+
+
+def test_the_source_of_a_description_counts_only_in_a_given_folder(tmp_path: Path) -> None:
+    """A stranger may name any path, also by `..` and by a link."""
+    given, other = tmp_path / "given", tmp_path / "other"
+    inside, outside = made(given / "arm" / "a.urdf"), made(other / "a.urdf")
+    (given / "link.urdf").symlink_to(outside)
+    assert folder_of_source(str(inside), [other, given]) == (inside.parent, given)
+    for source in (
+        str(outside),
+        "/etc/passwd",
+        str(given / ".." / "other" / "a.urdf"),
+        str(given / "link.urdf"),
+        str(given / "missing.urdf"),
+        "a.urdf",
+        "",
+        "/\0",
+    ):
+        assert folder_of_source(source, [given]) is None
+
+
+def test_a_folder_that_was_given_ends_the_search_for_a_package(tmp_path: Path) -> None:
+    """Of a description that came over the network."""
+    made(tmp_path / "package.xml")
+    urdf = tmp_path / "given" / "urdf"
+    made(tmp_path / "secret" / "a.stl")
+    files = MeshFiles(urdf, [], within=tmp_path / "given")
+    assert files.find("a.stl") == urdf / "a.stl"
+    assert files.find("../a.stl") == tmp_path / "given" / "a.stl"
+    with pytest.raises(MeshPathError):
+        files.find("../../secret/a.stl")
 
 
 def test_a_package_may_lie_in_a_folder_of_another_name(tmp_path: Path, urdf: Path) -> None:

@@ -1,5 +1,6 @@
 """xacro files: expanded with arguments, their packages and includes found."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,7 @@ WRIST = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
 def arm(tmp_path: Path) -> Path:
     """A xacro file beside the package that it includes a file of."""
     (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "package.xml").touch()
     (tmp_path / "parts" / "wrist.xacro").write_text(WRIST)
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "package.xml").write_text("<package><name>arm_description</name></package>")
@@ -120,3 +122,29 @@ def test_the_package_of_the_file_is_found_by_its_package_xml(arm: Path) -> None:
     include = '"$(find arm_description)/../parts/wrist.xacro"'
     arm.write_text(ARM.replace('"$(find parts)/wrist.xacro"', include))
     assert Robot.from_urdf(arm, xacro_args={"gripper": True}).free_joints
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "${9**9**9}",
+        "${[0] * 10**10}",
+        "".join(
+            f'<xacro:macro name="m{n}" params="">{f"<xacro:m{n + 1}/>" * 10}</xacro:macro>'
+            for n in range(8)
+        )
+        + '<xacro:macro name="m8" params=""><a/></xacro:macro><xacro:m0/>',
+    ],
+)
+def test_what_would_never_end_is_a_mistake(
+    arm: Path, expression: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After 30 s of CPU, here 1 s, or 2 GB: a power, a list, macros that call macros."""
+    limited = "tfbus.robot.xacro_child"
+    program = f"import {limited} as x; x.MOST_CPU_S = 1; x.main()"
+    monkeypatch.setattr(
+        "tfbus.robot.xacro_file.command_of", lambda module: [sys.executable, "-c", program]
+    )
+    arm.write_text(ARM.replace('<link name="tip"/>', f'<link name="tip"/>{expression}'))
+    with pytest.raises(UrdfError, match=r"xacro (has not|needs more|cannot)"):
+        Robot.from_urdf(arm)

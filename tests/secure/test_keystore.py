@@ -1,6 +1,7 @@
 """The authority's folder, and what `tfbus keys` makes in it."""
 
 import os
+import shutil
 import stat
 import subprocess
 from collections.abc import Iterator
@@ -87,6 +88,39 @@ def test_an_exported_identity_can_be_used_by_itself(store: Keystore, tmp_path: P
         store.export("arm", tmp_path / "away")
 
 
+def test_rights_that_were_edited_by_hand_are_those_of_every_use(
+    store: Keystore, tmp_path: Path
+) -> None:
+    """There is one file: what is taken away there is neither exported nor used from the keystore.
+    `check` names the machines that still have it, until they are exported to.
+    """
+    store.export("arm", tmp_path / "before")
+    rights = store.path / "rights.yaml"
+    # A copy of a former keystore.
+    (store.path / "arm" / "rights.yaml").write_bytes(rights.read_bytes())
+    rights.write_text("identities: {arm: {role: publisher, topics: [pose]}}  # by hand\n")
+    for _ in range(2):
+        assert "topics:  pose" in keys(store, "show", "arm")[1]
+        assert open_folder(store.path / "arm").identity.topics == ("pose",)
+        assert open_folder(tmp_path / "before").identity.topics is None
+        code, said = keys(store, "check")
+        assert code == 1 and said.startswith("arm: its machine has the former rights of arm: tfbus")
+        store.renew("arm", days=90)
+    store.export("arm", tmp_path / "after")
+    assert (tmp_path / "after" / "rights.yaml").read_bytes() == rights.read_bytes()
+    assert open_folder(tmp_path / "after").identity.topics == ("pose",)
+    assert keys(store, "check")[0] == 0
+
+
+def test_the_folder_of_a_keystore_is_not_for_another_machine(
+    store: Keystore, tmp_path: Path
+) -> None:
+    """A copy by hand would have rights of some day: it has none, and says what makes it."""
+    shutil.copytree(store.path / "arm", tmp_path / "away")
+    with pytest.raises(SettingsError, match=r"has no rights\.yaml: export the identity"):
+        open_folder(tmp_path / "away")
+
+
 def test_all_is_well(store: Keystore) -> None:
     """`check` finds nothing in a new keystore."""
     assert keys(store, "check") == (0, "identities: 1, all is well\n")
@@ -119,6 +153,12 @@ def spoil_certificate(store: Keystore) -> None:
 
 
 def spoil_rights(store: Keystore) -> None:
+    store.export("arm", store.path.parent / "away")
+    store.add(Identity("leg", "reader"), days=90)
+
+
+def spoil_former(store: Keystore) -> None:
+    # As former keystores had it.
     (store.path / "arm" / "rights.yaml").write_text("identities: {arm: {role: admin}}")
 
 
@@ -131,7 +171,8 @@ def spoil_rights(store: Keystore) -> None:
         (spoil_file, "arm: 1 file missing: certificate.pem"),
         (spoil_key, "arm: its private key is not that of its certificate"),
         (spoil_certificate, "arm: a file is not a certificate or key"),
-        (spoil_rights, "arm: its rights.yaml is older"),
+        (spoil_rights, "arm: its machine has the former rights of leg: tfbus keys export arm"),
+        (spoil_former, "arm: its machine has the former rights of arm: tfbus keys export arm"),
     ],
 )
 def test_check_finds_what_is_wrong(store: Keystore, spoil: object, problem: str) -> None:

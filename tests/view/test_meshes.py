@@ -2,6 +2,7 @@
 
 import json
 import struct
+import threading
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -15,6 +16,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tests.live_bus import eventually
 from tfbus import InvalidNameError
 from tfbus.view.meshes.creases import with_creases
+from tfbus.view.meshes.fair_turns import FairTurns
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
 from tfbus.view.meshes.part import Part, bounds_of
@@ -265,7 +267,7 @@ class Machine:
         self.files = files
         self.fetched: list[str] = []
 
-    def fetch(self, origin: str, name: str) -> bytes:
+    def fetch(self, origin: str, name: str, within_s: float) -> bytes:
         """A file of it."""
         self.fetched.append(name)
         if name not in self.files:
@@ -320,7 +322,7 @@ def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
 ) -> None:
     """Whichever way it fails: on the bus, or where the reader cannot start."""
 
-    def fetch(origin: str, name: str) -> bytes:
+    def fetch(origin: str, name: str, within_s: float) -> bytes:
         if name == "bad.stl":
             raise error
         return TRIANGLE
@@ -334,3 +336,64 @@ def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
         assert loader.found(bad) == said
     finally:
         loader.close()
+
+
+# Turns
+
+
+def test_those_who_used_least_time_go_first() -> None:
+    """Whoever comes anew begins where the last turn was, by whatever name."""
+    turns: FairTurns[str] = FairTurns()
+    for sender, items in {"slow": "abc", "quick": "xyz"}.items():
+        for item in items:
+            turns.add(sender, item)
+    taken = ""
+    while following := turns.next():
+        sender, item = following
+        taken += item
+        turns.use(sender, 5.0 if sender == "slow" else 0.1)
+        if item == "b":
+            turns.add("fresh", "f")
+    assert taken == "axyzbfc"
+    turns.add("quick", "1")
+    turns.add("slow", "2")
+    turns.keep(lambda item: item != "2")
+    assert turns.next() == ("quick", "1") and turns.next() is None
+
+
+def test_a_file_that_takes_long_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It makes way, is read beside them, and ends in its own time, with why."""
+    monkeypatch.setattr("tfbus.view.meshes.loader._MAKES_WAY_S", 0.5)
+    may_end = threading.Event()
+
+    def fetch(origin: str, name: str, within_s: float) -> bytes:
+        if name == "bad.stl":
+            may_end.wait(within_s)
+            raise MeshError("it came too slowly")
+        return TRIANGLE
+
+    loader = MeshLoader(fetch)
+    bad = MeshSource("bad.stl", origin="bad")
+    good = [MeshSource(f"good{n}.stl", origin="good") for n in range(3)]
+    try:
+        loader.load(bad, "bad")
+        for source in good:
+            loader.load(source, "good")
+        for source in good:
+            assert isinstance(eventually(lambda source=source: loader.found(source)), ReadMesh)
+        assert loader.found(bad) is None
+        may_end.set()
+        assert eventually(lambda: loader.found(bad)) == "it came too slowly"
+    finally:
+        loader.close()
+
+
+def test_reading_ends_after_its_time(tmp_path: Path) -> None:
+    """Though the file is small, and its reader goes on."""
+    reader = MeshReader()
+    try:
+        with pytest.raises(MeshError, match="took more than 0 s"):
+            reader.read(MeshRequest("stl", data=TRIANGLE), 0.0)
+        assert reader.read(MeshRequest("stl", data=TRIANGLE)).parts
+    finally:
+        reader.close()

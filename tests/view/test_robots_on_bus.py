@@ -136,19 +136,26 @@ def test_a_mistake_is_forgotten_once_the_robot_is_described_again(bus: Bus) -> N
     assert titles(robots) == ["arm"]
 
 
-def test_the_same_robot_of_another_file_is_read_again(bus: Bus, tmp_path: Path) -> None:
-    """Its meshes may lie beside that file."""
+def test_the_source_of_a_description_counts_in_a_given_folder_only(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """Its meshes lie beside that file; elsewhere a stranger would have files of this machine read.
+    The same robot of another file is read again.
+    """
     text = urdf("arm").replace(
         "<link name='base'/>",
         "<link name='base'><visual><geometry><mesh filename='a.stl'/></geometry></visual></link>",
     )
-    (tmp_path / "arm.urdf").write_text(text)
+    given, other = tmp_path / "given", tmp_path / "other"
+    for folder in (given, other):
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(text)
     publisher = bus.node("arm").create_publisher(
         RobotDescription, "robot_description", retained=True
     )
-    robots = RobotsOnBus(bus.node("view"))
-    for source, file in (("", None), (str(tmp_path / "arm.urdf"), tmp_path / "a.stl")):
-        publisher.publish(RobotDescription(text, "", source))
+    robots = RobotsOnBus(bus.node("view"), package_path=[given])
+    for folder, file in ((other, None), (given, given / "a.stl")):
+        publisher.publish(RobotDescription(text, "", str(folder / "arm.urdf")))
         eventually(lambda: mesh_files(robots) == [file])  # noqa: B023  # called at once
 
 
@@ -203,9 +210,24 @@ def test_a_mesh_that_is_not_here_is_fetched_in_parts_and_again_where_it_changes(
     versions = iter([b"1 first", *[b"2 second version"] * 100])
     serve_mesh(bus.node("arm", namespace="robot7"), lambda: next(versions))
     robots = RobotsOnBus(bus.node("view"), Fleet())
-    assert robots.fetch("robot7", "arm.stl") == b"2 second version"
+    assert robots.fetch("robot7", "arm.stl", 30.0) == b"2 second version"
     with pytest.raises(MeshError, match="could not be fetched: the description does not name it"):
-        robots.fetch("robot7", "/etc/passwd")
+        robots.fetch("robot7", "/etc/passwd", 30.0)
+
+
+def test_a_mesh_that_comes_too_slowly_is_given_up(bus: Bus) -> None:
+    """However its parts come, one byte at a time among them."""
+    served = []
+
+    def one_byte(request: RobotMesh.Request) -> RobotMesh.Response:
+        served.append(request.offset)
+        return RobotMesh.Response(b"x", 10**8, "1")
+
+    bus.node("arm").create_service(RobotMesh, "robot_mesh", one_byte)
+    robots = RobotsOnBus(bus.node("view"))
+    with pytest.raises(MeshError, match=r"it came too slowly|timed out"):
+        robots.fetch("", "arm.stl", 1.0)
+    assert served
 
 
 def test_joints_follow_joint_states_and_their_targets_are_sent(bus: Bus) -> None:
@@ -276,7 +298,7 @@ def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> 
         eventually(lambda: titles(robots) == ["arm"])
         assert robots.joints(robots.robots()[0]) is None
         with pytest.raises(MeshError, match="may not call"):
-            robots.fetch("", "package://arm/hand.stl")
+            robots.fetch("", "package://arm/hand.stl", 30.0)
     finally:
         bus.close()
 

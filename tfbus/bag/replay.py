@@ -95,19 +95,23 @@ class Replay:
         """The names of its topics on the bus, sorted."""
         return sorted(topic.name for topic in self._topics.values() if topic is not None)
 
-    def warn_of_living(self) -> None:
-        """Log which of its streams other processes publish now."""
+    def living(self) -> str:
+        """A sentence on its streams that other processes publish now, "" where none do.
+
+        Playing one takes the frames of a live robot over: the later of two publishers counts.
+        """
         own = set(self.streams)
         keys = self._node.session.living(ALL_STREAMS_EVERYWHERE)
         living = sorted(own.intersection(map(stream_of, keys)))
-        if living:
-            self._node.log.warning(
-                "%s of the recording %s published now too: %s. Listeners drop the messages of one; "
-                "stop the other, or play with --prefix recorded",
-                counted(len(living), "stream"),
-                "is" if len(living) == 1 else "are",
-                listed([repr(name) for name in living], most=_NAMED),
-            )
+        if not living:
+            return ""
+        names = listed([repr(name) for name in living], most=_NAMED)
+        is_one = len(living) == 1
+        return (
+            f"{counted(len(living), 'stream')} of the recording {'is' if is_one else 'are'} "
+            f"published now too, and would be taken over: {names}; play with --prefix recorded, "
+            f"or stop the other {'publisher' if is_one else 'publishers'}"
+        )
 
     # As the stage of a player
 

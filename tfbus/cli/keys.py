@@ -169,7 +169,9 @@ def revoke(name: str, place: Path) -> None:
 @command.command(epilog="Example: tfbus keys check")
 @_keystore_option
 def check(place: Path) -> None:
-    """Say what is expired, soon to expire, readable by others, or missing; exits with 1 if so."""
+    """Say what is expired or soon to expire, readable by others, missing, or exported with former
+    rights; exits with 1 if so.
+    """
     store = _open(place)
     problems = list(store.problems())
     print_lines(problems)

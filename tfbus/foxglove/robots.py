@@ -6,7 +6,7 @@ such name.
 """
 
 import posixpath
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -19,6 +19,7 @@ from tfbus.foxglove.server import Server
 from tfbus.foxglove.topics import TopicChannel
 from tfbus.messages import RobotDescription
 from tfbus.node.robot_meshes import MOST_BYTES
+from tfbus.robot.described import read_described, remedy_of_missing
 from tfbus.robot.mesh_files import BESIDE, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot
@@ -27,7 +28,7 @@ from tfbus.ros.schema import MessageCodecs
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import as_map
 from tfbus.wire.fleet import FrameNames
-from tfbus.wording import printable
+from tfbus.wording import listed, printable
 
 _SCHEME = "package://"
 
@@ -73,21 +74,32 @@ class ShownRobots:
 
         `names` are those of the frames of its namespace `origin`.
         """
-        urdf, prefix, source = (values.get(each) for each in ("urdf", "prefix", "source"))
-        if not (isinstance(urdf, str) and isinstance(prefix, str) and isinstance(source, str)):
-            return values
+        given = (values.get(_text_of(values)), values.get("prefix", ""), values.get("source", ""))
+        urdf, prefix, source = (each if isinstance(each, str) else "" for each in given)
         slot = (origin, prefix)
         with self._lock:
             known = self._known.get(slot)
         if known is not None and known.given == values:
             return known.shown
         try:
-            robot = self._read(urdf, source)
+            robot = read_described(urdf, source, self._package_path, "the robot_description")
         except UrdfError as error:
-            text = printable(str(error), 400)
-            self._once.warning(("robot", origin), "A robot_description is no robot: %s", text)
-            return values
+            reason = printable(str(error), 400)
+            self._once.warning(("robot", origin), "A robot_description is no robot: %s", reason)
+            # Clients may know more; of what is no XML to us they get nothing.
+            return _with_text(values, _rewritten(urdf, {}, {}) if _is_xml(urdf) else "")
+        if left := sorted({mesh.name for mesh in _meshes(robot) if not _is_served(mesh)}):
+            which = listed([f"'{printable(name, 120)}'" for name in left])
+            self._once.warning(
+                ("address", origin),
+                "Left out meshes with addresses on the network, which clients would fetch: %s",
+                which,
+            )
         return self._take(slot, values, robot, names or FrameNames(""))
+
+    def given(self, robot: Robot) -> Mapping[str, Any]:
+        """The values of a RobotDescription as clients need them, of a robot of a file here."""
+        return self._take(("", ""), {}, robot, FrameNames(""), is_trusted=True)
 
     def asset(self, uri: str) -> bytes:
         """The content of a mesh of one of the robots, or of a picture or material beside it, by its
@@ -108,31 +120,27 @@ class ShownRobots:
                     continue
         raise TfbusError(f"no robot has a mesh {printable(uri, 200)}")
 
-    def _read(self, urdf: str, source: str) -> Robot:
-        given = Path(source)
-        return Robot.from_text(
-            urdf,
-            folder=given.parent if given.is_absolute() and given.is_file() else None,
-            package_path=self._package_path,
-            name_of_source=printable(source or "the robot_description"),
-        )
-
     def _take(
-        self, slot: tuple[str, str], given: Mapping[str, Any], robot: Robot, names: FrameNames
+        self,
+        slot: tuple[str, str],
+        given: Mapping[str, Any],
+        robot: Robot,
+        names: FrameNames,
+        *,
+        is_trusted: bool = False,
     ) -> Mapping[str, Any]:
         origin, prefix = slot
         meshes: dict[str, Mesh] = {}
         uris: dict[str, str] = {}
-        shapes: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
-        for shape in (each.shape for each in shapes):
-            # Those of an address on the network clients fetch themselves.
-            if isinstance(shape, Mesh) and "://" not in parts_of(shape.name)[1]:
-                path = _path(origin, robot.name, shape.name)
-                meshes[path] = shape
-                uris[shape.name] = f"{_SCHEME}{quote(path)}"
+        for mesh in _meshes(robot):
+            if _is_served(mesh):
+                path = _path(origin, robot.name, mesh.name)
+                meshes[path] = mesh
+                uris[mesh.name] = f"{_SCHEME}{quote(path)}"
+            elif is_trusted:
+                uris[mesh.name] = mesh.name
         frames = {link: names.outside(f"{prefix}{link}") for link in robot.links}
-        text = _rewritten(read_xml(robot.text, "the robot_description"), frames, uris)
-        shown = as_map(RobotDescription(text))
+        shown = _with_text(given, _rewritten(robot.text, frames, uris))
         with self._lock:
             self._known.pop(slot, None)
             while len(self._known) >= _MOST_ROBOTS:
@@ -148,11 +156,13 @@ class ShownRobots:
                 return file.read_bytes()
             except OSError as error:
                 raise TfbusError(f"it cannot be read: {error.strerror}") from error
+        remedy = remedy_of_missing(parts_of(name)[0])
         if self._fetch is None:
-            package = parts_of(name)[0]
-            remedy = f": --package-path names the folder with package {package!r}"
-            raise TfbusError(f"it is not on this machine{remedy if package else ''}")
-        return self._fetch(origin, name)
+            raise TfbusError(f"it is not on this machine: {remedy}")
+        try:
+            return self._fetch(origin, name)
+        except TfbusError as error:
+            raise TfbusError(f"{error}; {remedy}") from error
 
 
 class GivenRobot:
@@ -163,8 +173,7 @@ class GivenRobot:
         self._channel = TopicChannel(
             server, codecs, "/robot_description", RobotDescription.__name__
         )
-        source = str(robot.files[0].absolute()) if robot.files else ""
-        self._shown = robots.shown(as_map(RobotDescription(robot.text, "", source)))
+        self._shown = robots.given(robot)
 
     def have(self, channel_id: int) -> bool:
         """Whether a channel is this one."""
@@ -178,6 +187,21 @@ class GivenRobot:
     def close(self) -> None:
         """Take the channel back. Twice is fine."""
         self._channel.close()
+
+
+def _meshes(robot: Robot) -> Iterator[Mesh]:
+    """The meshes of all links."""
+    shapes: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
+    for each in shapes:
+        if isinstance(each.shape, Mesh):
+            yield each.shape
+
+
+def _is_served(mesh: Mesh) -> bool:
+    """Whether clients get a mesh from here. That of an address on the network they would fetch
+    themselves: it would tell a stranger who looks, and reach what only they do.
+    """
+    return "://" not in parts_of(mesh.name)[1]
 
 
 def _path(origin: str, robot: str, mesh: str) -> str:
@@ -213,11 +237,33 @@ def _beside(at: str, mesh: str, path: str) -> str:
 
 # Writing
 
+
+def _text_of(values: Mapping[str, Any]) -> str:
+    """The field of a description with its URDF: of ours, or of a string of ROS."""
+    return "data" if "data" in values and "urdf" not in values else "urdf"
+
+
+def _with_text(values: Mapping[str, Any], urdf: str) -> Mapping[str, Any]:
+    """A description with this URDF; nothing else of ours, which ROS's string has as a comment."""
+    field = _text_of(values)
+    return as_map(RobotDescription(urdf)) if field == "urdf" else {**values, field: urdf}
+
+
 _KEPT = ("link", "joint", "material")
 
 
-def _rewritten(robot: Element, frames: Mapping[str, str], uris: Mapping[str, str]) -> str:
-    """A URDF with these names of its links and of its meshes; only what can be seen of it."""
+def _is_xml(text: str) -> bool:
+    try:
+        return bool(read_xml(text, "").tag)
+    except UrdfError:
+        return False
+
+
+def _rewritten(text: str, frames: Mapping[str, str], uris: Mapping[str, str]) -> str:
+    """A URDF with these names of its links and of its meshes; only what can be seen of it, and of
+    the shapes with meshes those that `uris` has.
+    """
+    robot = read_xml(text, "the robot_description")
     lines = ['<?xml version="1.0"?>', f"<robot{_attributes(robot.attributes)}>"]
     for each in robot.children:
         if each.tag in _KEPT:
@@ -232,12 +278,26 @@ def _written(each: Element, frames: Mapping[str, str], uris: Mapping[str, str]) 
     elif each.tag in ("parent", "child") and "link" in attributes:
         attributes["link"] = frames.get(attributes["link"], attributes["link"])
     elif each.tag == "mesh" and "filename" in attributes:
-        attributes["filename"] = uris.get(attributes["filename"], attributes["filename"])
+        attributes["filename"] = uris[attributes["filename"]]
     head = f"<{each.tag}{_attributes(attributes)}"
-    if not each.children:
+    kept = [child for child in each.children if not _is_left_out(child, uris)]
+    if not kept:
         return [f"{head}/>"]
-    inner = [line for child in each.children for line in _written(child, frames, uris)]
+    inner = [line for child in kept for line in _written(child, frames, uris)]
     return [f"{head}>", *inner, f"</{each.tag}>"]
+
+
+def _is_left_out(each: Element, uris: Mapping[str, str]) -> bool:
+    """Whether an element, as a whole, is not for clients: a shape of a mesh that is not in `uris`,
+    and a texture, which they do not draw, but may fetch from anywhere.
+    """
+    tag = each.tag.rpartition(":")[2]
+    if tag == "texture":
+        return True
+    if tag == "mesh":
+        return each.tag != tag or each.get("filename") not in uris
+    is_shape = tag in ("visual", "collision", "geometry")
+    return is_shape and any(_is_left_out(child, uris) for child in each.children)
 
 
 def _attributes(attributes: Mapping[str, str]) -> str:

@@ -37,9 +37,12 @@ Shown = Callable[[str, Mapping[str, Any]], Mapping[str, Any]]
 
 
 def is_description(topic: str, type_name: str) -> bool:
-    """Whether the messages of a topic describe robots."""
+    """Whether the messages of a topic describe robots: by their type, or as ROS's strings by the
+    topic's name.
+    """
     is_named_so = topic.rpartition("/")[2] == "robot_description"
-    return is_named_so and type_name == messages.RobotDescription.__name__
+    is_described = type_name == messages.RobotDescription.__name__
+    return is_described or (is_named_so and type_name.endswith("String"))
 
 
 class TopicChannel:

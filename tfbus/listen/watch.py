@@ -64,7 +64,9 @@ class StreamWatch:
 
     Any peer can send a description at any key. Once the session that a description names has sent
     it, only that session changes it, or another session by a description of its own with a later
-    epoch: a second process that publishes the stream. What others send at the key is `rejected`.
+    epoch: a second process that publishes the stream. Where the first shows then that it is there,
+    by messages that go on and by its answer, no other session takes the stream over as long as it
+    answers. What others send at the key is `rejected`.
     """
 
     def __init__(
@@ -91,6 +93,8 @@ class StreamWatch:
         self._to_ask: dict[str, None] = {}
         # The questions about disputed epochs, by their stream's key.
         self._claims: dict[str, AskUntil] = {}
+        # The questions whether the owner of a stream still answers, likewise.
+        self._challenges: dict[str, AskUntil] = {}
         self._mailbox = Mailbox()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
@@ -192,11 +196,11 @@ class StreamWatch:
         former = self._state(key)
         self._returning.discard(former.name)
         if not alive or former.alive or former.description is None:
-            self._set(replace(former, alive=alive))
+            self._set(replace(former, alive=alive, displaced="", held=False))
         else:
             self._returning.add(former.name)
             # It may be another process, which need not be able to sign its description.
-            self._states[former.name] = replace(former, confirmed=False)
+            self._states[former.name] = replace(former, confirmed=False, displaced="", held=False)
         if alive:
             self._ask_for_description(key)
         else:
@@ -209,6 +213,7 @@ class StreamWatch:
         sender: str = "",
         *,
         asked_epoch_ns: int | None = None,
+        owner_is_silent: bool = False,
     ) -> None:
         """Take a description from a session; the one of the epoch that was asked for also where it
         is an earlier one.
@@ -220,6 +225,7 @@ class StreamWatch:
             # Unless it is: one that cannot sign what it sends signs its answers.
             self._ask_for_epoch(former.name, description.epoch)
             return
+        held, displaced = former.held and sender == former.owner, former.displaced
         if former.owner and former.alive and sender != former.owner and former.description:
             is_later = description.epoch > former.description.epoch
             if not is_later and description.epoch != asked_epoch_ns:
@@ -227,9 +233,50 @@ class StreamWatch:
             if is_from_future(description.epoch):
                 self._reject(former.name, "another session sent it, with an epoch in the future")
                 return
+            if is_later and former.held and not owner_is_silent:
+                self._ask_owner(former, description, sender)
+                return
+            # An earlier epoch is asked for where its messages go on beside the later one.
+            held = not is_later and sender == displaced
+            displaced = (displaced or former.owner) if is_later else ""
         alive = former.alive or former.name in self._returning
         self._returning.discard(former.name)
-        self._set(replace(former, alive=alive, description=description, confirmed=is_own))
+        self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
+
+    def _ask_owner(
+        self, state: StreamState, description: StreamDescription, challenger: str
+    ) -> None:
+        """Have another session take the stream over, unless its owner answers."""
+        key, owner, answers = state.key, state.owner, False
+        if key in self._challenges or len(self._challenges) >= _MOST_CLAIMS or self._closed:
+            return
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+
+        def on_answer(answer: Answer) -> None:
+            nonlocal answers
+            answers |= answer.refusal is None and answer.sender == owner
+
+        def forget() -> None:
+            self._challenges.pop(key, None)
+
+        def on_over() -> None:
+            self._executor.after(_CLAIMS_APART_S, forget)
+            if answers:
+                self._reject(state.name, "the session that publishes the stream is there, too")
+            elif not self._closed and self._state(key).owner == owner:
+                self._take_description(key, description, challenger, owner_is_silent=True)
+
+        asking = self._challenges[key] = AskUntil(
+            self._executor,
+            _WHAT,
+            _CLAIM_PAUSES,
+            ask=ask,
+            is_settled=lambda: self._closed or answers,
+            on_over=on_over,
+        )
+        asking.start()
 
     def _ask_for_epoch(self, name: str, epoch_ns: int) -> None:
         state = self._states.get(name)

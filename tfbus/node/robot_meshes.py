@@ -1,5 +1,6 @@
 """The meshes of robots on other machines, as their robot_state serves them."""
 
+import time
 from threading import Lock
 
 from tfbus.errors import TfbusError
@@ -8,8 +9,10 @@ from tfbus.node.node import Node
 from tfbus.node.service import Client
 from tfbus.wording import printable
 
-# The largest file, how long one part of it may take, and how often it may change while it is read.
+# The largest file, how long it and one part of it may take, and how often it may change while it is
+# read.
 MOST_BYTES = 100_000_000
+_LONGEST_S = 60.0
 _PATIENCE_S = 10.0
 _MOST_CHANGES = 3
 
@@ -22,14 +25,14 @@ class RobotMeshes:
         self._lock = Lock()
         self._clients: dict[str, Client] = {}
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float = _LONGEST_S) -> bytes:
         """The content of a mesh of the robot in a namespace, from the machine that describes it.
 
-        Raises TfbusError where it cannot be had.
+        Raises TfbusError where it cannot be had, or not in this time.
         """
-        client = self._client(origin)
+        client, deadline_s = self._client(origin), time.monotonic() + within_s
         for _ in range(_MOST_CHANGES):
-            found = _fetch(client, mesh)
+            found = _fetch(client, mesh, deadline_s)
             if found is not None:
                 return found
         raise TfbusError("it changed while it was read")
@@ -43,14 +46,17 @@ class RobotMeshes:
             return client
 
 
-def _fetch(client: Client, mesh: str) -> bytes | None:
+def _fetch(client: Client, mesh: str, deadline_s: float) -> bytes | None:
     """The whole file; None where it changed meanwhile."""
     parts: list[bytes] = []
     got, size, version = 0, 1, None
     while got < size:
+        left_s = deadline_s - time.monotonic()
+        if left_s <= 0.0:
+            raise TfbusError("it could not be fetched: it came too slowly")
         try:
             request = RobotMesh.Request(mesh, got)
-            answer: RobotMesh.Response = client.call(request, timeout_s=_PATIENCE_S)
+            answer: RobotMesh.Response = client.call(request, timeout_s=min(_PATIENCE_S, left_s))
         except TfbusError as error:
             raise TfbusError(f"it could not be fetched: {printable(str(error), 300)}") from error
         if version is not None and answer.version != version:

@@ -7,8 +7,7 @@ import posixpath
 import re
 import sys
 import sysconfig
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
 # Gazebo's word for the same.
@@ -28,8 +27,11 @@ BESIDE = frozenset(
         ".webp",
     )
 )
-# What the folder of a package has in it: one of ROS, of Python, or a repository.
-_MARKS = ("package.xml", "pyproject.toml", "__init__.py", ".git")
+# Files by which a folder is a package: of ROS, a repository of such, of Python.
+_OF_ROS, _REPOSITORY = "package.xml", ".git"
+_MARKS = (_OF_ROS, _REPOSITORY, "pyproject.toml", "__init__.py")
+# Where packages without a mark have their URDFs, beside the folder of meshes.
+_OF_URDFS = frozenset(("urdf", "urdfs", "xacro", "robot", "robots", "model", "models"))
 
 
 class MeshPathError(ValueError):
@@ -54,17 +56,33 @@ def package_folder(name: str, file: Path) -> Path | None:
 def file_beside(mesh: str, file: Path, name: str) -> Path | None:
     """The file of another name that is written as the name `mesh` of the mesh `file` is.
 
-    None where there is none, where a mesh does not read such files, or where it is outside of the
-    package, without one outside of the mesh's folder.
+    None where there is none, where a mesh does not read such files, also by a link, or where it is
+    outside of the package, without one outside of the mesh's folder.
     """
     package, path = parts_of(name)
     own_package, own = parts_of(mesh)
-    if Path(name).suffix.lower() not in BESIDE or package != own_package or "\0" in name:
+    if package != own_package or "\0" in name:
         return None
     way = posixpath.relpath(path, posixpath.dirname(posixpath.normpath(own)) or ".")
     beside = Path(posixpath.normpath(file.parent / way))
     folder = package_folder(mesh, file) or file.parent
-    return beside if beside.is_relative_to(folder) and beside.is_file() else None
+    return beside if beside.is_relative_to(folder) and _is_one_of(BESIDE, beside) else None
+
+
+def folder_of_source(source: str, package_path: Sequence[Path]) -> tuple[Path, Path] | None:
+    """The folder of a URDF that a description of the bus or of a recording says it is from, and the
+    folder of `package_path` that holds it.
+
+    None where no such folder does: a stranger may name any path, and counts for what the user of
+    this machine has named.
+    """
+    if not os.path.isabs(source) or "\0" in source:
+        return None
+    file = Path(os.path.realpath(source))
+    for given in map(os.path.realpath, package_path):
+        if file.is_relative_to(given) and file.is_file():
+            return file.parent, Path(given)
+    return None
 
 
 class MeshFiles:
@@ -72,26 +90,41 @@ class MeshFiles:
 
     `folder` is that of the URDF: paths without `package://` begin there. None for a URDF that is
     not a file here. The packages are searched in `package_path`, in what ROS has installed
-    (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH), in `share` of this Python and of the system, then in the
-    folders above the URDF.
+    (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH), in the URDF's own package, beside it where there are
+    packages of ROS, then in `share` of this Python and of the system. Of the folders above `within`
+    none is searched.
     """
 
-    def __init__(self, folder: Path | None, package_path: Sequence[Path] = ()) -> None:
+    def __init__(
+        self, folder: Path | None, package_path: Sequence[Path] = (), within: Path | None = None
+    ) -> None:
         self._folder = None if folder is None else Path(os.path.abspath(folder))
         self._named = [Path(os.path.abspath(place)) for place in package_path]
-        self._above = [] if self._folder is None else [self._folder, *self._folder.parents]
-        self._places = [*self._named, *_installed(), *reversed(self._above), *_shared()]
+        above = [] if self._folder is None else [self._folder, *self._folder.parents]
+        if within is not None:
+            above = [each for each in above if each.is_relative_to(within)]
+        count = _size_of_package(above)
+        # The folders from the URDF's up to its package, and those above with packages beside it.
+        self._above = above[:count]
+        self._beside = above[count : count + _repository(above[count:])]
         self._packages: dict[str, list[Path]] = {}
+
+    @property
+    def package_path(self) -> tuple[Path, ...]:
+        """The folders that were given."""
+        return tuple(self._named)
 
     def find(self, name: str) -> Path | None:
         """The file of a mesh; the first place where it should be if there is none.
 
         None where the name is an address, an absolute path outside of all packages, or a relative
-        one and there is no folder; and where it does not end as a mesh does. Raises MeshPathError
-        where it climbs out of its package.
+        one and there is no folder; and where it, or the file that it is a link to, does not end as
+        a mesh does. Raises MeshPathError where it climbs out of its package.
         """
         file = self._find(name)
-        return file if file is not None and file.suffix.lower() in _FORMATS else None
+        if file is None or file.suffix.lower() not in _FORMATS:
+            return None
+        return file if _is_one_of(_FORMATS, file) or not file.exists() else None
 
     def _find(self, name: str) -> Path | None:
         if name.startswith(_PACKAGE):
@@ -102,10 +135,10 @@ class MeshFiles:
         file = Path(os.path.normpath(self._folder / path))
         if any(file.is_relative_to(place) for place in self._allowed()):
             return file
-        if os.path.isabs(path):
+        if os.path.isabs(path) or not self._above:
             return None
         raise MeshPathError(
-            f"leads out of the robot's folder {self._own_package}; --package-path (in Python "
+            f"leads out of the robot's folder {self._above[-1]}; --package-path (in Python "
             "package_path) allows another"
         )
 
@@ -128,9 +161,12 @@ class MeshFiles:
     def _folders(self, package: str) -> list[Path]:
         """The folders that can be that package, the likeliest first."""
         if package not in self._packages:
-            # A package may lie in a folder of another name.
+            beside = [place / package for place in self._beside]
             self._packages[package] = [
-                *(place / package for place in self._places),
+                *(place / package for place in (*self._named, *_installed())),
+                *(folder for folder in reversed(beside) if (folder / _OF_ROS).is_file()),
+                *(place / package for place in (*reversed(self._above), *_shared())),
+                # A package may lie in a folder of another name.
                 *self._named,
                 *self._above,
             ]
@@ -138,21 +174,48 @@ class MeshFiles:
 
     def _allowed(self) -> Iterator[Path]:
         """The folders in which paths without `package://` may lie."""
-        if self._own_package is not None:
-            yield self._own_package
+        yield from self._above[-1:]
         yield from self._named
         yield from _installed()
         yield from _shared()
 
-    @cached_property
-    def _own_package(self) -> Path | None:
-        """The nearest folder above the URDF that is a package or a repository; without one the
-        folder above it, as of `urdf` beside `meshes`.
-        """
-        for folder in self._above:
-            if any((folder / mark).exists() for mark in _MARKS):
-                return folder
-        return next(iter(self._above[1:2]), None)
+
+def _size_of_package(above: Sequence[Path]) -> int:
+    """How many of the folders from a URDF's upwards are in its package: up to the nearest one that
+    is a package or a repository. Without one that is the folder of the URDF, or the one above it,
+    as of `urdf` beside `meshes`.
+
+    The root of the disk and the home folder are no package, whatever they hold: of a URDF in one of
+    them none is.
+    """
+    never = (Path("/"), Path(os.path.expanduser("~")))
+    if above and above[0] in never:
+        return 0
+    for count, folder in enumerate(above, 1):
+        is_marked = folder.parent.name == "share" or any(
+            (folder / each).exists() for each in _MARKS
+        )
+        if is_marked and folder not in never:
+            return count
+    has_above = len(above) > 1 and above[0].name.lower() in _OF_URDFS and above[1] not in never
+    return 2 if has_above else min(1, len(above))
+
+
+def _repository(above: Sequence[Path]) -> int:
+    """How many of the folders above a package may hold others beside it: those of its repository,
+    and at least the next one.
+    """
+    below_root = above[:-1]
+    for count, folder in enumerate(below_root, 1):
+        if (folder / _REPOSITORY).exists():
+            return count
+    return min(1, len(below_root))
+
+
+def _is_one_of(suffixes: Set[str], file: Path) -> bool:
+    """Whether a file is there and has one of these suffixes, and what it is a link to likewise."""
+    real = Path(os.path.realpath(file))
+    return {file.suffix.lower(), real.suffix.lower()} <= suffixes and real.is_file()
 
 
 def _is_package(folder: Path, name: str) -> bool:

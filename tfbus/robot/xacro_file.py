@@ -1,20 +1,21 @@
-"""Expands a xacro file into a URDF."""
+"""Expands a xacro file into a URDF, in a process with limits."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import threading
-from collections.abc import Iterator, Mapping
+import json
+import subprocess
+from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tfbus.errors import UrdfError
 from tfbus.robot.mesh_files import MeshFiles
-from tfbus.wording import printable
+from tfbus.robot.xacro_child import MOST_CPU_S
+from tfbus.runtime.limited_process import command_of
 
-# xacro keeps what it reads in its module.
-_LOCK = threading.Lock()
+# Also of a file that waits, as a named pipe does; a busy machine takes longer than the time counts.
+_LONGEST_S = 4 * MOST_CPU_S
 
 
 class Expanded(NamedTuple):
@@ -29,61 +30,32 @@ def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expand
     """The URDF that a xacro file stands for.
 
     `$(find package)` looks where meshes are searched. Raises UrdfError where xacro is not
-    installed, or cannot expand the file.
+    installed, or cannot expand the file, or not within 30 s of CPU and 2 GB of memory.
     """
+    if find_spec("xacro") is None:
+        raise UrdfError(f"{path} needs xacro: pip install 'xacro>=2.1'")
+    request = {
+        "path": str(path),
+        "arguments": dict(arguments),
+        "package_path": [str(each) for each in files.package_path],
+    }
     try:
-        import xacro
-        from xacro import substitution_args
-    except ImportError:
-        raise UrdfError(f"{path} needs xacro: pip install 'xacro>=2.1'") from None
-
-    def find(package: str) -> str:
-        folder = files.package(package)
-        if folder is None:
-            raise UrdfError(
-                f"no package '{printable(package, 60)}' for $(find ...); --package-path (in Python "
-                "package_path) names the folder that it is in"
-            )
-        return str(folder)
-
-    warnings: list[str] = []
-
-    def warn(*words: object, **_: object) -> None:
-        said = " ".join(" ".join(map(str, words)).split())
-        warnings.append(f"{path}: xacro: {printable(said, 300)}")
-
-    with (
-        _LOCK,
-        _patched(substitution_args, "_eval_find", find),
-        # It would print them.
-        _patched(xacro, "warning", warn),
-    ):
-        xacro.all_includes.clear()
-        try:
-            document = xacro.process_file(str(path), mappings=dict(arguments))
-            text = document.toprettyxml(indent="  ")
-        except UrdfError as error:
-            raise UrdfError(f"{path}: {error}") from None
-        # It raises all kinds of errors, of what it evaluates too.
-        except Exception as error:
-            raise UrdfError(_mistake(xacro, path, error)) from None
-        included = tuple(Path(os.path.abspath(each)) for each in dict.fromkeys(xacro.all_includes))
-    return Expanded(text, included, tuple(warnings))
-
-
-@contextlib.contextmanager
-def _patched(module: Any, name: str, value: Any) -> Iterator[None]:
-    before = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, before)
-
-
-def _mistake(xacro: Any, path: Path, error: Exception) -> str:
-    """What xacro could not do, and in which file and macro."""
-    reason = " ".join(str(error).split()) or type(error).__name__
-    stack = [each for each in (xacro.filestack or []) if each and each != str(path)]
-    inside = f" (in {stack[-1]})" if stack else ""
-    return f"{path}{inside}: xacro cannot expand it: {printable(reason, 300)}"
+        done = subprocess.run(
+            command_of("tfbus.robot.xacro_child"),
+            input=json.dumps(request).encode(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            timeout=_LONGEST_S,
+        )
+        answer = json.loads(done.stdout)
+    except OSError as error:
+        raise UrdfError(f"{path}: xacro cannot be started: {error.strerror or error}") from None
+    except (subprocess.TimeoutExpired, ValueError):
+        raise UrdfError(
+            f"{path}: xacro has not expanded it within {MOST_CPU_S:g} s of CPU: look for an "
+            "expression that grows, or macros that call macros many times"
+        ) from None
+    if "error" in answer:
+        raise UrdfError(answer["error"])
+    included = tuple(map(Path, answer["included"]))
+    return Expanded(answer["text"], included, tuple(answer["warnings"]))

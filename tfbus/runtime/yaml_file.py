@@ -118,6 +118,8 @@ def read_yaml_file(path: Path, content: str) -> Value:
         raise Place(str(path), line).mistake(f"is not YAML: {reason}") from error
     except yaml.YAMLError as error:
         raise Place(str(path), 1).mistake(f"is not YAML: {error}") from error
+    except RecursionError:
+        raise Place(str(path), 1).mistake("is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise YamlFileError(f"{path} is not a text file in UTF-8") from error
     except OSError as error:

@@ -18,7 +18,11 @@ CERTIFICATE_FILE = "certificate.pem"
 KEY_FILE = "key.pem"
 NAME_FILE = "identity.yaml"
 
-FILES = (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, NAME_FILE, RIGHTS_FILE)
+# The files of an identity, beside which an exported folder has the rights of all.
+OWN_FILES = (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, NAME_FILE)
+
+# The folder of a keystore that has the authority.
+AUTHORITY = "authority"
 
 # Any other user who may read a private key can take the identity.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -61,21 +65,32 @@ def open_folder(path: str | os.PathLike[str]) -> SecureFolder:
     folder = Path(path).resolve()
     if not folder.is_dir():
         raise SettingsError(f"there is no folder {str(path)!r}: tfbus keys add makes one")
-    missing = [name for name in FILES if not (folder / name).is_file()]
-    if len(missing) == len(FILES) or NAME_FILE in missing:
+    missing = [name for name in OWN_FILES if not (folder / name).is_file()]
+    if NAME_FILE in missing:
         raise SettingsError(_no_identity(path, folder))
+    rights_file = _rights_file(folder)
+    if not rights_file.is_file():
+        missing.append(RIGHTS_FILE)
     if missing:
         raise SettingsError(f"{path} has no {', '.join(missing)}: export the identity again")
     check_key_is_own(folder / KEY_FILE)
     fields = read_yaml_file(folder / NAME_FILE, "the identity's name").fields(_FIELDS)
     name, begins, ends = fields["name"].text(), _time(fields["begins"]), _time(fields["ends"])
     _check_time(name, begins, ends)
-    digest = hashlib.sha256((folder / RIGHTS_FILE).read_bytes()).hexdigest()[:16]
-    rights = _rights_of(folder / RIGHTS_FILE, digest)
+    digest = hashlib.sha256(rights_file.read_bytes()).hexdigest()[:16]
+    rights = _rights_of(rights_file, digest)
     identity = rights.of(name)
     if identity.revoked:
         raise SettingsError(f"identity {name!r} was revoked on {identity.revoked}")
     return SecureFolder(folder, identity, rights, ends, digest)
+
+
+def _rights_file(folder: Path) -> Path:
+    """The file with the rights of all: in a keystore that of the keystore, which people edit, and
+    in an exported folder its own.
+    """
+    is_in_keystore = (folder.parent / AUTHORITY / CERTIFICATE_FILE).is_file()
+    return (folder.parent if is_in_keystore else folder) / RIGHTS_FILE
 
 
 @lru_cache(maxsize=8)

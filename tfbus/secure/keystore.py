@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from tfbus.errors import SettingsError
+from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.whole_file import replacing, taking_place_of
 from tfbus.secure.certificates import (
     Facts,
@@ -19,19 +19,21 @@ from tfbus.secure.certificates import (
     make_authority,
 )
 from tfbus.secure.folder import (
+    AUTHORITY,
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
-    FILES,
     KEY_FILE,
     NAME_FILE,
+    OWN_FILES,
     check_key_is_own,
     name_file,
 )
 from tfbus.secure.rights import Identity, Rights
 from tfbus.secure.rights_file import RIGHTS_FILE, read_rights, write_rights
-from tfbus.wording import counted
+from tfbus.wording import counted, listed
 
-_AUTHORITY = "authority"
+# The rights that an identity's folder had when it was exported last: what its machine has.
+_EXPORTED_FILE = "exported.yaml"
 _SOON = timedelta(days=30)
 
 
@@ -59,7 +61,7 @@ class Keystore:
         if store._authority_file(KEY_FILE).exists():
             raise SettingsError(f"{path} has an authority already; tfbus keys add makes identities")
         path.mkdir(parents=True, exist_ok=True)
-        own = path / _AUTHORITY
+        own = path / AUTHORITY
         own.mkdir(mode=0o700, exist_ok=True)
         issued = make_authority(f"tfbus authority {path.resolve().name}", days)
         write_private(own / KEY_FILE, issued.key)
@@ -84,7 +86,7 @@ class Keystore:
     def add(self, identity: Identity, days: float) -> Path:
         """Make an identity; returns its folder. Raises SettingsError where there is one."""
         rights = self.rights
-        if identity.name in rights.identities or identity.name == _AUTHORITY:
+        if identity.name in rights.identities or identity.name == AUTHORITY:
             raise SettingsError(
                 f"there is an identity {identity.name!r} already; its rights are in "
                 f"{self.path / RIGHTS_FILE}, and tfbus keys renew makes a new certificate"
@@ -100,9 +102,7 @@ class Keystore:
             raise SettingsError(
                 f"identity {name!r} was revoked on {identity.revoked}: add another name"
             )
-        folder = self._issue(identity, days)
-        self.set_rights(self.rights)
-        return folder
+        return self._issue(identity, days)
 
     def revoke(self, name: str) -> None:
         """End all rights of an identity, for all that have the new rights."""
@@ -111,11 +111,8 @@ class Keystore:
         self.set_rights(Rights({**rights.identities, name: revoked}))
 
     def set_rights(self, rights: Rights) -> None:
-        """Write the rights, here and in the folder of each identity."""
+        """Write the rights of all."""
         write_rights(self.path / RIGHTS_FILE, rights)
-        for name in rights.identities:
-            if (self.path / name).is_dir():
-                write_rights(self.path / name / RIGHTS_FILE, rights)
 
     def export(self, name: str, target: Path) -> None:
         """Copy an identity's folder, with the rights as they are now, to a place of its own."""
@@ -123,9 +120,14 @@ class Keystore:
         if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
             raise SettingsError(f"{target} is there already, and not empty: give another place")
         target.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for file in FILES:
+        for file in OWN_FILES:
             content = (self.path / name / file).read_bytes()
             (write_private if file == KEY_FILE else _write)(target / file, content)
+        rights = (self.path / RIGHTS_FILE).read_bytes()
+        _write(target / RIGHTS_FILE, rights)
+        _write(self.path / name / _EXPORTED_FILE, rights)
+        # Former keystores had a copy in each folder, which did not follow the one that is edited.
+        (self.path / name / RIGHTS_FILE).unlink(missing_ok=True)
 
     def listed(self) -> list[Listed]:
         """All identities with what their certificates say."""
@@ -146,18 +148,18 @@ class Keystore:
         key = self._authority_file(KEY_FILE)
         if key.exists():
             yield from _key_problems(key)
-        for name, identity in self.rights.identities.items():
+        rights = self.rights
+        for name, identity in rights.identities.items():
             folder = self.path / name
+            yield from _exported_problems(name, folder, rights)
             if identity.revoked:
                 continue
-            missing = [file for file in FILES if not (folder / file).is_file()]
+            missing = [file for file in OWN_FILES if not (folder / file).is_file()]
             if missing:
                 yield f"{name}: {counted(len(missing), 'file')} missing: {', '.join(missing)}"
                 continue
             yield from _key_problems(folder / KEY_FILE)
             yield from _certificate_problems(name, folder, authority)
-            if read_rights(folder / RIGHTS_FILE) != self.rights:
-                yield f"{name}: its {RIGHTS_FILE} is older than that of {self.path}"
 
     def _issue(self, identity: Identity, days: float) -> Path:
         authority = self._read_authority()
@@ -182,7 +184,7 @@ class Keystore:
         return Issued(self._authority_file(CERTIFICATE_FILE).read_bytes(), key.read_bytes())
 
     def _authority_file(self, name: str) -> Path:
-        return self.path / _AUTHORITY / name
+        return self.path / AUTHORITY / name
 
 
 def write_private(path: Path, content: bytes) -> None:
@@ -203,6 +205,26 @@ def _key_problems(path: Path) -> Iterator[str]:
         check_key_is_own(path)
     except SettingsError as error:
         yield str(error)
+
+
+def _exported_problems(name: str, folder: Path, rights: Rights) -> Iterator[str]:
+    """Whether the machine of an identity has other rights than those that are to be in force."""
+    # Of a keystore of before, it has what the copy in the folder says.
+    places = [folder / file for file in (_EXPORTED_FILE, RIGHTS_FILE) if (folder / file).is_file()]
+    if not places or rights.identities[name].revoked:
+        return
+    try:
+        had = read_rights(places[0]).identities
+    except TfbusError:
+        had = {}
+    now = rights.identities
+    changed = sorted(each for each in {*had, *now} if had.get(each) != now.get(each))
+    if changed:
+        yield (
+            f"{name}: its machine has the former rights of {listed(changed)}: "
+            f"tfbus keys export {name}, copy the folder, or its {RIGHTS_FILE}, there, and restart "
+            "what runs there"
+        )
 
 
 def _certificate_problems(name: str, folder: Path, authority: bytes) -> Iterator[str]:

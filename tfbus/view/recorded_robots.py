@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tfbus.errors import DecodeError, UrdfError
 from tfbus.recording.items import TopicItem
 from tfbus.recording.selection import Selection
-from tfbus.robot.robot import Robot
+from tfbus.robot.described import read_described
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import GivenRobots, Joints
@@ -79,7 +79,7 @@ class RecordedRobots:
         """None: they were where they were."""
         return None
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """Meshes are not recorded."""
         raise MeshError("it is not on this machine")
 
@@ -97,12 +97,8 @@ class RecordedRobots:
         return self._read[described]
 
     def _make(self, described: _Described) -> ShownRobot:
-        source = Path(described.source)
-        robot = Robot.from_text(
-            described.text,
-            folder=source.parent if source.is_absolute() and source.is_file() else None,
-            package_path=self._package_path,
-            name_of_source=printable(described.source or "the recorded description"),
+        robot = read_described(
+            described.text, described.source, self._package_path, "the recorded description"
         )
         names = None
         if self._replay.fleet is not None:

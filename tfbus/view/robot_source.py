@@ -34,8 +34,10 @@ class RobotSource(Protocol):
     def joints(self, robot: ShownRobot) -> Joints | None:
         """The joints of a robot; None where nothing can move them."""
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
-        """The content of a mesh that is not on this machine. Raises MeshError."""
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
+        """The content of a mesh that is not on this machine. Raises MeshError, also where it takes
+        longer.
+        """
 
     def close(self) -> None:
         """End it. Twice is fine."""
@@ -66,7 +68,7 @@ class GivenRobots:
         """None: nothing is on a bus."""
         return None
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """Nothing is fetched."""
         raise MeshError("it is not on this machine")
 

@@ -14,6 +14,7 @@ from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
+from tfbus.robot.described import read_described
 from tfbus.robot.robot import Robot
 from tfbus.runtime.log_once import LogOnce
 from tfbus.view.meshes.guard import MeshError
@@ -101,10 +102,10 @@ class RobotsOnBus:
                     self._log_once.warning("rights", "The joints cannot be moved: %s", error)
             return self._joints[robot.origin]
 
-    def fetch(self, origin: str, mesh: str) -> bytes:
+    def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """A mesh of a robot, from the machine that describes it."""
         try:
-            return self._meshes.fetch(origin, mesh)
+            return self._meshes.fetch(origin, mesh, within_s)
         except TfbusError as error:
             reason = printable(str(error), 400)
             raise MeshError(f"it is not on this machine, and {reason}") from error
@@ -179,16 +180,15 @@ class RobotsOnBus:
             if known is None and former is None and len(self._described) >= _MOST_ROBOTS:
                 self._name_mistake(_TOO_MANY, f"Only {_MOST_ROBOTS} robots are shown")
                 return
-        source = Path(described.source)
-        folder = source.parent if source.is_absolute() and source.is_file() else None
-        robot = Robot.from_text(
-            described.urdf,
-            folder=folder,
-            package_path=self._package_path,
-            name_of_source=printable(described.source or "the robot_description"),
+        robot = read_described(
+            described.urdf, described.source, self._package_path, "the robot_description"
         )
         names = self._fleet.names(origin) if self._fleet is not None else None
-        shown = ShownRobot(robot, described.prefix, names, is_described=True, is_fetched=True)
+        # One that sets no source is a plain publisher: its namespace tells it from others.
+        by = sender or origin
+        shown = ShownRobot(
+            robot, described.prefix, names, is_described=True, is_fetched=True, sender=by
+        )
         with self._lock:
             if former is not None:
                 del self._described[former]

@@ -83,6 +83,7 @@ class _Plan:
     delay_s: float
     is_quiet: bool
     has_keys: bool
+    force: bool
 
 
 @click.command(
@@ -176,6 +177,11 @@ class _Plan:
     metavar="SECONDS",
     help="Wait before it starts.",
 )
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Play also what other processes publish now, such as a live robot.",
+)
 @click.option("-s", "--storage", type=click.Choice(("mcap",)), hidden=True, expose_value=False)
 @click.option("-q", "--quiet", "is_quiet", is_flag=True, help="Show no progress.")
 @click.option(
@@ -204,6 +210,7 @@ def command(
     prefix: str,
     is_paused: bool,
     delay_s: float,
+    force: bool,
     is_quiet: bool,
     no_keys: bool,
     node_name: str | None,
@@ -241,6 +248,7 @@ def command(
             delay_s=delay_s,
             is_quiet=is_quiet,
             has_keys=not no_keys,
+            force=force,
         )
     except TfbusError as error:
         raise click.UsageError(str(error)) from error
@@ -336,11 +344,13 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         )
         serve(node, player, node.shutdown)
         node.session.settle()
-        replay.warn_of_living()
+        _check_living(node, replay, plan)
         run = _Run(player, replay)
         began_s = time.monotonic()
         try:
             if node.wait(plan.delay_s):
+                if plan.delay_s:
+                    _check_living(node, replay, plan)
                 began_s = time.monotonic()
                 _be_punctual()
                 run.start()
@@ -357,6 +367,15 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         raise click.ClickException(f"stopped playing: {error}") from error
     if error is not None:
         raise error
+
+
+def _check_living(node: "Node", replay: "Replay", plan: _Plan) -> None:
+    """Raises click.ClickException where a stream is published now, unless that is wanted."""
+    living = replay.living()
+    if living and not plan.force:
+        raise click.ClickException(f"{living}; --force plays nevertheless")
+    if living:
+        node.log.warning("%s", living)
 
 
 def _be_punctual() -> None:

@@ -73,7 +73,7 @@ def _is_launch_file(path: Path) -> bool:
     """Whether it lists nodes: a package may have YAML files of parameters, too."""
     try:
         document = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
         return True  # its mistake is said when it is launched
     entries = document.value if isinstance(document, yaml.MappingNode) else ()
     return any(key.value in _KEYS for key, _ in entries)

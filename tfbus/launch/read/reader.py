@@ -6,6 +6,7 @@ The format is described in docs/guide/launch.md.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from tfbus.launch.description import Argument, Process
@@ -20,11 +21,16 @@ from tfbus.launch.read.process_entry import (
     read_process,
 )
 from tfbus.launch.read.substitution import Scope, truth
-from tfbus.runtime.yaml_file import Value, read_yaml_file
+from tfbus.runtime.yaml_file import Place, Value, read_yaml_file
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean
 
 _FILE_KEYS = ("description", "arguments", "sim_time", "secure", "includes", "nodes")
+
+# Files that include others several times each grow without end.
+_MOST_FILES = 1_000
+_MOST_PROCESSES = 10_000
+
 _INCLUDE_KEYS = ("file", "package", "namespace", "arguments")
 
 
@@ -52,7 +58,7 @@ def read_launch_file(
     not allowed, YamlFileError for a file that cannot be read, or a mistake in one.
     """
     variables = os.environ if environment is None else environment
-    reading = _Reading(variables, check_namespace(namespace), (path.resolve(),))
+    reading = _Reading(variables, check_namespace(namespace), (path.resolve(),), _Total())
     entries = list(reading.entries(_Document(path), given or {}))
     _check_names_differ([entry.process for entry in entries if entry.is_on])
     declared = {entry.process.full_name for entry in entries}
@@ -89,6 +95,31 @@ class _Document:
         return identity_folder(Fields(self._whole, _FILE_KEYS, scope), self.path.parent)
 
 
+class _Total:
+    """What all files of a launch have come to so far."""
+
+    def __init__(self) -> None:
+        self.files = self.processes = 0
+
+    def add_file(self, place: Place) -> None:
+        """One more file. Raises YamlFileError where there are too many."""
+        self.files += 1
+        if self.files > _MOST_FILES:
+            raise place.mistake(
+                f"is the include number {self.files:,} of this launch; at most {_MOST_FILES:,} "
+                "are read: look for files that include each other many times"
+            )
+
+    def add_process(self, place: Place) -> None:
+        """One more process. Raises YamlFileError where there are too many."""
+        self.processes += 1
+        if self.processes > _MOST_PROCESSES:
+            raise place.mistake(
+                f"is the process number {self.processes:,} of this launch; at most "
+                f"{_MOST_PROCESSES:,} are read"
+            )
+
+
 @dataclass(frozen=True, slots=True)
 class _Reading:
     """The namespace a file is read in, and the files that include it."""
@@ -96,6 +127,7 @@ class _Reading:
     environment: Mapping[str, str]
     namespace: str
     chain: tuple[Path, ...]  # the outermost file first, the one being read last
+    total: _Total
     sim_time: bool = False
     secure: str = ""
 
@@ -110,6 +142,7 @@ class _Reading:
         for include in document.includes:
             yield from within._include(include, scope, folder)
         for node in document.nodes:
+            self.total.add_process(node.place)
             entry = read_process(node, scope, self.namespace, folder)
             process = replace(
                 entry.process, sim_time=sim_time, secure=entry.process.secure or secure
@@ -125,6 +158,7 @@ class _Reading:
         given = dict(fields.pairs("arguments"))
         if not fields.is_on:
             return
+        self.total.add_file(fields.place_of("file"))
         path = self._included_path(fields, folder)
         namespace = joined(self.namespace, fields.text("namespace", check_namespace))
         inner = replace(self, namespace=namespace, chain=(*self.chain, path.resolve()))
@@ -187,17 +221,12 @@ def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
 
 def _check_no_circle(processes: Sequence[Process]) -> None:
     by_name = {process.full_name: process for process in processes}
-    done: set[str] = set()
-
-    def visit(name: str, chain: tuple[str, ...]) -> None:
-        if name in chain:
-            circle = " after ".join((*chain[chain.index(name) :], name))
-            raise by_name[name].place.mistake(f"waits for itself: {circle}")
-        if name in done or name not in by_name:
-            return
-        for awaited in by_name[name].after:
-            visit(awaited, (*chain, name))
-        done.add(name)
-
-    for name in by_name:
-        visit(name, ())
+    awaited = {name: [each for each in by_name[name].after if each in by_name] for name in by_name}
+    try:
+        TopologicalSorter(awaited).prepare()
+    except CycleError as error:
+        # Each is awaited by the next.
+        names = error.args[1][::-1]
+        raise by_name[names[0]].place.mistake(
+            f"waits for itself: {' after '.join(names)}"
+        ) from None

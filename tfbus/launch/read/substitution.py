@@ -14,6 +14,9 @@ from tfbus.wording import did_you_mean
 
 HERE = "here"
 
+# A launch file can pass an argument on twice as long, and its includes again.
+_LONGEST = 100_000
+
 _SUBSTITUTION = re.compile(r"\$\$\{|\$\{(?P<inside>[^{}]*)\}|\$\{")
 _COMPARISON = re.compile(r"(?P<left>.*?)(?P<sign>==|!=)(?P<right>.*)", re.DOTALL)
 _TRUTH = {word: True for word in ("true", "yes", "on", "1")} | {
@@ -32,7 +35,8 @@ class Scope:
     def expand(self, text: str, place: Place) -> str:
         """The text with every substitution made.
 
-        Raises YamlFileError for an argument or a variable that does not exist.
+        Raises YamlFileError for an argument or a variable that does not exist, and for a text of
+        more than 100,000 letters.
         """
 
         def replaced(match: re.Match[str]) -> str:
@@ -43,7 +47,12 @@ class Scope:
                 raise place.mistake("'${' without its '}'; write '$${' for a plain '${'")
             return self._value(inside.strip(), place)
 
-        return _SUBSTITUTION.sub(replaced, text)
+        expanded = _SUBSTITUTION.sub(replaced, text)
+        if len(expanded) > _LONGEST:
+            raise place.mistake(
+                f"has {len(expanded):,} letters after substitution; at most {_LONGEST:,} are taken"
+            )
+        return expanded
 
     def is_true(self, text: str, place: Place) -> bool:
         """Whether a condition holds: a word for true or false, or `a == b`, `a != b` (as text).

@@ -5,14 +5,20 @@ that writes: output of processes waits for it, log lines of launch never do.
 """
 
 import os
+import re
 import threading
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import IO
 
+from tfbus.wording import printable
+
 _LONGEST_LINE = 65536
 _MOST_LINES_WAITING = 1000
+# Colours and weights of letters, the only control sequences that go on to a terminal.
+_STYLE = re.compile(r"(\x1b\[[0-9;:]*m)")
+_UNSTYLED = "\x1b[0m"
 _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
 
 
@@ -31,14 +37,43 @@ class Lines:
         for line in whole:
             yield line.removesuffix(b"\r")
         while len(self._rest) >= _LONGEST_LINE:
-            yield self._rest[:_LONGEST_LINE]
-            self._rest = self._rest[_LONGEST_LINE:]
+            end = _end_of_letter(self._rest, _LONGEST_LINE)
+            yield self._rest[:end]
+            self._rest = self._rest[end:]
 
     def end(self) -> Iterator[bytes]:
         """The last line, if it had no end."""
         if self._rest:
             yield self._rest
         self._rest = b""
+
+
+def _end_of_letter(data: bytes, at: int) -> int:
+    """At most three bytes before a place, so that no letter of UTF-8 is cut there."""
+    begins = (end for end in range(at, at - 4, -1) if end >= len(data) or data[end] & 0xC0 != 0x80)
+    return next(begins, at)
+
+
+def safe_line(line: bytes, *, styled: bool) -> bytes:
+    """A line of a program as a terminal may get it: what would move the cursor, set a title or
+    answer in the user's name is escaped, as in tfbus's own log. Colours stay where it is `styled`,
+    to the end of the line, and are left out elsewhere.
+    """
+    text = line.decode(errors="surrogateescape")
+    if text.isprintable():
+        return line
+    words = _STYLE.split(text)
+    shown = [_printable(word) for word in words[::2]]
+    if not styled or len(words) == 1:
+        return "".join(shown).encode()
+    parts = [part for pair in zip(shown, [*words[1::2], _UNSTYLED], strict=True) for part in pair]
+    return "".join(parts).encode()
+
+
+def _printable(text: str) -> str:
+    # A byte that is no UTF-8 is shown as itself, a tab stays.
+    text = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
+    return "\t".join(printable(part, len(part)) for part in text.split("\t"))
 
 
 class Stream:
@@ -120,19 +155,20 @@ class Console:
 
     def relay(self, name: str, source: IO[bytes], stream: Stream) -> None:
         """Copy the lines of an unbuffered pipe until it ends, and close the pipe."""
-        prefix = self._prefix(name, stream)
+        prefix, styled = self._prefix(name, stream), self._coloured[stream]
         lines = Lines()
         with source:
             while chunk := source.read(65536):
                 for line in lines.feed(chunk):
-                    stream.write(prefix + line)
+                    stream.write(prefix + safe_line(line, styled=styled))
         for line in lines.end():
-            stream.write(prefix + line)
+            stream.write(prefix + safe_line(line, styled=styled))
 
     def say(self, level: str, name: str, text: str) -> None:
         """Log an event to standard error, `[INFO] [sim]: text`; never waits."""
         prefix = self._prefix(name, self.errors).decode()
-        self.errors.write(f"[{level}] {prefix.strip()}: {text}".encode(), wait=False)
+        line = f"[{level}] {prefix.strip()}: {printable(text, _LONGEST_LINE)}"
+        self.errors.write(line.encode(), wait=False)
 
     def close(self, timeout_s: float = 1.0) -> None:
         """Write the pending lines of both, within `timeout_s` each."""

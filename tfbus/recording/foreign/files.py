@@ -82,7 +82,10 @@ def _is_plain_mcap(folder: Path, found: list[Path]) -> bool:
     try:
         said: Any = yaml.safe_load((folder / _METADATA).read_text())
         mode = said["rosbag2_bagfile_information"].get("compression_mode", "")
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError):
+    except (
+        *(yaml.YAMLError, RecursionError, UnicodeDecodeError),
+        *(KeyError, TypeError, AttributeError),
+    ):
         return True
     return str(mode).lower() in ("", "none")
 

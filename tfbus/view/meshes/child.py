@@ -8,10 +8,13 @@ standard output; each is its length in 4 bytes, and msgpack.
 import os
 import struct
 import sys
+from contextlib import suppress
+from importlib import import_module
 from typing import IO, Any
 
 import msgpack
 
+from tfbus.runtime.limited_process import limit_this_process
 from tfbus.view.meshes.limits import MOST_BYTES, MOST_MEMORY
 
 HEADER = struct.Struct(">I")
@@ -74,21 +77,14 @@ def _content(request: Any) -> bytes:
     return content
 
 
-def _limit_memory() -> None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    most = MOST_MEMORY if hard == resource.RLIM_INFINITY else min(MOST_MEMORY, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (most, hard))
-
-
 def main() -> None:
     """Answer until standard input ends."""
     # Readers may print; that must not be taken for an answer.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    _limit_memory()
+    limit_this_process(memory_bytes=MOST_MEMORY)
+    with suppress(ImportError):  # said of each file
+        import_module("tfbus.view.meshes.read")
+    send(answers, {"ready": True})
     while (values := receive(sys.stdin.buffer)) is not None:
         send(answers, _answer(values))

@@ -1,25 +1,32 @@
-"""Loads mesh files on a thread, each once, while the page goes on."""
+"""Loads mesh files on two threads, each file once, while the page goes on."""
 
+import math
 import threading
-from collections import deque
-from collections.abc import Callable, Collection
+import time
+from collections.abc import Callable, Collection, Hashable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tfbus.errors import TfbusError
+from tfbus.view.meshes.fair_turns import FairTurns
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.limits import KINDS, MOST_BYTES
+from tfbus.view.meshes.limits import KINDS, LONGEST_S, MOST_BYTES
 from tfbus.view.meshes.reader import MeshReader, ReadMesh
 from tfbus.view.meshes.request import MeshRequest
 
 # A mesh of another machine may bring this many materials and pictures.
 _MOST_BESIDE = 16
 
+# A file that takes longer makes way for others: nearly all take less than a second.
+_MAKES_WAY_S = 10.0
+
 # Why a file is not there that a mesh in memory names.
 _ABSENT = "it did not come with the mesh"
 
-# `fetch(name)` is the content of a mesh of another machine; it raises TfbusError.
-Fetch = Callable[[str], bytes]
+# `fetch(origin, name, within_s)` is the content of a mesh of another machine, and `beside(name)` of
+# a file beside it; they raise TfbusError.
+Fetch = Callable[[str, str, float], bytes]
+FetchBeside = Callable[[str], bytes]
 
 
 @dataclass(frozen=True)
@@ -45,30 +52,28 @@ class MeshSource:
 
 
 class MeshLoader:
-    """Loads mesh files in the order in which they are asked for, until `close`; from any thread.
+    """Loads mesh files until `close`; from any thread.
 
-    `fetch(origin, name)` gets those of other machines.
+    Senders take turns, by the time that their files have taken. A file that takes more than 10 s
+    makes way, and is read once more beside the others, for at most 60 s: so a stranger's file holds
+    up those of others for a moment only. `fetch` gets those of other machines.
     """
 
-    def __init__(self, fetch: Callable[[str, str], bytes] | None = None) -> None:
+    def __init__(self, fetch: Fetch | None = None) -> None:
         self._fetch = fetch
-        self._reader = MeshReader()
         self._lock = threading.Lock()
-        self._waiting: deque[MeshSource] = deque()
         self._known: dict[MeshSource, ReadMesh | str | None] = {}
-        self._thread: threading.Thread | None = None
         self._is_closed = False
+        slow = _Lane("slow meshes", LONGEST_S, self._load, None)
+        self._lanes = (_Lane("meshes", _MAKES_WAY_S, self._load, slow), slow)
 
-    def load(self, source: MeshSource) -> None:
-        """Ask for a file; again is fine."""
+    def load(self, source: MeshSource, sender: Hashable = "") -> None:
+        """Ask for a file that a sender wants; again is fine."""
         with self._lock:
             if source in self._known or self._is_closed:
                 return
             self._known[source] = None
-            self._waiting.append(source)
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="meshes", daemon=True)
-                self._thread.start()
+        self._lanes[0].add(sender, source)
 
     def found(self, source: MeshSource) -> ReadMesh | str | None:
         """The mesh, or why there is none; None while it is not known."""
@@ -79,37 +84,116 @@ class MeshLoader:
         """Forget all others."""
         with self._lock:
             self._known = {key: value for key, value in self._known.items() if key in sources}
-            self._waiting = deque(source for source in self._waiting if source in sources)
+        for lane in self._lanes:
+            lane.keep(sources)
 
     def close(self) -> None:
         """End it, also in the middle of a file. Twice is fine."""
         with self._lock:
             self._is_closed = True
-            self._waiting.clear()
+        for lane in self._lanes:
+            lane.close()
+
+    def _load(self, source: MeshSource, reader: MeshReader, within_s: float) -> bool:
+        """Load a file; False where that takes longer."""
+        deadline_s = math.inf
+        try:
+            # That it starts is not the file's doing.
+            reader.start()
+            deadline_s = time.monotonic() + within_s
+            mesh: ReadMesh | str = _Task(source, reader, deadline_s, self._fetch).read()
+        except TfbusError as error:
+            if time.monotonic() >= deadline_s and within_s < LONGEST_S:
+                return False
+            mesh = str(error)
+        except OSError as error:
+            mesh = f"it cannot be read: {error.strerror or error}"
+        with self._lock:
+            if source in self._known:
+                self._known[source] = mesh
+        return True
+
+
+class _Lane:
+    """A thread that reads files, each for at most `most_s`; one that is late goes to `slower`.
+
+    `load(source, reader, within_s)` says whether it was done in time.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        most_s: float,
+        load: Callable[[MeshSource, MeshReader, float], bool],
+        slower: "_Lane | None",
+    ) -> None:
+        self._name = name
+        self._most_s = most_s
+        self._load = load
+        self._slower = slower
+        self._reader = MeshReader()
+        self._lock = threading.Lock()
+        self._turns: FairTurns[MeshSource] = FairTurns()
+        self._thread: threading.Thread | None = None
+        self._is_closed = False
+
+    def add(self, sender: Hashable, source: MeshSource) -> None:
+        with self._lock:
+            if self._is_closed:
+                return
+            self._turns.add(sender, source)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
+
+    def keep(self, sources: Collection[MeshSource]) -> None:
+        with self._lock:
+            self._turns.keep(lambda source: source in sources)
+
+    def close(self) -> None:
+        with self._lock:
+            self._is_closed = True
+            self._turns.clear()
         self._reader.close()
 
     def _run(self) -> None:
-        while (source := self._next()) is not None:
-            try:
-                mesh: ReadMesh | str = self._read(source)
-            except TfbusError as error:
-                mesh = str(error)
-            except OSError as error:
-                mesh = f"it cannot be read: {error.strerror or error}"
+        while (following := self._next()) is not None:
+            sender, source = following
+            began_s = time.monotonic()
+            is_done = self._load(source, self._reader, self._most_s)
             with self._lock:
-                if source in self._known:
-                    self._known[source] = mesh
+                self._turns.use(sender, time.monotonic() - began_s)
+            if not is_done and self._slower is not None:
+                self._slower.add(sender, source)
 
-    def _next(self) -> MeshSource | None:
+    def _next(self) -> tuple[Hashable, MeshSource] | None:
         with self._lock:
-            if self._waiting:
-                return self._waiting.popleft()
-            self._thread = None
-            # Memory that a robot of many meshes took is given back.
-            self._reader.rest()
-            return None
+            following = self._turns.next()
+            if following is None:
+                self._thread = None
+                # Memory that a robot of many meshes took is given back.
+                self._reader.rest()
+            return following
 
-    def _read(self, source: MeshSource) -> ReadMesh:
+
+class _Task:
+    """Reads one file until `deadline_s`."""
+
+    def __init__(
+        self, source: MeshSource, reader: MeshReader, deadline_s: float, fetch: Fetch | None
+    ) -> None:
+        self._source = source
+        self._reader = reader
+        self._deadline_s = deadline_s
+        self._from_elsewhere = fetch
+
+    @property
+    def _left_s(self) -> float:
+        return max(0.0, self._deadline_s - time.monotonic())
+
+    def read(self) -> ReadMesh:
+        """Read it. Raises TfbusError and OSError."""
+        source = self._source
         if not source.texture:
             return self._read_with(source, None)
         try:
@@ -120,8 +204,13 @@ class MeshLoader:
             return replace(read, refused={**read.refused, source.texture: why})
         return self._read_with(source, (source.texture, texture))
 
+    def _fetch(self, origin: str, name: str) -> bytes:
+        if self._from_elsewhere is None:
+            raise MeshError("it is not on this machine")
+        return self._from_elsewhere(origin, name, self._left_s)
+
     def _texture(self, source: MeshSource) -> bytes:
-        if source.path is None and self._fetch is not None:
+        if source.path is None and self._from_elsewhere is not None:
             return self._fetch(source.origin, source.texture)
         path = source.texture_path
         if path is None:
@@ -134,18 +223,17 @@ class MeshLoader:
         if source.kind not in KINDS:
             raise MeshError(f"no reader for .{source.kind}: convert it to STL, DAE, OBJ or GLB")
         if source.path is not None:
-            return self._reader.read(
-                MeshRequest(source.kind, source.path, source.root, texture=texture)
-            )
-        fetch = self._fetch
-        if fetch is None:
-            raise MeshError("it is not on this machine")
-        request = MeshRequest(source.kind, data=fetch(source.origin, source.name), texture=texture)
-        read = self._reader.read(request)
-        beside = self._beside(lambda name: fetch(source.origin, name), source.name, read)
-        return self._reader.read(replace(request, beside=beside)) if beside else read
+            request = MeshRequest(source.kind, source.path, source.root, texture=texture)
+            return self._reader.read(request, self._left_s)
+        data = self._fetch(source.origin, source.name)
+        request = MeshRequest(source.kind, data=data, texture=texture)
+        read = self._reader.read(request, self._left_s)
+        beside = self._beside(lambda name: self._fetch(source.origin, name), source.name, read)
+        if not beside:
+            return read
+        return self._reader.read(replace(request, beside=beside), self._left_s)
 
-    def _beside(self, fetch: Fetch, name: str, read: ReadMesh) -> dict[str, bytes]:
+    def _beside(self, fetch: FetchBeside, name: str, read: ReadMesh) -> dict[str, bytes]:
         """The files that a fetched mesh names, those that its robot has."""
         folder = name.rpartition("/")[0]
         found: dict[str, bytes] = {}

@@ -2,22 +2,17 @@
 
 import os
 import subprocess
-import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from tfbus.runtime.limited_process import command_of
 from tfbus.view.meshes.child import receive, send
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.limits import LONGEST_S
 from tfbus.view.meshes.part import Part
 from tfbus.view.meshes.request import MeshRequest
-
-# With the paths of this process, and not with the working directory, where anything may lie.
-_PROGRAM = (
-    "import sys; sys.path[:] = sys.argv[1:]; from tfbus.view.meshes import child; child.main()"
-)
 
 
 @dataclass(frozen=True)
@@ -41,16 +36,33 @@ class MeshReader:
         self._process: subprocess.Popen[bytes] | None = None
         self._is_closed = False
 
-    def read(self, request: MeshRequest) -> ReadMesh:
-        """Read a file. Raises MeshError."""
-        process = self._start()
-        late = threading.Timer(LONGEST_S, process.kill)
+    def read(self, request: MeshRequest, within_s: float = LONGEST_S) -> ReadMesh:
+        """Read a file. Raises MeshError, also where it takes longer."""
+        answer = self._answer(self._process_now(), request, within_s)
+        if answer is None:
+            raise MeshError(f"reading it took more than {within_s:.0f} s, or too much memory")
+        if "error" in answer:
+            raise MeshError(answer["error"])
+        return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
+
+    def start(self) -> None:
+        """Start the process, and wait until it can read. Raises MeshError where it cannot."""
+        self._process_now()
+
+    def _answer(
+        self, process: "subprocess.Popen[bytes]", request: MeshRequest | None, within_s: float
+    ) -> dict[str, Any] | None:
+        """What the process answers, without a request that it is ready; None where it does not, and
+        is ended.
+        """
+        late = threading.Timer(within_s, process.kill)
         late.daemon = True
         late.start()
         answer: dict[str, Any] | None
         try:
             assert process.stdin is not None and process.stdout is not None
-            send(process.stdin, request.as_map())
+            if request is not None:
+                send(process.stdin, request.as_map())
             answer = receive(process.stdout)
         except (OSError, ValueError):  # the pipes of a process that `close` has ended
             answer = None
@@ -60,10 +72,7 @@ class MeshReader:
             self.rest()
             if self._is_closed:
                 raise MeshError("the page has ended")
-            raise MeshError(f"reading it took more than {LONGEST_S:g} s, or too much memory")
-        if "error" in answer:
-            raise MeshError(answer["error"])
-        return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
+        return answer
 
     def rest(self) -> None:
         """End the process; a later file starts another."""
@@ -77,22 +86,25 @@ class MeshReader:
         self._is_closed = True
         self.rest()
 
-    def _start(self) -> "subprocess.Popen[bytes]":
+    def _process_now(self) -> "subprocess.Popen[bytes]":
         with self._lock:
             if self._is_closed:
                 raise MeshError("the page has ended")
-            if self._process is None:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-c", _PROGRAM, *filter(None, sys.path)],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                    # Threads for matrices would count as memory.
-                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-                    # Ctrl-C ends it by its input.
-                    start_new_session=True,
-                )
-            return self._process
+            if self._process is not None:
+                return self._process
+            process = self._process = subprocess.Popen(
+                command_of("tfbus.view.meshes.child"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                # Threads for matrices would count as memory.
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+                # Ctrl-C ends it by its input.
+                start_new_session=True,
+            )
+        if self._answer(process, None, LONGEST_S) is None:
+            raise MeshError("the process that reads meshes does not start")
+        return process
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

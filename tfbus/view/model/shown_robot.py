@@ -17,7 +17,7 @@ class ShownRobot:
 
     `is_described` is whether it comes from a bus or a recording, by a process that publishes its
     frames, `is_fetched` whether meshes that are not on this machine can be had from there, in the
-    namespace `origin`.
+    namespace `origin`. `sender` tells who describes it from others, whose meshes take turns.
     """
 
     robot: Robot
@@ -25,6 +25,7 @@ class ShownRobot:
     names: FrameNames | None = None
     is_described: bool = False
     is_fetched: bool = False
+    sender: str = ""
 
     @property
     def origin(self) -> str:

@@ -188,7 +188,7 @@ class RobotScene:
                         continue
                     self._sources.setdefault(source, False)
                     self._waiting.append(_Waiting(source, shape))
-                    self._loader.load(source)
+                    self._loader.load(source, self.robot.sender)
                 case _:
                     if texture:
                         self._note(shape, f"is shown without {texture}: only meshes have pictures")

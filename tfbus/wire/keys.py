@@ -95,6 +95,11 @@ def node_key(node: str) -> str:
     return f"@tfbus/node/{escape(node)}"
 
 
+def definitions_selector(key: str) -> str:
+    """The selector of a node's description at its key, with the definitions of its ROS types."""
+    return f"{key}?definitions=1"
+
+
 def clock_key(node: str) -> str:
     """The key under which a node answers with the time of its system's clock."""
     return f"@tfbus/clock/{escape(node)}"

@@ -22,7 +22,7 @@ from tfbus.ros.definitions import Definition
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import encode_map, from_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
-from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
 from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
@@ -203,12 +203,14 @@ class Replay:
 
     def _as_replayed(self, name: str, description: StreamDescription) -> StreamDescription:
         """A recorded description as it is true now."""
-        frames, chosen = description.frames, self._selection.frames
+        namespace = namespace_of_node(description.node)
         started_ns = description.started_ns
         return replace(
             description,
             epoch=self._epochs.of(name, description.epoch),
-            frames=tuple(row for row in frames if row[1] in chosen) if chosen else frames,
+            frames=tuple(
+                row for row in description.frames if self._selection.takes_frame(row[1], namespace)
+            ),
             host=RECORDED,
             session=self._node.session.id,
             # So the order in which they started holds, among them and beside those that live.

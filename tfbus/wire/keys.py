@@ -281,6 +281,11 @@ def relative(name: str, namespace: str) -> str:
     return name.removeprefix(prefix)
 
 
+def namespace_of_node(name: str) -> str:
+    """The namespace in a node's full name: `robot7` of `/robot7/sim`, "" of `/sim`."""
+    return name.strip("/").rpartition("/")[0]
+
+
 def relative_name(name: str, namespace: str) -> str:
     """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
 

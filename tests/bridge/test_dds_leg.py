@@ -343,3 +343,17 @@ def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool
     else:
         eventually(lambda: came[0] == sent + 1)
         assert reader.lost() == {}
+
+
+def test_a_publisher_without_a_node_is_there(
+    open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that speaks DDS and names no node of ROS is no reason to say that there is none."""
+    monkeypatch.setattr("tfbus.bridge.dds_leg._DISCOVERY_S", 0.0)
+    reader = open_leg("reader")
+    writer = open_leg("writer")
+    monkeypatch.setattr(type(reader._watch), "sees_ros", False)
+    reader.subscribe(CHATTER, lambda *_: None)
+    assert reader.warnings()
+    writer.publisher(CHATTER)
+    eventually(lambda: not reader.warnings())

@@ -297,16 +297,20 @@ class DdsLeg:
 
     def warnings(self) -> Sequence[str]:
         """That there is no ROS, and whom it cannot listen to."""
-        if not self._watch.sees_ros:
+        with self._lock:
+            topics = [each.topic for each in self._subscriptions]
+        # Some programs speak ROS's DDS and tell no node.
+        if not self._watch.sees_ros and not self._has_writers(topics):
             if time.monotonic() < self._joined_s + _DISCOVERY_S:
                 return []
             return [
                 f"No ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"
             ]
-        with self._lock:
-            topics = [each.topic for each in self._subscriptions]
         return [said for topic in topics for said in self._unheard(topic)]
+
+    def _has_writers(self, topics: Sequence[RosTopic]) -> bool:
+        return any(self._watch.writers(dds_topic(each.name)) for each in topics)
 
     def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""

@@ -118,7 +118,7 @@ class _Echo(click.Command):
     metavar="SECONDS",
     help="Exit with 1 after this long without a transform.",
 )
-@bag_options("begin", "end")
+@bag_options("begin", "end", statics=True)
 @fleet_options
 @node_options(own_name("echo"))
 def main(

@@ -57,7 +57,8 @@ class TestKeys:
         """Their types are not remembered either."""
         capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
         for number in range(50):
-            capture._take_topic(f"topic{number}", TopicInfo(f"topic{number}"))
+            if capture._take_topic(f"topic{number}", info := TopicInfo(f"topic{number}")):
+                capture._note_type(f"topic{number}", info)
         assert len(capture.types) == len(capture._topics) == 5
         capture.close()
 

@@ -156,7 +156,8 @@ class TestMissed:
 
 
 def streams(name: str, *children: str) -> EventItem:
-    facts = as_map(description([("map", child, False) for child in children]))
+    described = description([("map", child, False) for child in children])
+    facts = {**as_map(described), "node": f"/{name}"}
     return EventItem(0, "stream", name, facts)
 
 
@@ -183,6 +184,23 @@ class TestTriggers:
         assert not triggers.fulfilled_by(streams("one", "base"))
         said = triggers.fulfilled_by(streams("two", "base"))
         assert said == "streams 'one' and 'two' both send base"
+
+    @pytest.mark.parametrize("name", ["base_link", "robot7/base_link", "fleet/robot7/base_link"])
+    def test_frames_have_the_names_of_a_fleet_too(self, name: str) -> None:
+        """`robot7/base_link` is the frame base_link of the robot in the namespace robot7 alone."""
+        triggers = Triggers((Condition.parse(f"gone {name}"),))
+        for robot in ("robot7", "robot17"):
+            triggers.fulfilled_by(streams(f"fleet/{robot}/sim", "base_link", "old_base_link"))
+        other = triggers.fulfilled_by(EventItem(0, "stream gone", "fleet/robot17/sim"))
+        said = triggers.fulfilled_by(EventItem(0, "stream gone", "fleet/robot7/sim"))
+        assert bool(other) == (name == "base_link")
+        assert said.endswith("is gone, with fleet/robot7/base_link")
+
+    def test_two_robots_may_have_frames_of_one_name(self) -> None:
+        """That is no conflict."""
+        triggers = Triggers((Condition.parse("conflict"),))
+        assert not triggers.fulfilled_by(streams("robot7/sim", "base_link"))
+        assert not triggers.fulfilled_by(streams("robot8/sim", "base_link"))
 
     def test_without_a_frame_any_counts(self) -> None:
         """`gone` holds for each stream with frames."""

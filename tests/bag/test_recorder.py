@@ -281,6 +281,23 @@ class TestSplits:
         eventually(lambda: run.recorder.counts.messages == 3)
         assert run.recorder.split().seconds == 4.0
 
+    def test_what_comes_later_is_later_where_the_clock_is_set_back(self, run: Run) -> None:
+        """An hour back, ahead, back once more: nothing stops, the order stays, and it is said."""
+        lines = Lines(LOG, logging.WARNING)
+        run.queue.put(EVENTS, THERE)
+        start_ns = time.time_ns()
+        offsets = [0, 0, -3600, -3600, -3600, 7200, 7200, 0, 0]
+        for number, offset in enumerate(offsets):
+            clock_ns = start_ns + offset * S + number * S // 100
+            run.queue._clock_ns = lambda at_ns=clock_ns: at_ns
+            run.send()
+        items = [item for item in run.items() if isinstance(item, TransformItem)]
+        log_ns = [item.log_ns for item in items]
+        assert numbers(items) == list(range(len(offsets)))
+        assert log_ns == sorted(log_ns)
+        assert log_ns[4] - log_ns[2] == 2 * S // 100
+        assert [line for line in lines.lines if "clock was set back" in line]
+
     def test_files_end_after_their_time(self, tmp_path: Path) -> None:
         """The time is that between messages."""
         run = Run(tmp_path, splits=Splits(most_s=1e-9))

@@ -1,5 +1,6 @@
 """Recordings on a bus again: streams, statics, topics and the simulated time."""
 
+import logging
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -578,7 +579,7 @@ def test_messages_of_topics_are_the_same_bytes(played: Any, receiver: Node) -> N
     payloads: list[bytes] = []
     receiver.create_raw_subscription("turtle1/pose", payloads.append)
     items = [topic(n / 50, "turtle1/pose", values) for n in range(3)]
-    run = played(items, at_end="loop")
+    run = played(items, at_end="loop", stamps="recorded")
     run.player.resume()
     eventually(lambda: payloads)
     assert payloads[0] == msgpack.packb(values)
@@ -604,6 +605,68 @@ def test_joint_states_get_stamps_of_now(played: Any, receiver: Node) -> None:
     run.player.resume()
     eventually(lambda: stamps)
     assert abs(stamps[0] - time.time_ns()) < 60 * S
+
+
+def header(s: float, frame: str = "laser") -> dict[str, Any]:
+    """A header of ROS's with a stamp of `s` seconds after the beginning."""
+    sec, nanosec = divmod(BEGAN_NS + round(s * S), S)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
+
+
+def stamp_of(header: dict[str, Any]) -> int:
+    """The stamp of a header in nanoseconds."""
+    return int(header["stamp"]["sec"]) * S + int(header["stamp"]["nanosec"])
+
+
+def test_messages_fit_the_transforms_they_were_recorded_with(
+    played: Any, receiver: Node, buffer: Buffer
+) -> None:
+    """Headers of ROS's messages are moved by what transforms are moved by, wherever they stand; a
+    stamp of 0 stays.
+    """
+    path = {
+        "header": header(1),
+        "poses": [{"header": header(0.25), "x": 1.0}, {"header": header(0.5), "x": 2.0}],
+        "none": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"},
+        "own": {"stamp_ns": BEGAN_NS + S, "list": [{"stamp_ns": 0}]},
+    }
+    came: list[dict[str, Any]] = []
+    receiver.create_raw_subscription("path", lambda data: came.append(msgpack.unpackb(data)))
+    items: list[Item] = [described(0, ("turtle1", False))]
+    items += [moving(0, 1.0), TopicItem(BEGAN_NS + 1, "path", "nav_msgs/Path", path)]
+    run = played([*items, moving(0.1, 2.0)])
+    run.step(0)
+    run.player.resume()
+    eventually(lambda: came and x_of(buffer) == 2.0)
+    moved_by = buffer.lookup_transform("world", "turtle1").stamp_ns - (BEGAN_NS + S // 10)
+    [first] = came
+    assert stamp_of(first["header"]) == BEGAN_NS + S + moved_by
+    assert [stamp_of(each["header"]) for each in first["poses"]] == [
+        BEGAN_NS + S // 4 + moved_by,
+        BEGAN_NS + S // 2 + moved_by,
+    ]
+    assert first["none"] == path["none"]
+    assert first["own"] == {"stamp_ns": BEGAN_NS + S + moved_by, "list": [{"stamp_ns": 0}]}
+
+
+def test_messages_without_a_known_stamp_are_told_of(played: Any) -> None:
+    """Once for a topic, with the remedy; not of types that are known to have none."""
+    run = played(
+        [
+            item
+            for n in range(3)
+            for item in (
+                TopicItem(BEGAN_NS + n * S, "battery", "Battery", {"time_s": 5.0}),
+                TopicItem(BEGAN_NS + n * S, "cmd_vel", "Twist", {"linear": {"x": 1.0}}),
+            )
+        ]
+    )
+    lines = Lines(run.node.log, logging.INFO)
+    run.player.step(4)
+    eventually(lambda: run.player.progress.sent == 4)
+    said = [line for line in lines.lines if "no stamp is known" in line]
+    assert len(said) == 1
+    assert "battery" in said[0] and "--clock" in said[0]
 
 
 def test_retained_messages_come_first_wherever_it_begins(played: Any, bus: Bus) -> None:

@@ -4,7 +4,7 @@ import queue
 import threading
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from tests.live_bus import DEADLINE_S
 from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
@@ -160,6 +160,7 @@ class FakeLeg:
         # Whether others see its publishers; messages may be faster.
         self.is_listed = True
         self.told: list[str] = []
+        self.lost_messages: dict[str, int] = {}
         # What its callbacks raised: nothing, where they are right.
         self.errors: list[Exception] = []
         self._calls: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
@@ -189,6 +190,10 @@ class FakeLeg:
             return [
                 each for each in self.ros.senders if each.leg is self and each.topic.name == topic
             ]
+
+    def lost(self) -> Mapping[str, int]:
+        """What a test has it say: `lost_messages`."""
+        return self.lost_messages
 
     def warnings(self) -> Sequence[str]:
         """What a test has it say: `told`."""

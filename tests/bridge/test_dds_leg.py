@@ -11,7 +11,7 @@ import pytest
 from tests import needs
 from tests.live_bus import DEADLINE_S, eventually, send_until
 from tfbus.bridge.dds_config import configuration
-from tfbus.bridge.leg import Leg, LegSettings, RosTopic
+from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
@@ -315,3 +315,45 @@ def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFi
 def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
     """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
     assert expected in configuration((), LOG, environ)
+
+
+@pytest.mark.parametrize(("sent", "is_lost"), [(3000, False), (9000, True)])
+def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool) -> None:
+    """Some thousand transforms wait meanwhile; that more came than wait is noticed."""
+    topic = RosTopic("/burst", STRING, depth=TRANSFORMS_READER_DEPTH)
+    many = RosTopic("/burst", STRING, depth=2 * TRANSFORMS_READER_DEPTH)
+    reader, writer = open_leg("reader"), open_leg("writer")
+    goes_on, came = threading.Event(), [0]
+
+    def on_message(payload: bytes, gid: str) -> None:
+        came[0] += 1
+        assert goes_on.wait(60)
+
+    reader.subscribe(topic, on_message)
+    sender = writer.publisher(many)
+    eventually(lambda: sender.heard)
+    sender.send(HI)
+    eventually(lambda: came[0] == 1)
+    for _ in range(sent):
+        sender.send(HI)
+    # All are confirmed by then: the writer keeps them until that.
+    goes_on.set()
+    if is_lost:
+        eventually(lambda: reader.lost().get("/burst"))
+    else:
+        eventually(lambda: came[0] == sent + 1)
+        assert reader.lost() == {}
+
+
+def test_a_publisher_without_a_node_is_there(
+    open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that speaks DDS and names no node of ROS is no reason to say that there is none."""
+    monkeypatch.setattr("tfbus.bridge.dds_leg._DISCOVERY_S", 0.0)
+    reader = open_leg("reader")
+    writer = open_leg("writer")
+    monkeypatch.setattr(type(reader._watch), "sees_ros", False)
+    reader.subscribe(CHATTER, lambda *_: None)
+    assert reader.warnings()
+    writer.publisher(CHATTER)
+    eventually(lambda: not reader.warnings())

@@ -335,6 +335,20 @@ class TestMistakes:
         done = CliRunner().invoke(main, ["bag", "record", *options])
         assert done.exit_code == 2 and said in done.stderr
 
+    def test_frames_have_the_names_of_a_fleet(self, bus: Bus, path: Path) -> None:
+        """`--frames robot7/base` records the frame base of robot7 alone, and a name that no frame
+        has is said, with the one that is meant.
+        """
+        for robot in ("robot7", "robot8"):
+            keep_sending(bus.node("sim", namespace=robot), "odom", "base")
+        process = recording(bus, path, "--fleet", "--frames", "robot7/base", "robot7/bsae")
+        process.wait_for_line("So far no frame is called 'robot7/bsae'; did you mean 'robot7/base'")
+        eventually_in(path, transforms)
+        assert process.stop() == 0
+        assert "In the end no frame is called 'robot7/bsae'" in "".join(process.err)
+        assert {item.stream.name for item in transforms(items_of(path))} == {"robot7/sim"}
+        assert children(items_of(path)) == {"base"}
+
     def test_where_nothing_comes_it_says_so(self, bus: Bus, path: Path) -> None:
         """A namespace that has frames is named."""
         keep_sending(bus.node("base", namespace="robot7"), "odom", "base")

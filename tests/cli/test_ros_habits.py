@@ -60,6 +60,19 @@ def test_a_goal_is_called_with_its_type(bus: Bus) -> None:
     assert (done.returncode, "'spawn' is of type Spawn, not Kill" in done.stderr) == (2, True)
 
 
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("record -o run", "'record'; use: tfbus bag record"),
+        ("play run.mcap", "'play'; use: tfbus bag play"),
+        ("fleet", "'fleet'; use --fleet"),
+    ],
+)
+def test_a_command_that_is_part_of_another_is_named(command: str, answer: str) -> None:
+    """What `tfbus bag` does, and the option of a fleet, are looked for as commands, too."""
+    assert answer in usage_error(*command.split())
+
+
 def usage_error(*arguments: str) -> str:
     """The last line of a command line that is refused before it joins the bus."""
     done = CliRunner().invoke(main, arguments)

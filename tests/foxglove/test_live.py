@@ -357,3 +357,18 @@ def test_simulated_time_is_told(bus: Bus, sender: Node) -> None:
             eventually(lambda: client.times_ns[-1] < 50 * S)
     finally:
         bridge.close()
+
+
+def test_a_type_of_ros_comes_as_itself(sender: Node, client: Client) -> None:
+    """By its name and definition in ROS, from the start: a standard one, and one of a package that
+    only its publisher knows. Empty lists and numbers that are not finite are no obstacle.
+    """
+    pytest.importorskip("rosbags", reason="needs rosbags: the extra bags")
+    sender.create_raw_publisher("scan", type_name="sensor_msgs/msg/LaserScan")
+    sender.create_raw_publisher(
+        "hand", type_name="hand_msgs/msg/Hand", definition="float32[] gaps\n"
+    )
+    eventually(lambda: {"/scan", "/hand"} <= set(client.channels))
+    scan, hand = client.channels["/scan"], client.channels["/hand"]
+    assert (scan["encoding"], scan["schemaName"]) == ("cdr", "sensor_msgs/msg/LaserScan")
+    assert (hand["schemaName"], hand["schema"]) == ("hand_msgs/msg/Hand", "float32[] gaps\n")

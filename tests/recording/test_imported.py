@@ -21,6 +21,7 @@ from tfbus.errors import DecodeError
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 
@@ -346,3 +347,45 @@ def test_damaged_files_are_refused_wherever_they_are_cut(tmp_path: Path) -> None
                 items_of(cut)
             except DecodeError as error:
                 assert "\n" not in str(error)
+
+
+def test_a_folder_of_rosbag2_may_have_any_name(tmp_path: Path) -> None:
+    """Also one that ends as a file of ROS 1 does."""
+    folder = write_rosbag2(tmp_path / "r", SENT, storage="SQLITE3").rename(tmp_path / "run.bag")
+    assert counted_items(folder) == counted_items(write_bag(tmp_path / "ros1.bag", SENT))
+
+
+def counted_items(path: Path) -> int:
+    """How many items of transforms a file, or a folder, has."""
+    with opened(path) as files:
+        items = imported(files.messages(), Imported())
+        return sum(isinstance(item, TransformItem) for item in items)
+
+
+def test_names_of_ros_1_are_such_as_others_read(tmp_path: Path) -> None:
+    """A field `iTOW`, which ROS 2 does not allow, is `i_tow` for others, and `iTOW` for tfbus,
+    whatever reads and writes the file.
+    """
+    typesys, rosbag1 = needs.module("rosbags.typesys"), needs.module("rosbags.rosbag1")
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    name = "ublox_msgs/msg/Nav"
+    store.register(
+        typesys.get_types_from_msg("uint8 FIX=3\nuint32 iTOW\nuint32 i_tow\nint8[2] velN", name)
+    )
+    with rosbag1.Writer(tmp_path / "r.bag") as writer:
+        connection = writer.add_connection("/nav", name, typestore=store)
+        message = store.types[name](5, 6, needs.module("numpy").array([1, 2], "int8"))
+        writer.write(connection, START_NS, store.serialize_ros1(message, name))
+    path = tmp_path / "run.mcap"
+    with opened(tmp_path / "r.bag") as files, RecordingWriter(path) as recording:
+        for item in imported(files.messages(), Imported()):
+            recording.write(item)
+    with RecordingReader(path) as reader:
+        [found] = [item for item in reader.items() if isinstance(item, TopicItem)]
+    assert found.values == {"iTOW": 5, "i_tow": 6, "velN": [1, 2]}
+    assert found.encoded is not None
+    definition, data = found.encoded
+    others = typesys.get_typestore(typesys.Stores.EMPTY)
+    others.register(typesys.get_types_from_msg(definition.text, name))
+    read = others.deserialize_cdr(data, name)
+    assert (read.i_tow_2, read.i_tow, read.vel_n.tolist(), read.FIX) == (5, 6, [1, 2], 3)

@@ -56,6 +56,10 @@ def poses(urdf: str, positions: dict[str, Any], count: int) -> dict[str, Any]:
         elif joint.nq == 2:  # continuous
             configurations[:, joint.idx_q] = np.cos(values)
             configurations[:, joint.idx_q + 1] = np.sin(values)
+        elif joint.nq == 4:  # planar: x, y and the direction
+            configurations[:, joint.idx_q : joint.idx_q + 2] = values[:, :2]
+            configurations[:, joint.idx_q + 2] = np.cos(values[:, 2])
+            configurations[:, joint.idx_q + 3] = np.sin(values[:, 2])
         else:
             configurations[:, joint.idx_q : joint.idx_q + 7] = values
     used = sorted({model.frames[number].parentJoint for number, _ in frames})

@@ -1,6 +1,7 @@
 """Every link of robots that others published is where Pinocchio has it."""
 
 import json
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,6 +82,22 @@ def test_every_link_is_where_pinocchio_has_it(pinocchio: Pinocchio, urdf: Path |
         refused = isinstance(pinocchio.poses(urdf, {}, 1), str)
         assert refused or str(error).endswith(STRICTER.get(urdf.name, "?")), error
         return
+    check_poses(pinocchio, urdf, robot)
+
+
+@pytest.mark.parametrize("urdf", [robots.HOVERCRAFT, robots.ARM], ids=["hovercraft", "arm"])
+def test_planar_floating_and_mimic_joints_move_as_in_pinocchio(
+    pinocchio: Pinocchio, urdf: str, tmp_path: Path
+) -> None:
+    """In 1,000 random configurations, also where they follow each other."""
+    path = tmp_path / "robot.urdf"
+    # urdfdom wants both in each limit.
+    path.write_text(re.sub(r'(upper="[\d.]+")/>', r'\1 effort="1" velocity="1"/>', urdf))
+    check_poses(pinocchio, path, Robot.from_urdf(path))
+
+
+def check_poses(pinocchio: Pinocchio, urdf: Path, robot: Robot) -> None:
+    """Raise AssertionError where a link is elsewhere than Pinocchio has it."""
     positions = robots.random_positions(robot, CONFIGURATIONS)
     theirs = pinocchio.poses(urdf, positions, CONFIGURATIONS)
     assert not isinstance(theirs, str), theirs

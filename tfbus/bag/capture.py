@@ -11,6 +11,7 @@ from tfbus.bag.sources import EVENTS, Names, TopicSource, TransformSource
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.graph import TopicInfo, graph_of
+from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import InvalidNameError
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import MOST_GONE, StreamWatch
@@ -19,6 +20,7 @@ from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.ros.schema import MessageCodec
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import as_map, is_of_ros
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
@@ -65,11 +67,13 @@ class Capture:
         # By the full names of streams and topics.
         self.described: dict[str, StreamDescription] = {}
         self.types: dict[str, str] = {}
+        self.codecs: dict[str, MessageCodec] = {}
         self._node = node
         self._queue = queue
         self._selection = selection
         self._on_stream = on_stream
         self._once = LogOnce(node.log)
+        self._ros_types = RosTypes(node.session)
         self._reader = TransformReader()
         self._sources: dict[str, TransformSource] = {}
         # Keys whose messages are not recorded.
@@ -235,17 +239,39 @@ class Capture:
             return
         self._note("node", name, description)
         graph = graph_of([description], {}, self._node.namespace)
-        for topic, info in graph.topics.items():
-            self._take_topic(topic, info)
+        self._ros_types.forget(name)
+        taken = [
+            (self.names.full(topic), info)
+            for topic, info in graph.topics.items()
+            if self._take_topic(topic, info)
+        ]
+        # Messages wait for the types, which take a moment.
+        for topic, info in taken:
+            self._note_type(topic, info)
 
-    def _take_topic(self, topic: str, info: TopicInfo) -> None:
+    def _take_topic(self, topic: str, info: TopicInfo) -> bool:
+        """Subscribe to a topic where it is selected; whether it is."""
         name = self.names.full(topic)
-        type_name = next((end.type for end in (*info.publishers, *(info.subscribers or ()))), "")
         if not self._selection.takes_topic(name):
-            return
-        self._subscribe_topic(topic, name, type_name, retained=info.retained)
-        if name in self._topics and (type_name or name not in self.types):
+            return False
+        self._subscribe_topic(topic, name, _type_of(info), retained=info.retained)
+        return name in self._topics
+
+    def _note_type(self, name: str, info: TopicInfo) -> None:
+        type_name = _type_of(info)
+        for end in info.publishers:
+            if (codec := self._ros_types.codec(end.node, end.type)) is not None:
+                self.codecs[name] = codec
+        if type_name or name not in self.types:
             self.types[name] = type_name
+
+    def _on_unfit(self, name: str) -> None:
+        self._once.warning(
+            ("unfit", name),
+            "A message on topic %r is not of its type %s: recorded with the fields that it has",
+            name,
+            self.types.get(name, ""),
+        )
 
     def _subscribe_topic(
         self, topic: str, name: str, type_name: str, *, retained: bool = False
@@ -262,7 +288,9 @@ class Capture:
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        source = TopicSource(name, self.types, retained=retained)
+        source = TopicSource(
+            name, self.types, self.codecs, retained=retained, on_unfit=self._on_unfit
+        )
 
         def put(payload: bytes) -> None:
             self._queue.put(source, payload)
@@ -274,3 +302,8 @@ class Capture:
             )
         except InvalidNameError as error:
             self._once.warning("topic", "Did not record a topic: %s", error)
+
+
+def _type_of(info: TopicInfo) -> str:
+    """The type that its first publisher says, else its first subscriber."""
+    return next((end.type for end in (*info.publishers, *(info.subscribers or ()))), "")

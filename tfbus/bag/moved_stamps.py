@@ -1,7 +1,8 @@
-"""Moves the stamps of a recording to the time of now."""
+"""Moves the stamps of a recording to the time of now: of transforms, and in messages of topics."""
 
+from collections.abc import Callable, Mapping
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tfbus.bag.in_force import Source
 from tfbus.bag.player import Pace
@@ -20,6 +21,12 @@ _OTHER_CLOCK_NS = 60_000_000_000
 
 # This many messages of transforms, of this many items, say it.
 _MESSAGES, _ITEMS = 50, 2000
+
+# Our field of a stamp, and a header of ROS, by its fields and those of its stamp.
+_STAMP = "stamp_ns"
+_HEADER = {"stamp", "frame_id"}
+_TIME = {"sec", "nanosec"}
+_SECOND_NS = 1_000_000_000
 
 
 def stamps_ahead_ns(source: Source, selection: Selection, from_ns: int) -> int:
@@ -66,3 +73,43 @@ def moved_to(rows: Columns, stamp_ns: int) -> Columns:
 
 def _stamped(rows: Columns, stamps: "NDArray[np.int64]") -> Columns:
     return Columns.of_bytes(rows.frames, rows.edges_bytes(), stamps.tobytes(), rows.poses_bytes())
+
+
+def with_stamps(values: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
+    """The fields of a message with its stamps as `move(ns)` has them, those in nested messages
+    too; the same object where it has none.
+
+    A stamp is an integer `stamp_ns`, and that in a header of ROS's. 0 stays: it stands for no time.
+    """
+    if values.keys() == _HEADER:
+        stamp = values["stamp"]
+        if isinstance(stamp, dict) and stamp.keys() == _TIME:
+            return {**values, "stamp": _moved_time(stamp, move)}
+    changed = {
+        key: new
+        for key, value in values.items()
+        if (new := _moved_in(key, value, move)) is not None
+    }
+    return {**values, **changed} if changed else values
+
+
+def _moved_in(key: str, value: Any, move: Callable[[int], int]) -> Any:
+    """A field with its stamps moved; None where it has none."""
+    if key == _STAMP:
+        return move(value) if type(value) is int and value else None
+    if isinstance(value, dict):
+        moved_value = with_stamps(value, move)
+        return None if moved_value is value else moved_value
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        items = [with_stamps(each, move) if isinstance(each, dict) else each for each in value]
+        is_same = all(new is each for new, each in zip(items, value, strict=True))
+        return None if is_same else items
+    return None
+
+
+def _moved_time(stamp: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
+    sec, nanosec = stamp["sec"], stamp["nanosec"]
+    if type(sec) is not int or type(nanosec) is not int or not (sec or nanosec):
+        return stamp
+    sec, nanosec = divmod(move(sec * _SECOND_NS + nanosec), _SECOND_NS)
+    return {"sec": sec, "nanosec": nanosec}

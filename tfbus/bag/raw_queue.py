@@ -60,11 +60,16 @@ class RawQueue:
 
     Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
     again. What was taken out counts until the next `take`, and what its taker holds then longer.
+
+    Log times never go back: where the system's clock is set back, by `set_back_ns`, they go on from
+    the last one until it has caught up.
     """
 
     def __init__(self, most_bytes: int, clock_ns: Callable[[], int] = time.time_ns) -> None:
         self.dropped: Counter[str] = Counter()
         self.is_paused = False
+        # The newest log time, and by how much it is ahead of the system's clock.
+        self.last_ns = self.set_back_ns = 0
         self._most_bytes = most_bytes
         self._clock_ns = clock_ns
         self._lock = threading.Lock()
@@ -86,10 +91,21 @@ class RawQueue:
                 self.dropped[source.kind] += 1
                 return False
             self._bytes = taken
-            self._waiting.append(Raw(self._clock_ns(), source, payload))
+            log_ns = self._clock_ns()
+            if log_ns < self.last_ns:
+                self.set_back_ns = max(self.set_back_ns, self.last_ns - log_ns)
+                log_ns += self.set_back_ns
+            elif self.set_back_ns:
+                self.set_back_ns = 0
+            self.last_ns = log_ns
+            self._waiting.append(Raw(log_ns, source, payload))
         if taken > self._most_bytes * _MUCH:
             self._wakes.set()
         return True
+
+    def now_ns(self) -> int:
+        """The log time of now."""
+        return self._clock_ns() + self.set_back_ns
 
     def wake(self) -> None:
         """End the wait of `take`."""

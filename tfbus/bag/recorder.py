@@ -22,7 +22,7 @@ from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wording import counted
+from tfbus.wording import counted, duration
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
 _LOOK_EVERY_S = 0.4
@@ -32,6 +32,9 @@ _FLUSH_EVERY_S = 0.7
 
 # The first messages of a stream or topic wait for its description; later ones wait behind them.
 _DESCRIBED_WITHIN_NS = 250_000_000
+
+# A clock that is set back by less is being adjusted.
+_SLEWED_NS = 50_000_000
 
 # What was dropped becomes an event at most so often.
 _DROPPED_EVERY_S = 1.0
@@ -257,8 +260,7 @@ class Recorder:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
         if raw.source.is_described() or raw.source in self._undescribed:
             return False
-        # A clock that was set back ends the wait.
-        if 0 <= time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
+        if 0 <= self._queue.now_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
             return True
         self._undescribed.add(raw.source)
         return False
@@ -300,7 +302,7 @@ class Recorder:
         self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
     def _split(self, why: str) -> WrittenPart:
-        path = self._keeping.split(time.time_ns())
+        path = self._keeping.split(max(time.time_ns(), self._queue.last_ns))
         written = self._parts.written[-1]
         self._on_file(path, written, why)
         return written
@@ -309,6 +311,12 @@ class Recorder:
         now_s = time.monotonic()
         if is_closing or now_s >= self._noted_s + _DROPPED_EVERY_S:
             self._noted_s = now_s
+            if self._queue.set_back_ns > _SLEWED_NS:
+                self._once.warning(
+                    "set back",
+                    "The system's clock was set back by %s: log times go on until it catches up",
+                    duration(self._queue.set_back_ns / 1e9),
+                )
             self._note_dropped()
         if is_closing or now_s >= self._flushed_s + _FLUSH_EVERY_S:
             self._flushed_s = now_s
@@ -331,7 +339,8 @@ class Recorder:
             "dropped", "Dropped %d messages: the disk or this machine is too slow", news.total()
         )
         facts = {"messages": news.total(), **news}
-        self._take(Raw(time.time_ns(), EVENTS, EventItem(0, "dropped", "", facts)))
+        log_ns = max(time.time_ns(), self._queue.last_ns)
+        self._take(Raw(log_ns, EVENTS, EventItem(0, "dropped", "", facts)))
 
     def _fail(self, error: Exception) -> None:
         self.failure = str(getattr(error, "strerror", None) or error)

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns
+from tfbus import messages
+from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns, with_stamps
 from tfbus.bag.played_time import PlayedTime
 from tfbus.bag.player import Pace, Progress
 from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
@@ -17,18 +18,17 @@ from tfbus.node.topic import RawPublisher
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
+from tfbus.ros.definitions import Definition
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import encode_map, from_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
-from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
 from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
 RECORDED = "recorded"
 
-_JOINT_STATE = "JointState"
-
-# Stamps of transforms: moved to the time of now, or as they were recorded.
+# Stamps of transforms and messages: moved to the time of now, or as they were recorded.
 Stamps = Literal["now", "recorded"]
 
 _NAMED = 5
@@ -38,8 +38,8 @@ class Replay:
     """Publishes what a player plays: a Stage.
 
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
-    at another rate than 1 the times between them are scaled too. Those of joint states, which
-    become transforms, are moved as well; other messages of topics stay as they are. With `clock_hz`
+    at another rate than 1 the times between them are scaled too. The stamps in messages of topics
+    are moved as well: each `stamp_ns`, and those of ROS's headers. With `clock_hz`
     it publishes the time of the recording at this rate, for nodes with simulated time; `progress`
     is then that of the player.
 
@@ -207,12 +207,14 @@ class Replay:
 
     def _as_replayed(self, name: str, description: StreamDescription) -> StreamDescription:
         """A recorded description as it is true now."""
-        frames, chosen = description.frames, self._selection.frames
+        namespace = namespace_of_node(description.node)
         started_ns = description.started_ns
         return replace(
             description,
             epoch=self._epochs.of(name, description.epoch),
-            frames=tuple(row for row in frames if row[1] in chosen) if chosen else frames,
+            frames=tuple(
+                row for row in description.frames if self._selection.takes_frame(row[1], namespace)
+            ),
             host=RECORDED,
             session=self._node.session.id,
             # So the order in which they started holds, among them and beside those that live.
@@ -260,7 +262,10 @@ class Replay:
                 self._clock.take(item)
             return
         if item.topic not in self._topics:
-            self._topics[item.topic] = self._topic(item.topic, item.type_name, item.retained)
+            definition = None if item.encoded is None else item.encoded[0]
+            self._topics[item.topic] = self._topic(
+                item.topic, item.type_name, item.retained, definition
+            )
         publisher = self._topics[item.topic]
         if publisher is not None:
             try:
@@ -269,17 +274,30 @@ class Replay:
                 self._log_once.warning(("topic", item.topic), "Left out a message: %s", error)
 
     def _as_now(self, item: TopicItem, pace: Pace) -> Mapping[str, Any]:
-        """The fields of a message; joint states, which become transforms, get stamps as these."""
-        stamp_ns = item.values.get("stamp_ns")
-        is_moved = self._stamps == "now" and item.type_name == _JOINT_STATE
-        if not is_moved or type(stamp_ns) is not int or stamp_ns == 0:
+        """The fields of a message, with stamps as those of the transforms."""
+        if self._stamps != "now":
             return item.values
-        return {**item.values, "stamp_ns": moved_ns(stamp_ns, pace, self._ahead_ns)}
+        values = with_stamps(item.values, lambda ns: moved_ns(ns, pace, self._ahead_ns))
+        if values is item.values and item.encoded is None and not _is_supplied(item.type_name):
+            self._log_once.info(
+                ("stamps", item.topic),
+                "Messages on topic '%s' (%s) stay as they were recorded: no stamp is known in them;"
+                " where they hold times, play with --clock",
+                printable(item.topic),
+                printable(item.type_name) or "type unknown",
+            )
+        return values
 
-    def _topic(self, name: str, type_name: str, retained: bool) -> RawPublisher | None:
+    def _topic(
+        self, name: str, type_name: str, retained: bool, definition: Definition | None
+    ) -> RawPublisher | None:
+        is_its = definition is not None and definition.name == type_name
         try:
             return self._node.create_raw_publisher(
-                self._names.topic(name), type_name=type_name, retained=retained
+                self._names.topic(name),
+                type_name=type_name,
+                retained=retained,
+                definition=definition.text if definition is not None and is_its else "",
             )
         except InvalidNameError as error:
             self._log_once.warning(("topic", name), "Left out a topic: %s", error)
@@ -303,7 +321,7 @@ class Replay:
                 continue
             if not self._is_time(topic.name, topic.type_name):
                 self._topics[topic.name] = self._topic(
-                    topic.name, topic.type_name, topic.is_retained
+                    topic.name, topic.type_name, topic.is_retained, topic.definition
                 )
             elif self._clock is None:
                 self._node.log.info(
@@ -350,3 +368,8 @@ def _stream_of(item: Item) -> str:
         return item.stream.name
     about_stream = isinstance(item, EventItem) and item.kind in ("stream", "stream gone")
     return item.name if isinstance(item, EventItem) and about_stream else ""
+
+
+def _is_supplied(type_name: str) -> bool:
+    """Whether tfbus.messages has a type of this name."""
+    return isinstance(getattr(messages, type_name, None), type)

@@ -1,10 +1,12 @@
 """What comes from the bus, as items of a recording."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from tfbus.recording.items import EventItem, RecordedStream, TopicItem, TransformItem
+from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import decode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformReader
@@ -68,16 +70,28 @@ class TransformSource:
 
 
 class TopicSource:
-    """The messages of one topic; `types` has the type names of topics. Retained ones stay in force,
-    and so begin each file.
+    """The messages of one topic; `types` has the type names of topics, and `codecs` those of ROS's
+    types among them. Retained ones stay in force, and so begin each file.
+
+    `on_unfit(name)` is called for a message that is not of the type that its publisher says.
     """
 
     kind = "topics"
 
-    def __init__(self, name: str, types: Mapping[str, str], *, retained: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        types: Mapping[str, str],
+        codecs: Mapping[str, MessageCodec] = MappingProxyType({}),
+        *,
+        retained: bool = False,
+        on_unfit: Callable[[str], object] = lambda name: None,
+    ) -> None:
         self.name = name
         self.is_essential = retained
         self._types = types
+        self._codecs = codecs
+        self._on_unfit = on_unfit
 
     def is_described(self) -> bool:
         """Whether its type is known."""
@@ -87,7 +101,13 @@ class TopicSource:
         """A message, read. Raises DecodeError."""
         values = decode_map(payload)
         type_name = self._types.get(self.name, "")
-        return TopicItem(log_ns, self.name, type_name, values, retained=self.is_essential)
+        encoded = None
+        if (codec := self._codecs.get(self.name)) is not None:
+            if (message := codec.encode_fitted(values)) is not None:
+                encoded = codec.definition, message
+            else:
+                self._on_unfit(self.name)
+        return TopicItem(log_ns, self.name, type_name, values, encoded, self.is_essential)
 
 
 class EventSource:

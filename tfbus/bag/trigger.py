@@ -1,5 +1,6 @@
 """What makes a recorder write a snapshot by itself: `gone base_link`, `conflict map`."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tfbus.errors import DecodeError, InvalidArgumentException
@@ -7,6 +8,8 @@ from tfbus.listen.claims import Claims
 from tfbus.recording.items import EventItem
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.fleet import FrameNames, has_name
+from tfbus.wire.keys import namespace_of_node
 from tfbus.wording import listed, printable
 
 _KINDS = ("gone", "conflict")
@@ -36,11 +39,14 @@ class Condition:
 
 @dataclass
 class Triggers:
-    """Finds in the events of streams what fulfils one of some conditions."""
+    """Finds in the events of streams what fulfils one of some conditions. Their frames have the
+    names of the robot, or those in a fleet: `base_link`, `robot7/base_link`.
+    """
 
     conditions: tuple[Condition, ...]
     _claims: Claims = field(default_factory=lambda: Claims("latest"))
-    _frames: dict[str, list[str]] = field(default_factory=dict)
+    # Of each stream its namespace and child frames, as they are called in a fleet.
+    _frames: dict[str, tuple[FrameNames, list[str]]] = field(default_factory=dict)
 
     def fulfilled_by(self, event: EventItem) -> str:
         """What the event says that a condition asks for, as a sentence; "" for nothing."""
@@ -49,7 +55,8 @@ class Triggers:
         if event.kind != "stream gone":
             return ""
         self._claims.update(event.name, None)
-        frames = self._wanted("gone", self._frames.pop(event.name, []))
+        names, children = self._frames.pop(event.name, (FrameNames(""), []))
+        frames = self._wanted("gone", names, children)
         return f"stream {event.name!r} is gone, with {listed(frames, most=3)}" if frames else ""
 
     def _conflict(self, event: EventItem) -> str:
@@ -57,14 +64,22 @@ class Triggers:
             description = from_map(StreamDescription, event.facts)
         except DecodeError:
             return ""
-        self._frames[event.name] = [child for _, child, _ in description.frames]
+        # Two robots may have frames of one name.
+        names = FrameNames(namespace_of_node(description.node))
+        description = names.description_outside(description)
+        self._frames[event.name] = names, [child for _, child, _ in description.frames]
         contested = self._claims.update(event.name, description)
         for conflict in self._claims.news(event.name, contested):
-            if frames := self._wanted("conflict", conflict.frames):
+            if frames := self._wanted("conflict", names, conflict.frames):
                 streams = f"{conflict.first.stream!r} and {conflict.other.stream!r}"
                 return f"streams {streams} both send {listed(frames, most=3)}"
         return ""
 
-    def _wanted(self, kind: str, frames: list[str] | tuple[str, ...]) -> list[str]:
-        wanted = {each.frame for each in self.conditions if each.kind == kind}
-        return [frame for frame in frames if wanted & {"", frame}]
+    def _wanted(self, kind: str, names: FrameNames, frames: Iterable[str]) -> list[str]:
+        wanted = [each.frame for each in self.conditions if each.kind == kind]
+        return [
+            frame
+            for frame in frames
+            for own in [frame.removeprefix(f"{names.namespace}/")]
+            if any(not name or has_name(own, names.namespace, name) for name in wanted)
+        ]

@@ -238,6 +238,7 @@ class Bridge:
         self._meet_new_bridges()
         for warning in self._leg.warnings():
             self._once.warning(("leg", warning), "%s", warning)
+        self._say_lost()
         to_ros = self._to_ros.streams if self._to_ros else {}
         from_ros = self._from_ros.streams
         self._say("to ROS", to_ros)
@@ -283,7 +284,17 @@ class Bridge:
             sum(to_ros.values()),
             sum(from_ros.values()),
             clock,
+            sum(self._leg.lost().values()),
         )
+
+    def _say_lost(self) -> None:
+        for topic, count in self._leg.lost().items():
+            self._once.warning(
+                ("lost", topic),
+                "Lost %s or more of ROS on %s: this process, or the way to it, is too slow",
+                counted(count, "message"),
+                printable(topic, 100),
+            )
 
     def _say_nothing_came(self, from_ros: dict[str, int]) -> None:
         is_late = time.monotonic() > self._started_s + _NOTHING_AFTER_S

@@ -30,7 +30,8 @@ class RosBridge:
     """A bridge: its node on the bus (full name) and its session, its node in ROS and the middleware
     that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are those
     of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
-    `clock` is which way it passes the simulated time on: "to ROS", "from ROS" or "".
+    `clock` is which way it passes the simulated time on: "to ROS", "from ROS" or "". `lost` is how
+    many messages of ROS never came to it, at least.
     """
 
     node: str
@@ -42,6 +43,7 @@ class RosBridge:
     to_ros: int = 0
     from_ros: int = 0
     clock: str = ""
+    lost: int = 0
 
 
 def check_name_is_free(node: Node) -> None:

@@ -3,7 +3,7 @@
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tfbus.bridge.dds_config import configuration
@@ -16,6 +16,7 @@ from tfbus.bridge.leg import (
     RosSender,
     RosTopic,
 )
+from tfbus.bridge.lost import LostMessages
 from tfbus.bridge.unheard import Offer, unheard
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
@@ -162,6 +163,7 @@ class DdsSubscription:
         self.gid = reader.guid.hex
         self.topic = topic
         self.condition = ReadCondition(reader, ANY)
+        self._depth = max(topic.depth, LEAST_READER_DEPTH)
         self._leg = leg
         self._reader: DataReader[RawSample] | None = reader
         self._on_message = on_message
@@ -186,7 +188,15 @@ class DdsSubscription:
     def _taken(self) -> Sequence[RawSample]:
         with self._lock:
             reader = self._reader
-            return [] if reader is None else reader.take(MOST_TAKEN)
+            if reader is None:
+                return []
+            taken = list(reader.take(min(MOST_TAKEN, self._depth)))
+            if MOST_TAKEN <= len(taken) < self._depth:
+                taken += reader.take(self._depth - MOST_TAKEN)
+        if len(taken) >= self._depth:
+            # Cyclone does not count what gives way in a full history.
+            self._leg.lost_messages.was_full(self.topic.name)
+        return taken
 
     def _call(self, sample: RawSample, watch: "DdsWatch") -> None:
         with self._lock:
@@ -203,6 +213,7 @@ class DdsLeg:
 
     def __init__(self, settings: LegSettings, log: logging.Logger) -> None:
         self._settings = settings
+        self.lost_messages = LostMessages()
         self._log_once = LogOnce(log)
         self._number = domain_of(settings.domain)
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
@@ -280,18 +291,26 @@ class DdsLeg:
             if (node := self._watch.node_of(each)) or self._watch.is_nameless(each)
         ]
 
+    def lost(self) -> Mapping[str, int]:
+        """How many messages of each topic were lost, one where there may be many."""
+        return self.lost_messages.counts
+
     def warnings(self) -> Sequence[str]:
         """That there is no ROS, and whom it cannot listen to."""
-        if not self._watch.sees_ros:
+        with self._lock:
+            topics = [each.topic for each in self._subscriptions]
+        # Some programs speak ROS's DDS and tell no node.
+        if not self._watch.sees_ros and not self._has_writers(topics):
             if time.monotonic() < self._joined_s + _DISCOVERY_S:
                 return []
             return [
                 f"No ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"
             ]
-        with self._lock:
-            topics = [each.topic for each in self._subscriptions]
         return [said for topic in topics for said in self._unheard(topic)]
+
+    def _has_writers(self, topics: Sequence[RosTopic]) -> bool:
+        return any(self._watch.writers(dds_topic(each.name)) for each in topics)
 
     def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""

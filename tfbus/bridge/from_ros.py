@@ -8,7 +8,7 @@ from functools import partial
 from tfbus.bridge.bridges import Bridges
 from tfbus.bridge.common import Common
 from tfbus.bridge.crossing_rule import CrossingRule
-from tfbus.bridge.leg import LEAST_READER_DEPTH, Closing, Leg, RosTopic
+from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.ros_sources import RosSource, RosSources
 from tfbus.bridge.ros_streams import RosStream
@@ -67,10 +67,11 @@ class FromRos:
         if self._subscriptions:
             return
         # Of each publisher the last message with all its static transforms; some send several.
-        late = replace(static, depth=LEAST_READER_DEPTH)
         self._subscriptions = [
-            self._leg.subscribe(late, partial(self._on_message, True)),
-            self._leg.subscribe(dynamic, partial(self._on_message, False)),
+            self._leg.subscribe(
+                replace(topic, depth=TRANSFORMS_READER_DEPTH), partial(self._on_message, is_static)
+            )
+            for topic, is_static in ((static, True), (dynamic, False))
         ]
 
     def close(self) -> None:

@@ -4,7 +4,7 @@ It carries the bytes of messages, in CDR as ROS 2 has them, and knows who publis
 is the bridge's affair.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +16,10 @@ OnMessage = Callable[[bytes, str], None]
 # All publishers of a topic together are behind one subscription: each of their last messages must
 # fit.
 LEAST_READER_DEPTH = 100
+
+# Of transforms, which are small, and which all nodes of a robot publish: so many wait where this
+# process is short of CPU for a second or two.
+TRANSFORMS_READER_DEPTH = 5000
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,11 @@ class Leg(Protocol):
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
         """The publishers of a topic that are there now, its own ones left out. Quick enough to be
         asked every second.
+        """
+
+    def lost(self) -> Mapping[str, int]:
+        """How many messages of each topic never came here, as far as the middleware lets one know:
+        at least as many were lost.
         """
 
     def warnings(self) -> Sequence[str]:

@@ -1,7 +1,7 @@
 """The poses of Odometry as transforms: what a node of ROS says on odom, as if it were on /tf."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from tfbus.bridge.leg import Closing, Leg, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.topic_table import TopicTable
@@ -46,6 +46,9 @@ class OdometryFrames:
             for name in self._topics:
                 found += [each for each in self._leg.publishers(name) if each.gid not in known]
         return found
+
+    def lost(self) -> Mapping[str, int]:
+        return self._leg.lost()
 
     def warnings(self) -> Sequence[str]:
         return self._leg.warnings()

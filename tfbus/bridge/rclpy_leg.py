@@ -5,7 +5,7 @@ import os
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -18,6 +18,7 @@ from tfbus.bridge.leg import (
     RosSender,
     RosTopic,
 )
+from tfbus.bridge.lost import LostMessages
 from tfbus.bridge.unheard import Offer, unheard
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.log_once import LogOnce
@@ -45,6 +46,9 @@ _OF_NO_NODE = "_CREATED_BY_BARE_DDS_APP_"
 
 # Own messages that have not come back yet, where they can only be told by what is in them.
 _MOST_OWN = 1000
+
+# In the place of the number of a message, where the middleware does not tell.
+_UNNUMBERED = 2**64 - 1
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RclpyLeg":
@@ -139,6 +143,9 @@ class RclpySubscription:
         gid = _gid(told["data"]) if (told := info.get("publisher_gid")) else ""
         if self._leg.has_sent(gid) if gid else self.own.take(hash(payload)):
             return
+        number = info.get("publication_sequence_number", _UNNUMBERED)
+        if gid and number != _UNNUMBERED:
+            self._leg.lost_messages.came(self.topic.name, gid, number)
         with self._lock:
             on_message = self._on_message
             if on_message is not None:
@@ -157,6 +164,7 @@ class RclpyLeg:
     """A node of rclpy, in a context of its own."""
 
     def __init__(self, settings: LegSettings, log: logging.Logger) -> None:
+        self.lost_messages = LostMessages()
         self._log_once = LogOnce(log)
         self._lock = threading.RLock()
         self._senders: list[RclpySender] = []
@@ -231,6 +239,10 @@ class RclpyLeg:
             for each in self._endpoints(topic)
             if not self._is_own_node(each) and each.node_name != _NOT_YET_KNOWN
         ]
+
+    def lost(self) -> Mapping[str, int]:
+        """How many messages of each topic were lost, by their numbers; none before Kilted."""
+        return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
         """That there is no ROS, and whom it cannot listen to."""

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.bridge.leg import LEAST_READER_DEPTH, LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.bridge.ros1_type import Ros1Type, ros1_type
 from tfbus.errors import DecodeError, SettingsError, TfbusError
 from tfbus.ros.ros1_master import DEFAULT_MASTER, Ros1Master, Ros1State
@@ -168,6 +168,10 @@ class RospyLeg:
             nodes = self._publishers.get(topic, ())
             away = {self._full_name, *self._dead}
         return [RosPublisher(_gid(node), node) for node in nodes if node not in away]
+
+    def lost(self) -> Mapping[str, int]:
+        """Nothing: messages of ROS 1 have no numbers, and what its queues drop is not counted."""
+        return {}
 
     def warnings(self) -> Sequence[str]:
         """What is odd with time in ROS 1."""
@@ -358,7 +362,8 @@ class _Subscription:
             topic.name,
             _message_class(self._type),
             self._take,
-            queue_size=topic.depth,
+            # Of what rospy reads at once it drops all but so many.
+            queue_size=max(topic.depth, LEAST_READER_DEPTH),
             tcp_nodelay=True,
         )
         leg.began("sub", topic.name, self)

@@ -17,9 +17,10 @@ from tfbus.command.extras import install_command
 from tfbus.errors import DecodeError
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import message_of
-from tfbus.ros.definitions import STRING, TF_MESSAGE, Definition
+from tfbus.ros.definitions import STRING, Definition
 from tfbus.ros.fitted import field_at, plain
 from tfbus.ros.message_type import Message
+from tfbus.ros.standard import standard_definition
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable
@@ -27,9 +28,6 @@ from tfbus.wording import did_you_mean, printable
 _KEYS = ("type", "ros", "msg", "direction", "fields", "retained", "depth")
 _TRUTH = {"true": True, "false": False}
 _OFF = TopicLine(Counterpart("", STRING, dict, dict), direction="off")
-
-_KNOWN = {each.definition.name: each.definition for each in LIVE_COUNTERPARTS.values()}
-_KNOWN[TF_MESSAGE.name] = TF_MESSAGE
 
 
 def read_topic_file(path: Path) -> list[TopicLine]:
@@ -136,7 +134,6 @@ def _definition(
     ros_type: str, fields: Mapping[str, Value], path: Path
 ) -> tuple[Definition, Message]:
     place = fields["ros"].place
-    definition = _KNOWN.get(ros_type)
     if "msg" in fields:
         place = fields["msg"].place
         file = path.parent / fields["msg"].text()
@@ -146,31 +143,30 @@ def _definition(
             reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
             raise place.mistake(f"{file} cannot be read: {reason}") from error
         definition = _completed(Definition(ros_type, text), place.mistake)
-    elif definition is None:
-        definition = _standard(ros_type, place.mistake)
+    elif (known := standard_definition(ros_type)) is not None:
+        definition = known
+    else:
+        raise place.mistake(_why_unknown(ros_type))
     try:
         return definition, message_of(definition)
     except DecodeError as error:
         raise place.mistake(str(error)) from error
 
 
-def _standard(ros_type: str, mistake: Any) -> Definition:
-    """A type that every ROS 2 has."""
+def _why_unknown(ros_type: str) -> str:
+    """Why the definition of a type is not known."""
     try:
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise mistake(
+    except ImportError:
+        return (
             f"the definition of {printable(ros_type, 100)} is not known without rosbags: "
             f"{install_command('bags')}, or give it by `msg: FILE`"
-        ) from error
-    store = get_typestore(Stores.ROS2_KILTED)
-    if ros_type not in store.types:
-        near = did_you_mean(ros_type, list(store.types))
-        raise mistake(
-            f"{printable(ros_type, 100)} is no standard type of ROS 2{near}; give the definition "
-            "of another by `msg: FILE`"
         )
-    return Definition(ros_type, store.generate_msgdef(ros_type, ros_version=2)[0])
+    near = did_you_mean(ros_type, list(get_typestore(Stores.ROS2_KILTED).types))
+    return (
+        f"{printable(ros_type, 100)} is no standard type of ROS 2{near}; give the definition of "
+        "another by `msg: FILE`"
+    )
 
 
 def _completed(definition: Definition, mistake: Any) -> Definition:

@@ -4,11 +4,12 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.lost import LostMessages
 from tfbus.bridge.ros_graph import RosGraph
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.ros.rmw_zenoh import (
@@ -24,6 +25,7 @@ from tfbus.ros.rmw_zenoh import (
     dds_type_name,
     gid_of,
     has_named_fields,
+    number_in,
     read_attachment,
     source_in,
     wire_of,
@@ -60,6 +62,7 @@ class ZenohLeg:
         self._wire = wire_of(settings.distro)
         self._settings = settings
         self.domain = domain_of(settings.domain)
+        self.lost_messages = LostMessages()
         self._once = LogOnce(log)
         self._session = RosSession(settings.connect, log)
         self.graph = RosGraph(self.domain, self._session.id)
@@ -103,7 +106,8 @@ class ZenohLeg:
             gid = attachment and self._by_source.get(source_in(attachment))
             if not gid or gid not in self.graph.gids:
                 gid = self._publisher_of(topic.name, attachment, sample)
-            if gid:
+            if gid and attachment:
+                self.lost_messages.came(topic.name, gid, number_in(attachment))
                 subscription.call(payload, gid)
 
         token = self._token("MS", topic)
@@ -120,6 +124,10 @@ class ZenohLeg:
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
         """The publishers of a topic that are there now, its own ones left out."""
         return self.graph.publishers(topic)
+
+    def lost(self) -> Mapping[str, int]:
+        """How many messages of each topic were lost, by their numbers."""
+        return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
         """What the user should know of the ROS around."""

@@ -201,6 +201,13 @@ _CALLED_IN_ROS = {
     "wtf": "doctor",
 }
 
+# Commands of `tfbus bag` are looked for without it, too.
+_OF_BAG = {
+    name: f"use: tfbus bag {name}"
+    for name in ("cut", "export", "filter", "import", "info", "merge", "play", "record", "recover")
+}
+_FLEET = "use --fleet, which all tools that listen have: tfbus frames --fleet, tfbus top --fleet"
+
 _RUN = "a node is a command itself, as in: tfbus simulator"
 
 # Commands of ROS that have no counterpart.
@@ -221,7 +228,10 @@ _NOT_NEEDED = {
 
 @click.command(
     cls=Commands,
-    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()} | _NOT_NEEDED,
+    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
+    | _NOT_NEEDED
+    | _OF_BAG
+    | {"fleet": _FLEET},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To get started: tfbus launch turtle",
 )

@@ -76,7 +76,7 @@ _MOST_S = 86_400.0
     type=POSITIVE,
     help="Poses per second (default 50; with --bag one for each sample).",
 )
-@bag_options("end")
+@bag_options("end", statics=True)
 @listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,

@@ -3,6 +3,7 @@
 import textwrap
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,12 +11,15 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
-from tfbus.command.recordings import BagChoice, bag_option
+from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
+
+if TYPE_CHECKING:
+    from tfbus.recording.lasting_statics import Statics
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -37,6 +41,7 @@ _LONGEST_BACK_S = 3600.0
 )
 @json_option("Print a JSON object.")
 @bag_option
+@statics_option
 @listening_options(own_name("_why"))
 def command(
     settings: NodeSettings,
@@ -46,6 +51,7 @@ def command(
     moment: Moment | None,
     as_json: bool,
     bags: tuple[Path, ...],
+    statics: "Statics | None",
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
@@ -53,8 +59,11 @@ def command(
     fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
     if bags:
-        _explain_recorded(settings, fleet, target, source, BagChoice(bags, moment), as_json)
+        bag = BagChoice(bags, moment, statics=statics or "always")
+        _explain_recorded(settings, fleet, target, source, bag, as_json)
         return
+    if statics is not None:
+        raise click.UsageError("--statics is for a recording: give --bag")
     from tfbus.discover.out_of_reach import (
         bus_out_of_reach,
     )  # Zenoh, which a recording does not need

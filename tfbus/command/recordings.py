@@ -20,6 +20,7 @@ from tfbus.wording import counted, duration, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.damage import Damage
+    from tfbus.recording.lasting_statics import Statics
     from tfbus.recording.part import Part
     from tfbus.recording.reader import RecordingReader
 
@@ -43,12 +44,15 @@ _MOMENTS = {
 
 @dataclass(frozen=True)
 class BagChoice:
-    """The files of a recording, and the moment or span of it, as options give them."""
+    """The files of a recording, the moment or span of it, and which static transforms are known at
+    a moment, as options give them.
+    """
 
     paths: tuple[Path, ...]
     at: Moment | None = None
     begin: Moment | None = None
     end: Moment | None = None
+    statics: "Statics" = "then"
 
     @property
     def written(self) -> list[str]:
@@ -120,20 +124,24 @@ def _outside(moment: Moment, at_ns: int) -> str:
     return f"{wall(at_ns)} is outside of"
 
 
-def bag_options(*moments: str) -> Callable[[F], F]:
+def bag_options(*moments: str, statics: bool = False) -> Callable[[F], F]:
     """Add `--bag`, and the options of these moments, "at", "begin" and "end", to a click command,
-    which gets them as `bag`: a BagChoice, None for the bus.
+    which gets them as `bag`: a BagChoice, None for the bus. With `statics` there is `--statics`.
 
-    Raises click.UsageError for a moment without a recording.
+    Raises click.UsageError for a moment, or statics, without a recording.
     """
 
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def command(*args: Any, bags: tuple[Path, ...], **values: Any) -> Any:
             given = {name: values.pop(f"bag_{name}") for name in moments}
-            return function(*args, bag=bag_choice(bags, **given), **values)
+            said: Statics | None = values.pop("statics") if statics else "then"
+            if statics and said is not None and not bags:
+                raise click.UsageError("--statics is for a recording: give --bag")
+            known = said or "always"
+            return function(*args, bag=bag_choice(bags, statics=known, **given), **values)
 
-        decorated: Any = command
+        decorated: Any = statics_option(cast(F, command)) if statics else command
         for name in reversed(moments):
             text, option = _MOMENTS[name]
             decorated = click.option(
@@ -142,6 +150,17 @@ def bag_options(*moments: str) -> Callable[[F], F]:
         return bag_option(cast(F, decorated))
 
     return decorate
+
+
+def statics_option(function: F) -> F:
+    """Add `--statics`, which gives `statics`, to a click command that looks up in recordings."""
+    option = click.option(
+        "--statics",
+        type=click.Choice(("always", "then")),
+        help="With --bag: static transforms hold always, as in tf2 (default), or from when they "
+        "were received.",
+    )
+    return option(function)
 
 
 def bag_option(function: F) -> F:
@@ -157,10 +176,12 @@ def bag_option(function: F) -> F:
     return option(function)
 
 
-def bag_choice(bags: tuple[Path, ...], **moments: Moment | None) -> BagChoice | None:
+def bag_choice(
+    bags: tuple[Path, ...], *, statics: "Statics" = "then", **moments: Moment | None
+) -> BagChoice | None:
     """The choice; None without a recording. Raises click.UsageError for a moment without one."""
     if bags:
-        return BagChoice(bags, **moments)
+        return BagChoice(bags, statics=statics, **moments)
     for name, moment in moments.items():
         if moment is not None:
             raise click.UsageError(f"{_MOMENTS[name][1]} is a moment of a recording: give --bag")

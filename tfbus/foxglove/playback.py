@@ -28,10 +28,10 @@ from tfbus.foxglove.topics import TopicChannel, is_description
 from tfbus.foxglove.transforms import TransformChannels
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
-from tfbus.recording.reader import RecordingReader
+from tfbus.recording.reader import RecordingReader, TopicSummary
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
-from tfbus.ros.schema import MessageCodecs
+from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import open_log
 from tfbus.runtime.log_once import LogOnce
@@ -113,6 +113,7 @@ class PlaybackBridge(Requests):
                 MessageCodecs() if is_description(topic.name, topic.type_name) else codecs,
                 absolute(topic.name),
                 topic.type_name,
+                _ros_codec(topic),
             )
             for topic in self._reader.topics
             if topic.is_readable
@@ -361,6 +362,14 @@ class PlaybackBridge(Requests):
 
     def _on_refused(self, reason: str) -> None:
         self._once.warning(("refused", reason), "Refused a client: %s", reason)
+
+
+def _ros_codec(topic: TopicSummary) -> MessageCodec | None:
+    """The codec of a topic that has a type of ROS's, and its fields."""
+    definition = topic.definition
+    if definition is None or definition.name != topic.type_name:
+        return None
+    return MessageCodec.of_definition(definition)
 
 
 def _state_of(

@@ -8,6 +8,7 @@ from typing import Any
 
 from tfbus import messages
 from tfbus.discover.graph import Graph, TopicInfo
+from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.foxglove.as_json import json_of
 from tfbus.foxglove.graph import absolute
@@ -48,12 +49,20 @@ def is_description(topic: str, type_name: str) -> bool:
 class TopicChannel:
     """A topic as a channel, whose schema is that of its messages. Not thread-safe.
 
-    Where the type is one of tfbus.messages the channel is there at once, otherwise from the first
-    message on.
+    Where the type is one of tfbus.messages, or one of ROS's with this `codec`, the channel is there
+    at once, otherwise from the first message on.
     """
 
-    def __init__(self, server: Server, codecs: MessageCodecs, name: str, type_name: str) -> None:
+    def __init__(
+        self,
+        server: Server,
+        codecs: MessageCodecs,
+        name: str,
+        type_name: str,
+        codec: MessageCodec | None = None,
+    ) -> None:
         self._server = server
+        self._codec = codec
         self._codecs = codecs
         self._name = name
         self._type_name = type_name
@@ -63,6 +72,8 @@ class TopicChannel:
         known = _supplied_type(type_name)
         if known is not None:
             self._open(MessageCodec.of_type(known).definition)
+        elif codec is not None:
+            self._open(codec.definition)
 
     def send(self, values: Mapping[str, Any], log_ns: int) -> None:
         """Send a message. Raises ValueError where neither CDR nor JSON can express it."""
@@ -83,6 +94,10 @@ class TopicChannel:
         """
         if self._changes > _MOST_CHANGES or (self.channel is not None and not self._definition):
             return None
+        if self._codec is not None and (message := self._codec.encode_fitted(values)) is not None:
+            if self._codec.definition != self._definition:
+                self._open(self._codec.definition)
+            return message
         try:
             codec, message = self._codecs.encode(self._type_name or self._name, values)
         except (ValueError, OverflowError):
@@ -119,17 +134,19 @@ class _LiveTopic:
         *,
         retained: bool,
         shown: Shown | None,
+        codec: MessageCodec | None = None,
     ) -> None:
         self.type_name = type_name
         self.seen_s = time.monotonic()
         self.retained = retained
+        self.codec = codec
         self._node = node
         self._name = name
         self._once = once
         self._shown = shown
         self._lock = threading.Lock()
         # Codecs of its own: messages of topics come on several threads.
-        self._sent = TopicChannel(server, MessageCodecs(exact=False), name, type_name)
+        self._sent = TopicChannel(server, MessageCodecs(exact=False), name, type_name, codec)
         self._subscription: RawSubscription | None = None
 
     @property
@@ -200,6 +217,7 @@ class LiveTopics:
         self._shown = shown
         self._server = server
         self._once = once
+        self._ros_types = RosTypes(node.session)
         self._topics: dict[str, _LiveTopic] = {}
 
     def update(self, graph: Graph) -> None:
@@ -238,7 +256,8 @@ class LiveTopics:
         if is_robot and self._shown is None:
             return
         known = self._topics.get(name)
-        if known is not None and (known.type_name, known.retained) == (type_name, info.retained):
+        seen = type_name, info.retained, self._codec(info)
+        if known is not None and (known.type_name, known.retained, known.codec) == seen:
             known.seen_s = now_s
             return
         if known is None and len(self._topics) >= _MOST_TOPICS:
@@ -254,7 +273,14 @@ class LiveTopics:
             self._once,
             retained=info.retained,
             shown=self._shown if is_robot else None,
+            codec=seen[2],
         )
+
+    def _codec(self, info: TopicInfo) -> MessageCodec | None:
+        """That of the type of ROS's that its publishers say; of its subscribers without any."""
+        ends = info.publishers or info.subscribers or ()
+        found = [self._ros_types.codec(end.node, end.type) for end in ends]
+        return next((codec for codec in found if codec is not None), None)
 
 
 def _type_of(info: TopicInfo) -> str:

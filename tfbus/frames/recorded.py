@@ -32,6 +32,7 @@ from tfbus.wire.transforms import TransformMessage, TransformReader
 from tfbus.wording import printable
 
 if TYPE_CHECKING:
+    from tfbus.recording.lasting_statics import LastingStatics, Statics
     from tfbus.recording.reader import RecordingReader
 
 S = 1_000_000_000
@@ -41,12 +42,18 @@ S = 1_000_000_000
 _MOST_BACK_S = 1200
 
 
+def _lasting(source: "RecordingReader") -> "LastingStatics":
+    from tfbus.recording.lasting_statics import LastingStatics  # numpy
+
+    return LastingStatics(source)
+
+
 class RecordedFrames:
     """The frames of a recording as a listener in `namespace`, or with a `fleet`, had them.
 
     `seek` goes to a moment, `advance` on to a later one; before the first there is nothing.
     `sim_time` is whether ages are by the simulated time that was recorded; None: where all
-    publishers followed it.
+    publishers followed it. With `statics` "always" static transforms are there before they came.
     """
 
     def __init__(
@@ -57,13 +64,16 @@ class RecordedFrames:
         fleet: Fleet | None = None,
         cache_time_s: float = 10.0,
         sim_time: bool | None = None,
+        statics: "Statics" = "then",
     ) -> None:
         self.dropped = 0
-        # Called before a new epoch of a stream voids its samples.
-        self.before_restart: Callable[[], object] = lambda: None
+        # Called before samples may be lost: by a new epoch of a stream, a description or a static
+        # set that leaves a frame out, a clock that is set back.
+        self.before_loss: Callable[[], object] = lambda: None
         # How often a simulated clock was set back, and to when at last.
         self.jumps = self.jumped_to_ns = 0
         self._source = source
+        self._lasting = _lasting(source) if statics == "always" else None
         self._events = source.events
         self.pauses = source.pauses
         self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
@@ -103,7 +113,11 @@ class RecordedFrames:
         """Go to a log time. `buffer` is another one from then on."""
         from_ns = at_ns - int(self._cache_time_s * S)
         before: list[Item] = [event for event in self._events if event.log_ns < from_ns]
-        before += self._source.state_at(from_ns - 1, self._selection).statics.values()
+        statics = self._source.state_at(from_ns - 1, self._selection).statics.values()
+        if self._lasting is not None:
+            before += self._lasting.with_later(statics, from_ns - 1)
+        else:
+            before += statics
         before.sort(key=_log_ns)
         span = list(self._items(from_ns, at_ns))
         self._go_through(before, span, at_ns)
@@ -221,6 +235,9 @@ class RecordedFrames:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
+        if item.static:
+            self.before_loss()
+            item = item if self._lasting is None else self._lasting.widened(item)
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
         self._note_epoch(name, item.stream.epoch_ns)
         names = self._names(item.stream)
@@ -252,6 +269,7 @@ class RecordedFrames:
             if known is None and event.kind == "stream" and name and is_printable(name):
                 known = self._meet(name, event.name)
             if known is not None:
+                self.before_loss()
                 if name and isinstance(epoch_ns := event.facts.get("epoch"), int):
                     self._note_epoch(name, epoch_ns)
                 known.take_event(event, self._view.names(namespace))
@@ -269,7 +287,7 @@ class RecordedFrames:
     def _note_epoch(self, name: str, epoch_ns: int) -> None:
         if self._epochs.setdefault(name, epoch_ns) != epoch_ns:
             self._epochs[name] = epoch_ns
-            self.before_restart()
+            self.before_loss()
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.explain import after_waiting_with
@@ -51,6 +52,7 @@ def frames_of(
         fleet=fleet,
         cache_time_s=cache_time_s,
         sim_time=settings.sim_time or None,
+        statics=bag.choice.statics,
     )
 
 
@@ -106,7 +108,17 @@ def why_no_pose(frames: RecordedFrames, target: str, source: str) -> str:
 
 def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
     first: FutureExtrapolationException | None = None
+    # What is known of the moment before a publisher begins again, or a frame is removed.
+    found: list[TransformStamped] = []
+
+    def look() -> None:
+        with suppress(TransformException):
+            found.append(frames.buffer.lookup_transform(target, source, stamp_ns))
+
+    frames.before_loss = look
     for later_s in _LATER_S:
+        if found:
+            return found[0]
         try:
             return frames.buffer.lookup_transform(target, source, stamp_ns)
         except FutureExtrapolationException as error:
@@ -119,7 +131,7 @@ def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> Tran
         except PastExtrapolationException as error:
             # Its publisher began again meanwhile.
             raise first or error from None
-    return frames.buffer.lookup_transform(target, source, stamp_ns)
+    return found[0] if found else frames.buffer.lookup_transform(target, source, stamp_ns)
 
 
 class _explained:
@@ -213,7 +225,7 @@ def poses_in(
     due_ns = from_ns + _PART_NS
     has_any = False
     found: list[tuple[Ints, TransformArray]] = []
-    frames.before_restart = lambda: found.extend(poses.new())
+    frames.before_loss = lambda: found.extend(poses.new())
     for item in frames.play(to_ns):
         if item.log_ns >= due_ns:
             due_ns = item.log_ns + _PART_NS

@@ -16,11 +16,15 @@ class Endpoint:
     """One end of a topic, service or action; it ends with its node, or by `close()` before.
 
     `type_` is a message class, or its name where the endpoint handles bytes only. `retained` says
-    of a publisher whether its last message also reaches subscribers that join later.
+    of a publisher whether its last message also reaches subscribers that join later. `definition`
+    is that of the type in ROS, where it has one that others cannot know.
     """
 
-    def __init__(self, name: str, type_: type | str, *, retained: bool = False) -> None:
+    def __init__(
+        self, name: str, type_: type | str, *, retained: bool = False, definition: str = ""
+    ) -> None:
         self.name = name
+        self.definition = definition
         self.retained = retained
         self.type_name = type_ if isinstance(type_, str) else type_name(type_)
         self.closed = False

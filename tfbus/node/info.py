@@ -78,6 +78,11 @@ class NodeInfo:
             ],
         }
 
+    def _definitions(self) -> dict[str, str]:
+        """Those of the types that its publishers define, by name."""
+        open_ones = [each for each in self._endpoints["publishes"] if not each.closed]
+        return {each.type_name: each.definition for each in open_ones if each.definition}
+
     def _membership(self) -> dict[str, str]:
         """Which identity it is on a closed bus, and which rights it enforces."""
         closed = self._session.settings.closed
@@ -86,7 +91,10 @@ class NodeInfo:
         return {"identity": closed.identity.name, "rights": closed.digest}
 
     def _on_info_query(self, query: Query) -> None:
-        query.answer(node_key(self._name), encode_map(self.describe()))
+        described = self.describe()
+        if query.parameter("definitions"):
+            described["definitions"] = self._definitions()
+        query.answer(node_key(self._name), encode_map(described))
         query.close()
 
     def _on_clock_query(self, query: Query) -> None:

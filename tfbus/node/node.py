@@ -325,14 +325,20 @@ class Node:
         )
 
     def create_raw_publisher(
-        self, topic: str, *, type_name: str = "", retained: bool = False
+        self, topic: str, *, type_name: str = "", retained: bool = False, definition: str = ""
     ) -> RawPublisher:
         """A publisher of messages that are bytes already, of a type known by its name only;
         `retained` as of `create_publisher`.
+
+        A type of ROS has its full name, `sensor_msgs/msg/Imu`, and messages have its fields under
+        their names in ROS. The `definition` of one that is not standard, as `ros2msg` of MCAP with
+        all messages in it, lets others record and show it as that type.
         """
         topic = self._resolve(topic)
         self.settings.check_right("topics", topic)
-        publisher = RawPublisher(self.session, topic, type_name, retained=retained)
+        publisher = RawPublisher(
+            self.session, topic, type_name, retained=retained, definition=definition
+        )
         return self._info.add("publishes", publisher)
 
     def create_raw_subscription(

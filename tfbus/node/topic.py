@@ -43,10 +43,20 @@ class Publisher(Endpoint, Generic[M]):
 
 
 class RawPublisher(Endpoint):
-    """Sends messages that are bytes already; others see `type_name` as their type."""
+    """Sends messages that are bytes already; others see `type_name` as their type, and may ask for
+    its `definition`.
+    """
 
-    def __init__(self, session: Session, topic: str, type_name: str, *, retained: bool = False):
-        super().__init__(topic, type_name, retained=retained)
+    def __init__(
+        self,
+        session: Session,
+        topic: str,
+        type_name: str,
+        *,
+        retained: bool = False,
+        definition: str = "",
+    ):
+        super().__init__(topic, type_name, retained=retained, definition=definition)
         self._publisher = _publisher(session, topic, retained)
         self._parts = [self._publisher]
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
 
@@ -14,6 +14,7 @@ from tfbus.recording.parts import files_of
 from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
+from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.log import library_log
@@ -38,7 +39,7 @@ class TopicSummary:
     """A topic: the name of its type, and how many messages there are. Where `is_readable` is false
     they are in a format that tfbus does not read, and are left out of the items. Where it
     `is_retained` a message stays in force until the next, and those that a file begins with, to
-    repeat what is in force, are counted too.
+    repeat what is in force, are counted too. `definition` is that of a type of ROS's.
     """
 
     name: str
@@ -46,6 +47,7 @@ class TopicSummary:
     messages: int
     is_readable: bool = True
     is_retained: bool = False
+    definition: Definition | None = field(default=None, repr=False)
 
 
 class RecordingReader(Closing):
@@ -171,6 +173,7 @@ class RecordingReader(Closing):
                     former.messages + part.counts.get(channel.id, 0),
                     former.is_readable and channel.is_readable,
                     former.is_retained or channel.is_retained,
+                    channel.definition or former.definition,
                 )
         return tuple(found[name] for name in sorted(found))
 

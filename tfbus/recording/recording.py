@@ -23,6 +23,7 @@ from tfbus.geometry.transform import TransformStamped, check_frame_id, check_sta
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.filled_buffer import FilledBuffer
 from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.lasting_statics import STATICS, Statics
 from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
@@ -72,10 +73,11 @@ class Recording(Closing):
 
     Lookups go by the stamps of the transforms, anywhere in the recording, and read only what they
     need. They answer as a listener would have: of a stream that restarted each epoch counts for its
-    own stamps, and the static transforms are those in force then. Nothing is interpolated across a
-    pause of the recorder: lookups in it raise ExtrapolationException. The times `start_ns` and
-    `end_ns`, and those of items and messages, are log times: when the recorder received them. Both
-    are nanoseconds since the Unix epoch.
+    own stamps, and the static transforms are those in force then. A static transform also holds
+    before it was received, as in tf2; with `statics="then"` it does not. Nothing is interpolated
+    across a pause of the recorder: lookups in it raise ExtrapolationException. The times `start_ns`
+    and `end_ns`, and those of items and messages, are log times: when the recorder received them.
+    Both are nanoseconds since the Unix epoch.
 
     What of a file cannot be read is left out, and logged once.
 
@@ -83,7 +85,7 @@ class Recording(Closing):
     no recording. Safe from any thread.
     """
 
-    def __init__(self, *paths: str | os.PathLike[str]) -> None:
+    def __init__(self, *paths: str | os.PathLike[str], statics: Statics = "always") -> None:
         if not paths:
             raise InvalidArgumentException("name at least one file of the recording")
         for path in paths:
@@ -92,17 +94,20 @@ class Recording(Closing):
                     f"path: expected the name of a file, got a {type(path).__name__}; several "
                     "files are given one after the other: Recording(first, second)"
                 )
-        self._begin(RecordingReader(*paths))
+        if statics not in STATICS:
+            raise InvalidArgumentException(f"statics: {statics!r} is none of {', '.join(STATICS)}")
+        self._begin(RecordingReader(*paths), statics)
 
     @classmethod
-    def of_reader(cls, reader: RecordingReader) -> Self:
+    def of_reader(cls, reader: RecordingReader, statics: Statics = "always") -> Self:
         """The recording that an open reader reads; `close` closes the reader."""
         recording = cls.__new__(cls)
-        recording._begin(reader)
+        recording._begin(reader, statics)
         return recording
 
-    def _begin(self, reader: RecordingReader) -> None:
+    def _begin(self, reader: RecordingReader, statics: Statics) -> None:
         self._reader = reader
+        self._statics: Statics = statics
         self._lock = threading.RLock()
         self._is_closed = False
         self._known: Samples | None = None
@@ -483,7 +488,7 @@ class Recording(Closing):
         with self._lock:
             self._check_open()
             if self._known is None:
-                self._known = Samples(self._reader)
+                self._known = Samples(self._reader, self._statics)
             return self._known
 
     def _stamps_from(self, from_ns: int | None) -> int:

@@ -14,6 +14,7 @@ from tfbus.core.sampling import TF2, Sampling
 from tfbus.geometry.columns import Columns
 from tfbus.recording.index import Edge
 from tfbus.recording.items import TransformItem
+from tfbus.recording.lasting_statics import LastingStatics, Statics
 from tfbus.recording.part import Group, Part
 from tfbus.recording.reader import RecordingReader
 
@@ -58,8 +59,9 @@ class Samples:
     and end after it, else of the last one that begins before.
     """
 
-    def __init__(self, reader: RecordingReader) -> None:
+    def __init__(self, reader: RecordingReader, statics: Statics = "always") -> None:
         self._reader = reader
+        self._lasting = LastingStatics(reader) if statics == "always" else None
         self._pauses = reader.pauses
         self._chunks = list(reader.chunks)
         self._edges: dict[Edge, int] = {}
@@ -72,7 +74,6 @@ class Samples:
             self._children.setdefault(child, len(self._children))
         self._sort()
         self._epochs = self._epoch_ranges()
-        self._first_sets = self._first_static_sets()
         self._versions = self._static_versions()
         self._breaks = sorted(self._break_stamps())
 
@@ -295,13 +296,11 @@ class Samples:
     # Static transforms
 
     def _statics_at(self, stamp_ns: int) -> list[TransformItem]:
-        """The static sets in force at a stamp. A stream's first set holds before it, too."""
+        """The static sets in force at a stamp; where they always hold, with those to come."""
         at = bisect_left([stamp for stamp, _ in self._versions], stamp_ns)
         log_ns = self._versions[at - 1][1] if at else -1
-        found = dict(self._first_sets)
-        if log_ns >= 0:
-            found.update(self._reader.state_at(log_ns).statics)
-        return list(found.values())
+        found = self._reader.state_at(log_ns).statics.values() if at else ()
+        return list(found) if self._lasting is None else self._lasting.with_later(found, log_ns)
 
     def _static_changes(self) -> list[tuple[int, str]]:
         """The log times at which a stream got another static set, and its name."""
@@ -312,29 +311,13 @@ class Samples:
             if channel in part.stream_channels
         )
 
-    def _first_static_sets(self) -> dict[str, TransformItem]:
-        firsts: dict[str, int] = {}
-        for log_ns, name in self._static_changes():
-            firsts.setdefault(name, log_ns)
-        found: dict[str, TransformItem] = {}
-        for log_ns in set(firsts.values()):
-            statics = self._reader.state_at(log_ns).statics
-            names = [name for name in statics if firsts.get(name) == log_ns]
-            found |= {name: statics[name] for name in names}
-        return found
-
     def _static_versions(self) -> list[tuple[int, int]]:
-        """For each change of a static set but the first of a stream: up to which stamp the former
-        one holds, and the log time of the change; by stamp.
+        """For each change of a static set: up to which stamp the former one holds, and the log time
+        of the change; by stamp.
         """
-        known: set[str] = set()
-        later = []
-        for log_ns, name in self._static_changes():
-            if name in known:
-                later.append(log_ns)
-            known.add(name)
-        exact = len(later) <= _MOST_EXACT_CHANGES
-        return sorted((self._stamp_at(log_ns, exact=exact), log_ns) for log_ns in set(later))
+        changes = {log_ns for log_ns, _ in self._static_changes()}
+        exact = len(changes) <= _MOST_EXACT_CHANGES
+        return sorted((self._stamp_at(log_ns, exact=exact), log_ns) for log_ns in changes)
 
     def _stamp_at(self, log_ns: int, *, exact: bool) -> int:
         """The newest stamp that had been received at a log time."""

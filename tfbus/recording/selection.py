@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.wire.fleet import has_name
 
 # The topics of transforms, as ROS has them.
 _DYNAMIC, _STATIC = "tf", "tf_static"
@@ -17,10 +18,11 @@ class Selection:
     `topics` are names of topics: given, only those. Among them `tf` stands for the dynamic
     transforms of all streams, `tf_static` for their static ones, `robot7/tf` for those of a
     namespace; where none of them is given, there are no transforms unless `streams` or `frames` are
-    given too. `streams` are names of streams: given, only those. `frames` are child frames: given,
-    only their transforms. `regex` and `exclude` are regular expressions, found anywhere in the name
-    of a topic or stream; `exclude_topics` are names as `topics`. Names are full, as a session
-    without a namespace has them. The topics `always` are taken in any case.
+    given too. `streams` are names of streams: given, only those. `frames` are child frames, by
+    their own names or those in a fleet, `robot7/base_link`: given, only their transforms. `regex`
+    and `exclude` are regular expressions, found anywhere in the name of a topic or stream;
+    `exclude_topics` are names as `topics`. Names are full, as a session without a namespace has
+    them. The topics `always` are taken in any case.
     """
 
     topics: tuple[str, ...] = ()
@@ -74,6 +76,10 @@ class Selection:
             return False
         return (not self.streams or stream in self.streams) and self._matches(stream)
 
+    def takes_frame(self, child: str, namespace: str) -> bool:
+        """Whether it takes the transforms of a child frame in a namespace."""
+        return not self.frames or any(has_name(child, namespace, name) for name in self.frames)
+
     def taken_of(self, item: Item) -> Item | None:
         """The item, or the part of it that is taken; None where nothing is."""
         if isinstance(item, EventItem):
@@ -88,7 +94,11 @@ class Selection:
             return None
         if not self.frames:
             return item
-        rows = item.rows.only(self.frames)
+        namespace, frames = item.stream.namespace, self.frames
+        if namespace:
+            children = item.rows.children()
+            frames = tuple(each for each in children if self.takes_frame(each, namespace))
+        rows = item.rows.only(frames)
         return replace(item, rows=rows) if rows.count or item.static else None
 
     def _matches(self, name: str) -> bool:

@@ -1,10 +1,12 @@
 """Definitions as text, `ros2msg` of MCAP: written for our messages, read of any.
 
-What our messages say beyond ROS stands in comments, `# tfbus: map`, which others pass over.
+What our messages say beyond ROS stands in comments, `# tfbus: map`, which others pass over. So do
+the names of fields in ROS 1 that ROS 2 does not allow: `uint32 i_tow # tfbus: "iTOW"`.
 """
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 
 from tfbus.errors import DecodeError
@@ -35,6 +37,7 @@ _FIELD = re.compile(
     r"\s*(?P<type>[A-Za-z][\w/]*)(?P<bound><=\d{1,9})?"
     r"(?P<array>\[(?:(?:<=)?[1-9]\d{0,8})?\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
 )
+_ROS2_FIELD = re.compile(r"[a-z](?:_?[a-z0-9])*")
 _SEPARATOR = re.compile(r"={3,}\s*")
 _MSG = re.compile(r"MSG:\s*([\w/]+)\s*")
 
@@ -118,6 +121,53 @@ def _sections(name: str, text: str) -> dict[str, list[str]]:
     return sections
 
 
+def with_ros2_names(definition: Definition) -> Definition:
+    """The definition with names that readers of ROS 2 take: a field `iTOW` is `i_tow` for them, and
+    for us what it was.
+    """
+    sections: list[list[str]] = [[]]
+    for line in definition.text.splitlines():
+        if _SEPARATOR.fullmatch(line):
+            sections.append([])
+        sections[-1].append(line)
+    lines = [line for section in sections for line in _renamed(section)]
+    return Definition(definition.name, "".join(f"{line}\n" for line in lines))
+
+
+def _renamed(lines: list[str]) -> Iterator[str]:
+    """The lines of one message with names that ROS 2 allows."""
+    fields = [_FIELD.fullmatch(line) for line in lines]
+    taken = {found["name"] for found in fields if found and _is_allowed(found)}
+    for line, found in zip(lines, fields, strict=True):
+        if found is None or _is_allowed(found):
+            yield line
+            continue
+        plain = _snake(found["name"])
+        name, number = plain, 1
+        while name in taken:
+            number += 1
+            name = f"{plain}_{number}"
+        taken.add(name)
+        yield f"{line[: found.start('name')]}{name} {_REMARK}{json.dumps(found['name'])}"
+
+
+def _is_allowed(found: re.Match[str]) -> bool:
+    """Whether ROS 2 allows the name; those of constants stay anyhow."""
+    is_constant = found["rest"].startswith("=")
+    return is_constant or _ROS2_FIELD.fullmatch(found["name"]) is not None
+
+
+def _is_renamed(name: str, former: str) -> bool:
+    """Whether a name is what `with_ros2_names` makes of a former one."""
+    return name != former and re.fullmatch(rf"{_snake(former)}(_\d+)?", name) is not None
+
+
+def _snake(name: str) -> str:
+    """A name in lower case with single underscores between words: `i_tow` of iTOW."""
+    words = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
+    return "_".join(filter(None, re.findall(r"[a-z0-9]+", words)))
+
+
 class _Definitions:
     """Makes the messages of one definition."""
 
@@ -168,7 +218,9 @@ class _Definitions:
                 type_ = Sequence(type_, most=int(size[2:]))
             else:
                 type_ = Sequence(type_, int(size) if size else None)
-        key = _key(found["rest"]) if _is_ours(name) else None
+        key = _key(found["rest"])
+        if key is not None and not _is_ours(name) and not _is_renamed(found["name"], key):
+            key = None  # a comment of others
         return Field(found["name"], type_, found["name"] if key is None else key)
 
     def _type(self, name: str, bound: int, inside: tuple[str, ...]) -> Type:

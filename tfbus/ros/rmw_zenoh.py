@@ -245,6 +245,8 @@ _PLAIN = struct.Struct(f"<qqB{_GID_SIZE}s")
 _NAMED = struct.Struct(f"<16sq17sq11sB{_GID_SIZE}s")
 _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 _WITH_NAMES = _NAMES[0]
+_NUMBER = struct.Struct("<q")
+_NUMBER_OF_NAMED = 16
 _SOURCE_OF_PLAIN = 8 + 8
 _SOURCE_OF_NAMED = 16 + 8 + 17 + 8
 
@@ -285,6 +287,14 @@ def source_in(data: bytes) -> bytes:
     publisher have the same.
     """
     return data[_SOURCE_OF_NAMED:] if data.startswith(_WITH_NAMES) else data[_SOURCE_OF_PLAIN:]
+
+
+def number_in(data: bytes) -> int:
+    """The number of the message in the bytes of an attachment that can be read."""
+    found: int = _NUMBER.unpack_from(data, _NUMBER_OF_NAMED if data.startswith(_WITH_NAMES) else 0)[
+        0
+    ]
+    return found
 
 
 def has_named_fields(data: bytes) -> bool:

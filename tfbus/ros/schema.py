@@ -21,6 +21,7 @@ from tfbus.ros.cdr import CdrWriter
 from tfbus.ros.counterparts import COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
+from tfbus.ros.fitted import fitted
 from tfbus.ros.inferred import (
     have_same_keys,
     merged_fields,
@@ -49,6 +50,7 @@ class MessageCodec:
     def __init__(
         self, message: Message, definition: Definition, counterpart: Counterpart | None = None
     ) -> None:
+        self._message = message
         self._codec = codec_of(message)
         self._counterpart = counterpart
         self.definition = definition
@@ -98,6 +100,18 @@ class MessageCodec:
         except (UnfitError, struct.error, OverflowError, UnicodeEncodeError):
             return None
         return bytes(writer.data)
+
+    def encode_fitted(self, values: Mapping[str, Any]) -> bytes | None:
+        """As `encode`, of values of a program, which may be made to fit: floats are rounded to 32
+        bits, and fields that are not there are zero.
+        """
+        data = self.encode(values)
+        if data is not None:
+            return data
+        try:
+            return self.encode(fitted(values, self._message))
+        except UnfitError:
+            return None
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """The values of a message by field. Raises DecodeError where the bytes are none."""

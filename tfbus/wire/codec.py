@@ -85,8 +85,11 @@ def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields
 
 
 def type_name(message_type: type) -> str:
-    """The name of a message type as people read it: `Pose`, `Spawn.Request`."""
-    return message_type.__qualname__
+    """The name of a message type as people read it: `Pose`, `Spawn.Request`; for a type of ROS,
+    which says its own as `__msgtype__`, `sensor_msgs/msg/LaserScan`.
+    """
+    said = vars(message_type).get("__msgtype__")
+    return said if isinstance(said, str) else message_type.__qualname__
 
 
 class _Field(NamedTuple):

@@ -3,7 +3,7 @@
 from typing import Any
 
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
-from tfbus.runtime.structs import Struct, replace
+from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.codec import decode_message
 from tfbus.wording import printable
 
@@ -73,14 +73,22 @@ class NodeDescription(Struct):
         _make_printable(self, "publishes", "subscribes", "serves", "calls")
 
 
+class NodeDefinitions(Struct):
+    """What a node's description says as well where that is asked for: the definitions of the ROS
+    types that it publishes, by the names of the types, as texts of `.msg` files with all in them.
+    """
+
+    definitions: dict[str, str] = field(default_factory=dict)
+
+
 # A parameter's description may be a sentence or two.
 _LONGEST_TEXT = 1000
 
 
 def _make_printable(description: object, *fields: str) -> None:
     """Replace what a screen must not get in these fields: texts, or tuples and maps of texts."""
-    for field in fields:
-        object.__setattr__(description, field, _printable(getattr(description, field)))
+    for name in fields:
+        object.__setattr__(description, name, _printable(getattr(description, name)))
 
 
 def _printable(value: Any) -> Any:
@@ -149,9 +157,9 @@ def read_description(payload: bytes) -> tuple[StreamDescription, str]:
 
 
 def _check_names(**names: str) -> None:
-    for field, name in names.items():
+    for what, name in names.items():
         if not is_printable(name):
             raise ValueError(
-                f"field '{field}' is '{printable(name, most=60)}': at most 255 letters that can be "
+                f"field '{what}' is '{printable(name, most=60)}': at most 255 letters that can be "
                 "printed are allowed"
             )

@@ -61,6 +61,16 @@ class FrameNames:
         return replace(description, frames=tuple(frames))
 
 
+def has_name(frame: str, namespace: str, name: str) -> bool:
+    """Whether a frame of a robot in this namespace has a name: its own there, `base_link`, or the
+    one in a fleet, `robot7/base_link`, as seen from any namespace above.
+    """
+    if name == frame:
+        return True
+    above = name.removesuffix(f"/{frame}")
+    return above != name and f"/{namespace}".endswith(f"/{above}")
+
+
 class Fleet:
     """All robots in the namespaces below a node's own, and the frames that they share."""
 

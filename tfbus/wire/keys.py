@@ -95,6 +95,11 @@ def node_key(node: str) -> str:
     return f"@tfbus/node/{escape(node)}"
 
 
+def definitions_selector(key: str) -> str:
+    """The selector of a node's description at its key, with the definitions of its ROS types."""
+    return f"{key}?definitions=1"
+
+
 def clock_key(node: str) -> str:
     """The key under which a node answers with the time of its system's clock."""
     return f"@tfbus/clock/{escape(node)}"
@@ -274,6 +279,11 @@ def relative(name: str, namespace: str) -> str:
         return name
     prefix = f"/{namespace}/" if namespace else "/"
     return name.removeprefix(prefix)
+
+
+def namespace_of_node(name: str) -> str:
+    """The namespace in a node's full name: `robot7` of `/robot7/sim`, "" of `/sim`."""
+    return name.strip("/").rpartition("/")[0]
 
 
 def relative_name(name: str, namespace: str) -> str:

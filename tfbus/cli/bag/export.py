@@ -21,6 +21,7 @@ from tfbus.recording.exported import (
     write_transforms_npz,
 )
 from tfbus.recording.items import Item
+from tfbus.recording.lasting_statics import STATICS, Statics
 from tfbus.recording.selection import ALL, Selection
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, did_you_mean, duration
@@ -80,6 +81,12 @@ _FORMAT_OF = {f".{form}": form for form in _FORMATS}
 @click.option(
     "--to", "end", type=MomentType(), metavar="TIME", help="End here, written as that of --from."
 )
+@click.option(
+    "--statics",
+    type=click.Choice(STATICS),
+    default=STATICS[0],
+    help="Static transforms hold always, as in tf2 (default), or from when they were received.",
+)
 @click.option("--force", is_flag=True, help="Replace the file if it exists.")
 def command(
     recording: Path,
@@ -92,6 +99,7 @@ def command(
     samples_of: str | None,
     begin: Moment | None,
     end: Moment | None,
+    statics: Statics,
     force: bool,
 ) -> None:
     """Write where SOURCE was, seen from TARGET, or all transforms, or a topic.
@@ -119,7 +127,7 @@ def command(
         raise click.UsageError("npz has all transforms: omit the frames, or write .csv or .tum")
     if not is_pair and form in ("tum", "kitti"):
         raise click.UsageError(f"{form} has the poses of one frame: name TARGET and SOURCE")
-    with BagChoice((recording,), begin=begin, end=end).opened() as bag:
+    with BagChoice((recording,), begin=begin, end=end, statics=statics).opened() as bag:
         if target is not None and source is not None:
             what = _pair(
                 bag,
@@ -172,7 +180,7 @@ def _pair(
 ) -> str:
     from tfbus.recording.recording import Recording
 
-    recording = Recording.of_reader(bag.reader)
+    recording = Recording.of_reader(bag.reader, bag.choice.statics)
     first_ns, last_ns = None, None
     is_static = recording.latest_common_time(*pair) is None
     if is_static and stamps_of is None:

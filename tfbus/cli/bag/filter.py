@@ -27,6 +27,7 @@ from tfbus.recording.items import Item
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.recording.writer import Compression
+from tfbus.wire.fleet import has_name
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean, printable
 
@@ -145,7 +146,12 @@ def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[
     ]
     if selection.frames or drop:  # reads the index, which takes a moment of a long recording
         frames = reader.child_frames()
-        asked += [("child frame", name, frames) for name in selection.frames]
+        spaces = {each.stream.namespace for each in reader.streams}
+        asked += [
+            ("child frame", name, frames)
+            for name in selection.frames
+            if not any(has_name(each, space, name) for each in frames for space in spaces)
+        ]
         every = topics | streams | frames
         asked += [("topic, stream or child frame", name, every) for name in sorted(drop)]
     for kind, name, known in asked:

@@ -139,8 +139,8 @@ class _Plan:
 @click.option(
     "--stamps",
     type=click.Choice(("now", "recorded")),
-    help="Move the stamps of transforms to now, the default, or leave them as they were recorded, "
-    "the default with --clock.",
+    help="Move the stamps of transforms, and in messages of topics, to now, the default, or leave "
+    "them as they were recorded, the default with --clock.",
 )
 @click.option(
     "--clock",

@@ -16,6 +16,7 @@ from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder, Snapshots
 from tfbus.bag.trigger import Triggers
+from tfbus.bag.unmatched import unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_plan import Plan
 from tfbus.cli.bag.record_status import (
@@ -65,17 +66,17 @@ def record(settings: NodeSettings, plan: Plan) -> str:
         lambda path: _open_writer(path, settings, plan, token),
         most_files=plan.most_files,
     )
-    recorder = None
+    recorder = capture = None
     with Node.from_settings(settings) as node, ExitStack() as stack:
         line = StatusLine()
         node.log.addFilter(line.clear)
         node.session.settle()
         try:
             with suppress(KeyboardInterrupt):  # the usual end
-                recorder = _recorder(node, plan, parts, stack)
+                recorder, capture = _recorder(node, plan, parts, stack)
                 if plan.starts_paused:
                     recorder.pause()
-                _go_on(node, plan, recorder, parts, line)
+                _go_on(node, plan, recorder, capture, parts, line)
         except OSError as error:
             if recorder is not None:
                 raise
@@ -83,9 +84,11 @@ def record(settings: NodeSettings, plan: Plan) -> str:
         finally:
             line.clear()
             stack.close()
-    if recorder is None:
+    if recorder is None or capture is None:
         return ""  # Ctrl-C came before it began
     _print_end(recorder, parts, _lost(recorder, node))
+    for clause in _unmatched(plan, recorder, capture):
+        warn(f"In the end {clause}")
     if not recorder.failure:
         return ""
     return (
@@ -94,8 +97,10 @@ def record(settings: NodeSettings, plan: Plan) -> str:
     )
 
 
-def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> Recorder:
-    """A recorder of what the plan takes, which ends with the stack."""
+def _recorder(
+    node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack
+) -> tuple[Recorder, Capture]:
+    """A recorder of what the plan takes, and what captures it; both end with the stack."""
     queue = RawQueue(plan.most_bytes)
     past = None
     if plan.with_history:
@@ -127,7 +132,7 @@ def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> 
     )
     stack.callback(recorder.close)
     stack.callback(capture.close)
-    return recorder
+    return recorder, capture
 
 
 def _news(path: Path, written: WrittenPart, why: str, *, is_snapshot: bool) -> str:
@@ -194,7 +199,12 @@ def _serve(node: Node, recorder: Recorder, stop: Callable[[], object], *, snapsh
 
 
 def _go_on(
-    node: Node, plan: Plan, recorder: Recorder, parts: PartsWritten, line: StatusLine
+    node: Node,
+    plan: Plan,
+    recorder: Recorder,
+    capture: Capture,
+    parts: PartsWritten,
+    line: StatusLine,
 ) -> None:
     """Show how it goes and follow keys, until Ctrl-C, `stop`, or a failure."""
     try:
@@ -231,6 +241,8 @@ def _go_on(
             if not was_silent and look.at_s > began_s + _SILENT_S:
                 was_silent = True
                 _warn_of_silence(node, recorder, plan)
+                for clause in _unmatched(plan, recorder, capture):
+                    node.log.warning("So far %s", clause)
 
 
 def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> Look:
@@ -265,6 +277,14 @@ def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
             hint = where_to_look(frames_in_other_namespaces(node.session))
         hint = hint or bus_out_of_reach(node.session)
         node.log.warning("Nothing to record so far: %s", hint or is_running("broadcaster"))
+
+
+def _unmatched(plan: Plan, recorder: Recorder, capture: Capture) -> list[str]:
+    """A clause for each name that is asked for, and that nothing had."""
+    if not capture.described:
+        return []  # nothing is there, which is said
+    received = [*recorder.counts.streams]
+    return [*unmatched(plan.selection, plan.conditions, dict(capture.described), received)]
 
 
 def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:

@@ -8,6 +8,7 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.foreign import foxglove
 from tfbus.recording.foreign.messages import ForeignChannel
+from tfbus.ros.definition_text import with_ros2_names
 from tfbus.ros.definitions import Definition
 from tfbus.ros.ros1_tf_message import decode_ros1_tf_message
 from tfbus.ros.schema import MessageCodec
@@ -80,7 +81,7 @@ def _ros1_values(channel: ForeignChannel) -> ValuesDecoder:
         text, _ = store.generate_msgdef(name, ros_version=2)
     except Exception as error:  # rosbags raises what its parts do
         raise DecodeError(f"the definition of its type cannot be read: {error}") from error
-    decode = _cdr_values(Definition(name, text))
+    decode = _cdr_values(with_ros2_names(Definition(name, text)))
 
     def read(data: bytes) -> DecodedValues:
         try:

@@ -46,7 +46,8 @@ def opened(*paths: Path) -> Iterator[ForeignFiles]:
     with ExitStack() as stack:
         files: list[ForeignFile] = []
         for path in (each for given in paths for each in _files_of(given)):
-            file: ForeignFile = BareMcap(path) if path.suffix == ".mcap" else RosbagsFile(path)
+            is_mcap = path.suffix == ".mcap" and not path.is_dir()
+            file: ForeignFile = BareMcap(path) if is_mcap else RosbagsFile(path)
             stack.callback(file.close)
             files.append(file)
         yield ForeignFiles(files)

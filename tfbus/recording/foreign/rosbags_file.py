@@ -22,7 +22,8 @@ class RosbagsFile:
         self.name = printable(str(path))
         self.note = ""
         self._path = path
-        self._is_ros1 = path.suffix == ".bag"
+        # A recording of rosbag2 is a folder, whatever its name is.
+        self._is_ros1 = path.suffix == ".bag" and not path.is_dir()
         if self._is_ros1:
             from rosbags.rosbag1 import Reader
         else:

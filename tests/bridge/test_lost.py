@@ -1,0 +1,52 @@
+"""Messages of ROS that are lost on their way are counted, and said."""
+
+import logging
+
+from tests.bridge.conftest import Bridged
+from tests.bridge.fake_leg import FakeRos
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually
+from tfbus.bridge.bridges import RosBridge
+from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH
+from tfbus.bridge.lost import LostMessages
+
+
+class TestNumbers:
+    def test_a_gap_is_counted(self) -> None:
+        """Of each publisher by itself, from the first message that came."""
+        lost = LostMessages()
+        for gid, number in (("a", 7), ("b", 1), ("a", 8), ("a", 11), ("b", 2), ("a", 12)):
+            lost.came("/tf", gid, number)
+        assert lost.counts == {"/tf": 2}
+
+    def test_what_is_kept_for_late_ones_is_no_gap(self) -> None:
+        """Numbers that have come before count for nothing."""
+        lost = LostMessages()
+        for number in (5, 6, 2, 3, 7):
+            lost.came("/tf_static", "a", number)
+        assert lost.counts == {}
+
+
+def test_a_bridge_says_what_was_lost(bridged: Bridged, ros: FakeRos, bus: Bus) -> None:
+    """Once in its log, and with its counts on the bus."""
+    bridge = bridged()
+    lines = Lines(bridge._node.log, logging.WARNING)
+    counts: list[int] = []
+    receiver = bus.node("receiver")
+    receiver.create_subscription(
+        RosBridge, "ros_bridges", lambda each: counts.append(each.lost), retained=True
+    )
+    leg = bridge._leg
+    leg.lost_messages["/tf"] = 12  # type: ignore[attr-defined]  # the test's own leg
+    eventually(lambda: counts and counts[-1] == 12)
+    leg.lost_messages["/tf"] = 20  # type: ignore[attr-defined]
+    eventually(lambda: counts[-1] == 20)
+    assert [line for line in lines.lines if "Lost 12 messages or more of ROS on /tf" in line]
+    assert len([line for line in lines.lines if "Lost" in line]) == 1
+
+
+def test_a_bridge_has_room_for_many_transforms(bridged: Bridged, ros: FakeRos) -> None:
+    """For dynamic and static ones alike."""
+    bridged()
+    depths = {each.topic.name: each.topic.depth for each in ros.subscriptions}
+    assert depths["/tf"] == depths["/tf_static"] == TRANSFORMS_READER_DEPTH

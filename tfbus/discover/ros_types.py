@@ -1,0 +1,64 @@
+"""The definitions of the ROS types of topics, as their publishers say them."""
+
+from tfbus.bus.session import Session
+from tfbus.discover.presence import key_beside
+from tfbus.errors import BusError, DecodeError
+from tfbus.ros.definitions import Definition
+from tfbus.ros.ros_names import is_message_type
+from tfbus.ros.schema import MessageCodec
+from tfbus.ros.standard import standard_definition
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDefinitions
+from tfbus.wire.keys import definitions_selector, node_key
+
+_ANSWER_WITHIN_S = 1.0
+
+# Names come from the bus: at most as many types are remembered.
+_MOST_TYPES = 10_000
+
+
+class RosTypes:
+    """Codecs of the ROS types that nodes publish: by the definition that the node gives, else by
+    that of the standard type of this name. Not thread-safe.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._known: dict[tuple[str, str], MessageCodec | None] = {}
+
+    def codec(self, node: str, type_name: str) -> MessageCodec | None:
+        """The codec of a type that a node publishes; None where it is no type of ROS, or its
+        definition is not known. Asks the node of this full name the first time.
+        """
+        if not is_message_type(type_name):
+            return None
+        if (node, type_name) not in self._known:
+            if len(self._known) >= _MOST_TYPES:
+                self._known.clear()
+            said = self._said(node).get(type_name)
+            definition = Definition(type_name, said) if said else standard_definition(type_name)
+            self._known[node, type_name] = _codec(definition)
+        return self._known[node, type_name]
+
+    def forget(self, node: str) -> None:
+        """Ask this node again: it may be another one of the same name."""
+        for key in [key for key in self._known if key[0] == node]:
+            del self._known[key]
+
+    def _said(self, node: str) -> dict[str, str]:
+        key = key_beside(node, node_key, self._session.settings.namespace)
+        found: dict[str, str] = {}
+        try:
+            for answer in self._session.ask(definitions_selector(key), timeout_s=_ANSWER_WITHIN_S):
+                if answer.refusal is None:
+                    found |= decode_message(NodeDefinitions, answer.payload).definitions
+        except (BusError, DecodeError):
+            return found  # it says nothing that can be read
+        return found
+
+
+def _codec(definition: Definition | None) -> MessageCodec | None:
+    try:
+        return None if definition is None else MessageCodec.of_definition(definition)
+    except DecodeError:
+        return None

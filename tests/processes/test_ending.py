@@ -53,6 +53,20 @@ with tfbus.Node("loops") as node:
     print("its end", flush=True)
 """
 
+# Without a `with`: its session ends as Python does. The timer is sending nearly all the time.
+SENDS_TO_THE_END = """
+import tfbus
+node = tfbus.Node("script")
+sender = tfbus.TransformBroadcaster(node)
+rows = tfbus.Transform.identity()
+def send() -> None:
+    for _ in range(200):
+        sender.send_transform(tfbus.TransformStamped(node.now_ns(), "map", "base", rows))
+    print("sent", flush=True)
+node.create_timer(0.001, send)
+node.spin()
+"""
+
 SIGNAL_WHILE_IT_IS_MADE = """
 import signal, tfbus, tfbus.node.node
 declare = tfbus.Node._declare_itself
@@ -186,6 +200,15 @@ def test_a_callback_that_waits_does_not_hold_up_the_end(bus: Bus, number: int) -
     process.wait_for_line("looking")
     assert process.stop(number) == 0
     process.wait_for_line("Closed while a callback still runs")
+
+
+def test_timers_end_before_the_session_of_a_script(bus: Bus) -> None:
+    """A script that ends without closing its node ends with 0, and no timer fails meanwhile."""
+    for _ in range(3):
+        process = bus.start_command([sys.executable, "-c", SENDS_TO_THE_END])
+        process.wait_for_line("sent")
+        assert process.stop() == 0
+        assert not any("Traceback" in line for line in process.err), process.err
 
 
 def test_another_signal_interrupts_what_waits_after_the_first(bus: Bus) -> None:

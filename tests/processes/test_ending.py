@@ -80,6 +80,18 @@ except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
 
+# A signal that its thread does not take while it waits for a lock, as one that comes in the instant
+# before: the system gives it to another thread.
+SIGNAL_PASSES_IT_BY = """
+import signal, tfbus
+from tfbus.messages import Spawn
+with tfbus.Node("waits") as node:
+    client = node.create_client(Spawn, "spawn")
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    print("waiting", flush=True)
+    client.wait_for_service()
+"""
+
 INTERRUPTED_IN_EXEC = """
 import tfbus
 with tfbus.Node("reader") as node:
@@ -239,6 +251,15 @@ def test_a_node_ends_from_the_moment_it_is_there(bus: Bus, number: int) -> None:
         assert watch.wait(f"/follow{at}", timeout_s=20.0)
         assert process.stop(number) == 0
         assert not any("Traceback" in line for line in process.err)
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_a_signal_that_no_wait_noticed_still_ends_it(bus: Bus, number: int) -> None:
+    """A wait for a lock ends also where the signal did not interrupt it."""
+    process = bus.start_command([sys.executable, "-c", SIGNAL_PASSES_IT_BY])
+    process.wait_for_line("waiting")
+    assert process.stop(number) == 0
+    assert process.err == []
 
 
 def test_a_script_goes_on_after_the_loop_that_ctrl_c_ended(bus: Bus) -> None:

@@ -54,6 +54,8 @@ ARITHMETIC = [
 ]
 # Debug information takes a third of the time to compile, and serves none who installs this.
 FLAGS = ["-g0"]
+# Cython returns a tuple of C that it could not convert uninitialised, together with an error.
+FLAGS += ["-Wno-uninitialized", "-Wno-maybe-uninitialized", "-Wno-unknown-warning-option"]
 # A build with `CFLAGS=-O0`, to try something or for sanitizers, is to be quick, and as it is asked.
 if sys.platform == "win32" or "-O0" in os.environ.get("CFLAGS", ""):
     ARITHMETIC = FLAGS = []
@@ -135,6 +137,11 @@ class AllOrNothing(build_ext):
                 f"tfbus is installed without its compiled kernel, about 70 times slower: {error}. "
                 "Install a C compiler and the headers of Python, then tfbus again."
             )
+
+    def build_extension(self, ext: Extension) -> None:
+        # A line for who waits; in two processes, so not one that counts.
+        print(f"Compile {ext.name}", flush=True)
+        super().build_extension(ext)
 
 
 def build() -> None:

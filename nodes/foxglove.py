@@ -193,10 +193,10 @@ def _show_recording(
 
 def _require_foxglove() -> None:
     try:
-        import foxglove  # noqa: F401  # only whether it is installed
+        import websockets  # noqa: F401  # only whether it is installed
     except ImportError as error:
         raise TfbusError(
-            f"foxglove-sdk is not installed ({error}): {install_command('foxglove')}"
+            f"websockets is not installed ({error}): {install_command('foxglove')}"
         ) from error
 
 

@@ -22,7 +22,9 @@ from pathlib import Path
 HERE = Path(__file__).parents[1]
 VENV = HERE / ".venv"
 PYTHON = VENV / "bin" / "python"
-COMPILE = [str(PYTHON), "setup.py", "build_ext", "--inplace"]
+COMPILE = [str(PYTHON), "setup.py", "--quiet", "build_ext", "--inplace"]
+# What the compilers said, of which a test makes sure that it is no warning.
+KERNEL_LOG = HERE / "build" / "kernel.log"
 
 _A_LINE_EVERY_S = 3.0
 _WIDTH = 60
@@ -118,7 +120,8 @@ def with_pip(title: str, options: list[str], packages: list[str]) -> None:
 
 def compile_kernel() -> None:
     """In the place of what is interpreted: what has changed, or all of it the first time."""
-    step("Compile the kernel", COMPILE)
+    KERNEL_LOG.parent.mkdir(exist_ok=True)
+    step("Compile the kernel", COMPILE, log=KERNEL_LOG)
     if not is_compiled():
         reason = HERE / "tfbus" / "not_compiled.txt"
         why = reason.read_text().strip() if reason.exists() else "see above"
@@ -170,8 +173,13 @@ def wait_for(process: subprocess.Popen[bytes]) -> int:
             continue
 
 
-def step(title: str, command: list[str], *, may_fail: bool = False) -> bool:
-    """Run it, with a sign of life; whether it succeeded. All of its output, where it did not."""
+def step(
+    title: str, command: list[str], *, may_fail: bool = False, log: Path | None = None
+) -> bool:
+    """Run it, with a sign of life; whether it succeeded. All of its output, where it did not.
+
+    The output is also kept in the file `log`.
+    """
     say(title)
     began_s = told_s = time.monotonic()
     with tempfile.TemporaryFile("w+b") as out:
@@ -185,10 +193,12 @@ def step(title: str, command: list[str], *, may_fail: bool = False) -> bool:
         except KeyboardInterrupt:
             process.wait()
             sys.exit(130)
-        if process.returncode == 0:
-            return True
         out.seek(0)
         text = out.read().decode(errors="replace")
+    if log is not None:
+        log.write_text(text)
+    if process.returncode == 0:
+        return True
     if may_fail:
         say(f"  failed, go on without: {(text.strip().splitlines() or [''])[-1][:_WIDTH]}")
         return False

@@ -100,3 +100,11 @@ def test_python_started_in_a_clone_says_so(tmp_path: Path):
     assert done.returncode == 1
     assert done.stderr.startswith("Error: Python has imported tfbus from the sources in ")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_kernel_compiles_without_a_warning() -> None:
+    """Neither Cython nor the C compiler had anything to say, when `make` last compiled it."""
+    log = HERE / "build" / "kernel.log"
+    if not log.exists():
+        pytest.skip("needs the log of a compilation: make test")
+    assert [line for line in log.read_text().splitlines() if "warning:" in line] == []

@@ -41,6 +41,49 @@ with Session(settings, logging.getLogger()) as session:
         sending.join()
 """
 
+# Publishers that end as their heartbeat comes, while callbacks of a subscriber follow each other.
+_HEARTBEAT = """
+import logging, sys, threading, time
+from tfbus import NodeSettings
+from tfbus.bus import retained
+from tfbus.bus.session import Session
+
+retained._HEARTBEAT_S = 0.01
+is_ended = threading.Event()
+longest_s = 0.0
+
+def watch():
+    global longest_s
+    while not is_ended.is_set():
+        began_s = time.monotonic()
+        time.sleep(0.001)
+        longest_s = max(longest_s, time.monotonic() - began_s)
+
+def flood(sender):
+    while not is_ended.is_set():
+        sender.put(b"x")
+
+settings = NodeSettings("a", config=sys.argv[1], connect=(sys.argv[2],))
+with Session(settings, logging.getLogger()) as session:
+    retained.declare_retained_subscriber(session, "key", lambda key, payload: sum(range(10000)))
+    sender = retained.declare_retained_publisher(session, "key")
+    threads = [threading.Thread(target=flood, args=(sender,)) for _ in range(2)]
+    for thread in (*threads, threading.Thread(target=watch)):
+        thread.start()
+    for _ in range(40):
+        ends = retained.declare_retained_publisher(session, "key")
+        until_s = time.monotonic() + retained._HEARTBEAT_S
+        while time.monotonic() < until_s:
+            ends.put(b"y")
+        ends.close()
+        if longest_s > 5.0:
+            break
+    is_ended.set()
+    for thread in threads:
+        thread.join()
+sys.exit(f"Python stood still for {longest_s:.1f} s" if longest_s > 5.0 else 0)
+"""
+
 
 @pytest.mark.parametrize("kind", ["of a node", "in ROS"])
 def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
@@ -49,3 +92,9 @@ def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
     """The end waits for the callback, and the callback for Python, which the end leaves free."""
     command = [sys.executable, "-c", _PROGRAM, str(bus.quick_config), bus.endpoint, kind]
     subprocess.run(command, check=True, timeout=DEADLINE_S)
+
+
+def test_an_end_that_meets_the_heartbeat_leaves_python_free(bus: Bus) -> None:
+    """The end waits for the heartbeat, that for callbacks, and these for Python."""
+    command = [sys.executable, "-c", _HEARTBEAT, str(bus.quick_config), bus.endpoint]
+    subprocess.run(command, check=True, timeout=3 * DEADLINE_S)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.live_bus import DEADLINE_S, Bus, eventually, send_until
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
@@ -189,3 +189,19 @@ def test_a_publisher_may_end_while_another_thread_sends_by_it(bus: Bus) -> None:
         publisher.close()
         thread.join(DEADLINE_S)
         assert "could not publish a" in str(errors[0])
+
+
+def test_a_callback_may_close_its_own_session(bus: Bus, caplog: pytest.LogCaptureFixture) -> None:
+    """Zenoh's end waits for the callback, so `close` does not wait for Zenoh's end."""
+    receiver, sender = bus.node("receiver"), bus.node("sender")
+    is_closed = threading.Event()
+
+    def close(payload: bytes) -> None:
+        receiver.close()
+        is_closed.set()
+
+    receiver.create_raw_subscription("topic", close)
+    publisher = sender.create_raw_publisher("topic")
+    send_until(lambda: publisher.publish(b"x"), is_closed.is_set)
+    eventually(receiver.session.zenoh.is_closed)
+    assert not [text for text in caplog.messages if "close cleanly" in text]

@@ -1,17 +1,21 @@
 """A client of Foxglove's protocol, foxglove.sdk.v1, as its specification has it."""
 
+import asyncio
 import json
 import struct
 import threading
+from collections.abc import Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from tests.live_bus import DEADLINE_S, eventually
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -26,18 +30,18 @@ class Playback:
 
 
 class Client:
-    """Keeps all that comes; use it in a `with`."""
+    """Keeps all that comes; use it in a `with`.
+
+    Its socket belongs to one thread: websockets.sync reads and writes on two, and the TLS of Python
+    3.11 then loses what comes while it writes.
+    """
 
     def __init__(self, port: int, *, query: str = "", **options: Any) -> None:
         self.port = port
         scheme = "wss" if "ssl" in options else "ws"
-        self._socket = connect(
-            f"{scheme}://127.0.0.1:{port}{query}",
-            subprotocols=["foxglove.sdk.v1"],  # a NewType of str
-            open_timeout=DEADLINE_S,
-            max_size=None,
-            **options,
-        )
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
         self.channels: dict[str, dict[str, Any]] = {}
         self.services: dict[str, dict[str, Any]] = {}
         self.parameters: dict[str, Any] = {}
@@ -51,8 +55,20 @@ class Client:
         self.assets: dict[int, bytes | str] = {}
         self._asked = 0
         self._topics: dict[int, str] = {}
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+        try:
+            self._socket = self._wait_for(
+                _connected(
+                    f"{scheme}://127.0.0.1:{port}{query}",
+                    subprotocols=["foxglove.sdk.v1"],
+                    open_timeout=DEADLINE_S,
+                    max_size=None,
+                    **options,
+                )
+            )
+        except BaseException:
+            self._end()
+            raise
+        self._reading = asyncio.run_coroutine_threadsafe(self._read(), self._loop)
 
     def __enter__(self) -> "Client":
         return self
@@ -63,18 +79,27 @@ class Client:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._socket.close()
-        self._reader.join(DEADLINE_S)
+        self._wait_for(self._socket.close())
+        self._reading.result(DEADLINE_S)
+        self._end()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(DEADLINE_S)
+        self._loop.close()
+
+    def _wait_for(self, what: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(what, self._loop).result(DEADLINE_S)
 
     # What it sends
 
     def send(self, op: str, **fields: Any) -> None:
         """One message in JSON."""
-        self._socket.send(json.dumps({"op": op, **fields}))
+        self.send_raw(json.dumps({"op": op, **fields}))
 
     def send_raw(self, message: str | bytes) -> None:
         """Anything."""
-        self._socket.send(message)
+        self._wait_for(self._socket.send(message))
 
     def subscribe(self, topic: str) -> dict[str, Any]:
         """Subscribe to a topic once it is there; returns its channel."""
@@ -97,14 +122,14 @@ class Client:
 
     def publish(self, data: bytes) -> None:
         """Publish on channel 1."""
-        self._socket.send(b"\x01" + struct.pack("<I", 1) + data)
+        self.send_raw(b"\x01" + struct.pack("<I", 1) + data)
 
     def call(self, service: str, request: Any) -> Any:
         """Call a service; its response, or the text of its refusal."""
         found = eventually(lambda: self.services.get(service))
         call_id = len(self.answers) + 1
         head = struct.pack("<BIII", 2, found["id"], call_id, 4)
-        self._socket.send(head + b"json" + json.dumps(request).encode())
+        self.send_raw(head + b"json" + json.dumps(request).encode())
         return eventually(lambda: self.answers.get(call_id))
 
     def fetch(self, uri: str) -> bytes | str:
@@ -120,7 +145,7 @@ class Client:
         """Use the playback bar; returns the answer."""
         name = request.encode()
         head = struct.pack("<BBfB", 3, 0 if play else 1, speed, seek_ns is not None)
-        self._socket.send(head + struct.pack("<QI", seek_ns or 0, len(name)) + name)
+        self.send_raw(head + struct.pack("<QI", seek_ns or 0, len(name)) + name)
         return eventually(
             lambda: next((each for each in self.playback if each.request_id == request), None)
         )
@@ -139,9 +164,9 @@ class Client:
         """The errors that the server showed."""
         return [each["message"] for each in self.texts_of("status")]
 
-    def _read(self) -> None:
+    async def _read(self) -> None:
         with suppress(ConnectionClosed):
-            for message in self._socket:
+            async for message in self._socket:
                 if isinstance(message, str):
                     self._take_text(json.loads(message))
                 else:
@@ -186,3 +211,7 @@ class Client:
                 status, time_ns, speed, did_seek, length = struct.unpack_from("<BQfBI", data, 1)
                 name = data[19 : 19 + length].decode()
                 self.playback.append(Playback(status, time_ns, speed, bool(did_seek), name))
+
+
+async def _connected(url: str, **options: Any) -> ClientConnection:
+    return await connect(url, **options)

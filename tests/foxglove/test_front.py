@@ -1,12 +1,13 @@
-"""The port in front of Foxglove's server: which clients it passes on."""
+"""The port of Foxglove's clients: which of them the server serves."""
 
+import logging
 import socket
 import ssl
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 
 import pytest
 
-pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 from websockets.exceptions import InvalidStatus
 
@@ -14,8 +15,9 @@ from tests import needs
 from tests.foxglove.client import Client
 from tests.live_bus import DEADLINE_S, eventually
 from tfbus.errors import TfbusError
-from tfbus.foxglove.front import Front, page_url, refusal
-from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.client import Requests
+from tfbus.foxglove.front import MOST_CLIENTS, Front, page_url, refusal
+from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 
 ALLOWED = "http://viewer.lan:8080"
@@ -24,7 +26,7 @@ ALLOWED = "http://viewer.lan:8080"
 @pytest.fixture
 def server() -> Iterator[Server]:
     """A server without channels."""
-    server = Server("test", "127.0.0.1", 0, Requests(), [])
+    server = Server("test", Requests(), [], logging.getLogger("test"))
     yield server
     server.close()
 
@@ -32,7 +34,7 @@ def server() -> Iterator[Server]:
 @pytest.fixture
 def front(server: Server) -> Iterator[Front]:
     """The port in front of it."""
-    front = Front(Serving(port=0, origins=(ALLOWED,)), server.address, lambda reason: None)
+    front = Front(Serving(port=0, origins=(ALLOWED,)), server, lambda reason: None)
     yield front
     front.close()
 
@@ -87,7 +89,7 @@ def test_a_client_is_passed_on(front: Front) -> None:
 def test_a_page_of_another_host_is_refused_by_the_server(server: Server) -> None:
     """With 403, and the reason goes to the log."""
     reasons: list[str] = []
-    front = Front(Serving(port=0), server.address, reasons.append)
+    front = Front(Serving(port=0), server, reasons.append)
     try:
         with pytest.raises(InvalidStatus, match="403"):
             Client(front.port, origin="https://evil.example")
@@ -116,10 +118,51 @@ def test_garbage_harms_no_other_client(front: Front, garbage: bytes) -> None:
         eventually(lambda: other.texts_of("serverInfo"))
 
 
+def test_requests_that_are_never_sent_shut_nobody_out(front: Front) -> None:
+    """Those who hold connections open without a request lose the first of them to newcomers."""
+    held = []
+    try:
+        for _ in range(3 * MOST_CLIENTS):
+            held.append(socket.create_connection(("127.0.0.1", front.port), DEADLINE_S))
+            held[-1].sendall(b"GET / HTTP/1.1\r\n")
+        with Client(front.port) as client:
+            eventually(lambda: client.texts_of("serverInfo"))
+            assert front.clients == 1
+        held[0].settimeout(DEADLINE_S)
+        with suppress(ConnectionResetError):
+            assert held[0].recv(1) == b""
+    finally:
+        for each in held:
+            each.close()
+
+
+def test_there_is_a_limit_of_clients(front: Front) -> None:
+    """Those beyond it are told, and let in once there is room."""
+    with ExitStack() as all_of_them:
+        for _ in range(MOST_CLIENTS):
+            all_of_them.enter_context(Client(front.port))
+        with pytest.raises(InvalidStatus, match="503"):
+            Client(front.port)
+    eventually(lambda: front.clients == 0)
+    with Client(front.port) as client:
+        eventually(lambda: client.texts_of("serverInfo"))
+
+
+def test_a_request_for_another_protocol_is_refused(front: Front) -> None:
+    """With 400: a WebSocket of something else."""
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
+        client.sendall(
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+            b"Sec-WebSocket-Protocol: mqtt\r\n\r\n"
+        )
+        assert b"".join(iter(lambda: client.recv(4096), b"")).startswith(b"HTTP/1.1 400 ")
+
+
 def test_a_taken_port_is_followed_by_the_next(server: Server) -> None:
     """And that is said."""
-    first = Front(Serving(port=0), server.address, lambda reason: None)
-    second = Front(Serving(port=first.port), server.address, lambda reason: None)
+    first = Front(Serving(port=0), server, lambda reason: None)
+    second = Front(Serving(port=first.port), server, lambda reason: None)
     try:
         assert second.port > first.port
         assert f"port {first.port} of 127.0.0.1 is taken" in second.warnings()[0]
@@ -131,7 +174,7 @@ def test_a_taken_port_is_followed_by_the_next(server: Server) -> None:
 def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
     """One sentence, with the address."""
     with pytest.raises(TfbusError, match=r"could not listen at 192\.0\.2\.1:8765"):
-        Front(Serving(host="192.0.2.1"), server.address, lambda reason: None)
+        Front(Serving(host="192.0.2.1"), server, lambda reason: None)
 
 
 def test_one_that_others_reach_needs_its_token(server: Server) -> None:
@@ -143,7 +186,7 @@ def test_one_that_others_reach_needs_its_token(server: Server) -> None:
     reasons: list[str] = []
     token = Token("correct horse")
     serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
-    front = Front(serving, server.address, reasons.append)
+    front = Front(serving, server, reasons.append)
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
 
@@ -173,7 +216,7 @@ def test_the_token_is_in_an_address_but_in_no_link(server: Server) -> None:
 
     for token in (Token(), Token("correct horse")):
         serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
-        front = Front(serving, server.address, lambda reason: None)
+        front = Front(serving, server, lambda reason: None)
         shown = token.text if token.is_new else "…"
         said = f"Foxglove: connect to wss://127.0.0.1:{front.port}/?token={shown}"
         assert front.announcement() == said

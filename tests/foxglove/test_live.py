@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import pytest
 
-pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests.builders import S, at, moved

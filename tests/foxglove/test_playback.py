@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 from websockets.exceptions import InvalidStatus
 

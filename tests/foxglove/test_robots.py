@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import pytest
 
-pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests import needs

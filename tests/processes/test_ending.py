@@ -53,6 +53,20 @@ with tfbus.Node("loops") as node:
     print("its end", flush=True)
 """
 
+# Without a `with`: its session ends as Python does. The timer is sending nearly all the time.
+SENDS_TO_THE_END = """
+import tfbus
+node = tfbus.Node("script")
+sender = tfbus.TransformBroadcaster(node)
+rows = tfbus.Transform.identity()
+def send() -> None:
+    for _ in range(200):
+        sender.send_transform(tfbus.TransformStamped(node.now_ns(), "map", "base", rows))
+    print("sent", flush=True)
+node.create_timer(0.001, send)
+node.spin()
+"""
+
 SIGNAL_WHILE_IT_IS_MADE = """
 import signal, tfbus, tfbus.node.node
 declare = tfbus.Node._declare_itself
@@ -64,6 +78,18 @@ try:
     tfbus.Node("x")
 except KeyboardInterrupt:
     print("interrupted", flush=True)
+"""
+
+# A signal that its thread does not take while it waits for a lock, as one that comes in the instant
+# before: the system gives it to another thread.
+SIGNAL_PASSES_IT_BY = """
+import signal, tfbus
+from tfbus.messages import Spawn
+with tfbus.Node("waits") as node:
+    client = node.create_client(Spawn, "spawn")
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    print("waiting", flush=True)
+    client.wait_for_service()
 """
 
 INTERRUPTED_IN_EXEC = """
@@ -188,6 +214,15 @@ def test_a_callback_that_waits_does_not_hold_up_the_end(bus: Bus, number: int) -
     process.wait_for_line("Closed while a callback still runs")
 
 
+def test_timers_end_before_the_session_of_a_script(bus: Bus) -> None:
+    """A script that ends without closing its node ends with 0, and no timer fails meanwhile."""
+    for _ in range(3):
+        process = bus.start_command([sys.executable, "-c", SENDS_TO_THE_END])
+        process.wait_for_line("sent")
+        assert process.stop() == 0
+        assert not any("Traceback" in line for line in process.err), process.err
+
+
 def test_another_signal_interrupts_what_waits_after_the_first(bus: Bus) -> None:
     """A program that goes on to wait after Ctrl-C is ended by the next one."""
     process = bus.start_command([sys.executable, "-c", WAITS_AFTER_THE_SIGNAL])
@@ -216,6 +251,15 @@ def test_a_node_ends_from_the_moment_it_is_there(bus: Bus, number: int) -> None:
         assert watch.wait(f"/follow{at}", timeout_s=20.0)
         assert process.stop(number) == 0
         assert not any("Traceback" in line for line in process.err)
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_a_signal_that_no_wait_noticed_still_ends_it(bus: Bus, number: int) -> None:
+    """A wait for a lock ends also where the signal did not interrupt it."""
+    process = bus.start_command([sys.executable, "-c", SIGNAL_PASSES_IT_BY])
+    process.wait_for_line("waiting")
+    assert process.stop(number) == 0
+    assert process.err == []
 
 
 def test_a_script_goes_on_after_the_loop_that_ctrl_c_ended(bus: Bus) -> None:

@@ -266,6 +266,7 @@ class Buffer:
         frame = _text(frame, "frame")
         if self._store.lock.later(self.remove, frame):
             return
+        known = False
         with self._store.lock:
             known = self._store.tree.remove(frame)
         if not known:
@@ -437,9 +438,10 @@ class Buffer:
         ):
             if cython.compiled:
                 return self._lookup_plain(target_frame, source_frame, stamp_ns, timeout_s)
-            answer = self._answer(target_frame, source_frame, stamp_ns, None)
-            if answer is not None:
-                return answer
+            else:
+                answer = self._answer(target_frame, source_frame, stamp_ns, None)
+                if answer is not None:
+                    return answer
         return self._lookup(
             target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living
         )
@@ -593,6 +595,7 @@ class Buffer:
 
         None where all of them are static. Raises as `lookup_transform`.
         """
+        latest = NO_DATA
         with self._store.lock:
             path = self._store.tree.path(target_frame, source_frame)
             latest = NO_DATA if path is None else path.latest()

@@ -72,21 +72,21 @@ class Lock:
                 self._wait()
             self._owner = me
             return True
-        if self.is_mine():
-            self._depth += 1
-            self._disturbed = True
-            if not cython.compiled:
-                self.leave = self._leave  # type: ignore[method-assign]
-            return False
-        try:
-            self._mutex.acquire()
-        except BaseException:
-            # Ctrl-C may raise in here before the mutex is acquired, or just after.
+        else:
             if self.is_mine():
-                self._mutex.release()
-            raise
-        # Python handles signals at calls: from here to the caller's `try` there is none.
-        return True
+                self._depth += 1
+                self._disturbed = True
+                self.leave = self._leave  # type: ignore[method-assign]
+                return False
+            try:
+                self._mutex.acquire()
+            except BaseException:
+                # Ctrl-C may raise in here before the mutex is acquired, or just after.
+                if self.is_mine():
+                    self._mutex.release()
+                raise
+            # Python handles signals at calls: from here to the caller's `try` there is none.
+            return True
 
     def leave(self) -> None:
         """Undo one `enter`."""
@@ -105,7 +105,8 @@ class Lock:
         """Whether this thread holds it."""
         if cython.compiled:
             return tfbus_holder(self._owner) == PyThread_get_thread_ident()  # type: ignore[name-defined,no-any-return]  # noqa: F821
-        return self._mutex._is_owned()  # type: ignore[attr-defined,no-any-return]  # not in stubs
+        else:
+            return self._mutex._is_owned()  # type: ignore[attr-defined,no-any-return]  # not in stubs
 
     def later(self, call: Callable[..., object], *args: Any, **named: Any) -> bool:
         """If this thread holds it, call this when it has left, and log what it raises. Whether it

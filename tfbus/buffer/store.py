@@ -23,7 +23,7 @@ from tfbus.wording import printable
 
 # Gets each pair of frames that is looked up; and explains, if it can, why one has no answer.
 QuestionWatcher = tuple[
-    Callable[[str, str], object], Callable[[str, str], TransformException | None]
+    Callable[[str, str], object], Callable[[str, str], "TransformException | None"]
 ]
 
 _log = logging.getLogger(__name__)
@@ -173,7 +173,7 @@ class Store:
     def watch_questions(
         self,
         callback: Callable[[str, str], object],
-        explain: Callable[[str, str], TransformException | None],
+        explain: Callable[[str, str], "TransformException | None"],
     ) -> Callable[[], None]:
         """As `Buffer.watch_questions`."""
         watcher = (callback, explain)

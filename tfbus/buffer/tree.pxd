@@ -6,7 +6,7 @@ from tfbus.core.kernel cimport pose_t, compose, invert, normalised
 from tfbus.geometry.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2
-cdef size_t _RECENT
+cdef Py_ssize_t _RECENT
 cdef Py_ssize_t _MOST_KEPT, _PATH_COST
 cdef long long ALL_STATIC, CONFLICT, CROWDED, NO_DATA, TOO_OLD
 

@@ -17,7 +17,7 @@ _TRY_AGAIN_S = 0.001
 _MOST_TRIES = 5000
 
 # As Zenoh says it.
-_UNDECLARED = "Undeclared publisher"
+UNDECLARED = "Undeclared publisher"
 
 
 class Declaration:
@@ -143,11 +143,11 @@ class _Ended:
     """A publisher that has ended."""
 
     def put(self, payload: bytes) -> None:
-        raise zenoh.ZError(_UNDECLARED)
+        raise zenoh.ZError(UNDECLARED)
 
     @property
     def matching_status(self) -> Any:
-        raise zenoh.ZError(_UNDECLARED)
+        raise zenoh.ZError(UNDECLARED)
 
 
 class PublishersWithin:

@@ -10,7 +10,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from tfbus.bus.handles import BytesPublisher, Declaration
+from tfbus.bus.handles import UNDECLARED, BytesPublisher, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_errors import bus_errors
@@ -27,12 +27,13 @@ class RetainedPublisher:
     """A publisher of Zenoh's with the token by which subscribers find it, at the key of Zenoh's own
     tokens.
 
-    Zenoh's own one ends while Zenoh holds Python's lock, and its end waits for subscribers of the
-    same session, whose callbacks may wait for Python's lock. The end of this one leaves it free.
+    Zenoh's own token and heartbeat end while Zenoh holds Python's lock, and their ends wait for
+    subscribers of the same session, whose callbacks may wait for Python's lock. The end of this
+    token leaves it free, and so does the end of a publisher that nothing refers to any more.
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, samples: int, **options: Any):
-        self._publisher = ext.declare_advanced_publisher(
+        self._publisher: ext.AdvancedPublisher | None = ext.declare_advanced_publisher(
             session,
             key,
             cache=ext.CacheConfig(max_samples=samples),
@@ -41,16 +42,20 @@ class RetainedPublisher:
             ),
             **options,
         )
-        self.put = self._publisher.put
+        self.put: Callable[..., None] = self._publisher.put
         own = self._publisher.id
         token = f"{key}{_BELOW}{own.zid}/{own.eid}/_"
         self._token = session.liveliness().declare_token(token)
 
     def undeclare(self) -> None:
-        """End it. Raises RuntimeError while it sends, as Zenoh's do: then again."""
+        """End it; where another thread sends by it just then, as soon as that is done."""
         with suppress(zenoh.ZError):  # it has ended the first time
             self._token.undeclare()
-        self._publisher.undeclare()
+        self.put, self._publisher = _refuse, None
+
+
+def _refuse(*_: Any, **__: Any) -> None:
+    raise zenoh.ZError(UNDECLARED)
 
 
 def declare_retained_publisher(

@@ -153,7 +153,8 @@ class Session:
     def close(self) -> None:
         """Leave the bus, within 10 s: every declaration of this session ends. Twice is fine.
 
-        Where Zenoh does not close in that time, the log says so. In a forked child it does nothing.
+        Where Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
+        returns before that is done. In a forked child it does nothing.
         """
         if not self._closed and not forks.is_lost():
             self._closed = True
@@ -169,12 +170,20 @@ class Session:
             # stays until the process ends, and its far end would take our tokens for alive.
             for token in tuple(self._tokens):
                 token.close()
-            try:
-                self.zenoh.close()
-            except zenoh.ZError as error:
-                # As where a peer has stopped in the middle of a message. The caller could do
-                # nothing about an error, and the end of the process ends the session too.
-                self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
+            if _is_zenohs(threading.current_thread()):
+                # Zenoh's end waits for this callback, and for 10 s at most. Python's end waits for
+                # the thread.
+                threading.Thread(target=self._close_zenoh, name="end of the session").start()
+            else:
+                self._close_zenoh()
+
+    def _close_zenoh(self) -> None:
+        try:
+            self.zenoh.close()
+        except zenoh.ZError as error:
+            # As where a peer has stopped in the middle of a message. The caller could do nothing
+            # about an error, and the end of the process ends the session too.
+            self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
 
     # Names of other namespaces
 
@@ -483,6 +492,11 @@ def _end_at_a_signal_once_main_has_ended() -> None:
     register = getattr(threading, "_register_atexit", atexit.register)
     with suppress(RuntimeError):  # main has ended already
         register(_end_at_a_signal)
+
+
+def _is_zenohs(thread: threading.Thread) -> bool:
+    """Whether a thread is not Python's own, as those are on which callbacks come."""
+    return isinstance(thread, threading._DummyThread)
 
 
 def _priority(urgent: bool) -> zenoh.Priority:

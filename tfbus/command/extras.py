@@ -9,7 +9,7 @@ from pathlib import Path
 _MODULES = {
     "bag": "mcap",
     "bags": "rosbags",
-    "foxglove": "foxglove-sdk",
+    "foxglove": "websockets",
     "plot": "matplotlib",
     "robot": "xacro",
     "ros1": "rosbags",

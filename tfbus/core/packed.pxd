@@ -5,6 +5,7 @@ from cpython cimport array
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.long cimport PyLong_AsLongLongAndOverflow
 from cpython.unicode cimport PyUnicode_DecodeUTF8
+from libc.limits cimport LLONG_MIN
 from libc.string cimport memcmp, memcpy
 
 ctypedef (double, double, double, double, double, double, double) pose_t
@@ -50,7 +51,7 @@ cdef inline pose_t pose_at(octets_t data, Py_ssize_t at) noexcept nogil:
 cdef inline long long int64(object number) except? -1:
     cdef int overflow
     cdef long long value = PyLong_AsLongLongAndOverflow(number, &overflow)
-    return value if overflow == 0 else -0x7FFFFFFFFFFFFFFF - 1
+    return value if overflow == 0 else LLONG_MIN
 
 
 cdef inline bytes edge_bytes(unsigned int parent, unsigned int child):

@@ -1,4 +1,4 @@
-"""The port that clients connect to, in front of the SDK's, which serves any web page.
+"""The port that clients connect to: which of them the server serves.
 
 A browser lets each page that its user opens connect to this machine, and the header Origin alone
 says which page it is. So a page of another host is refused; programs, Foxglove's application and
@@ -6,15 +6,16 @@ its page are not.
 """
 
 import asyncio
-import platform
-import secrets
 import socket
+import ssl
 import threading
+from collections import Counter
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from urllib.parse import SplitResult, parse_qs, quote, urlsplit
 
 from tfbus.errors import TfbusError
+from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 from tfbus.runtime.addresses import is_local, names_to_open, names_to_open_elsewhere
 from tfbus.wording import printable
@@ -26,21 +27,17 @@ _LONGEST_REQUEST = 16_384
 # Of clients at the same time.
 MOST_CLIENTS = 64
 
+# Connections that have not sent their request: where there are more, one is closed.
+_MOST_WAITING = 64
+
+# Where no connection can be taken, as there are too many open files, after this time it is tried
+# again.
+_RETRY_S = 0.2
+
 # Where the port is taken, this many ones after it are tried.
 _PORTS = 20
 
-_CHUNK = 65_536
-
 _FOXGLOVE = "foxglove.dev"
-
-
-def hidden_host() -> str:
-    """An address of this machine alone that a web page cannot guess; that is on Linux, elsewhere
-    127.0.0.1.
-    """
-    if platform.system() != "Linux":
-        return "127.0.0.1"
-    return f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(256)}.{secrets.randbelow(254) + 1}"
 
 
 def refusal(origin: str | None, allowed: Collection[str]) -> str:
@@ -61,7 +58,7 @@ def refusal(origin: str | None, allowed: Collection[str]) -> str:
 
 
 class Front:
-    """Listens at an address, and passes what clients may send on to `inner`, until `close()`.
+    """Listens at an address, and lets a server serve the clients that may connect, until `close()`.
 
     Where the port is taken it is the first free one after it. Raises TfbusError where it cannot
     listen. `on_refused(reason)` is called for each client that is refused.
@@ -70,14 +67,16 @@ class Front:
     def __init__(
         self,
         serving: Serving,
-        inner: tuple[str, int],
+        server: Server,
         on_refused: Callable[[str], object],
     ) -> None:
         self.clients = 0
         self._host, self._wanted_port = serving.host, serving.port
         self._allowed = serving.origins
         self._tls, self._token = serving.tls, serving.token
-        self._inner = inner
+        self._server = server
+        # Those that have not sent their request, by their addresses, the first first.
+        self._waiting: dict[asyncio.Task[None], str] = {}
         self._on_refused = on_refused
         self._sockets = _listening(serving.host, serving.port)
         self.port: int = self._sockets[0].getsockname()[1]
@@ -129,44 +128,77 @@ class Front:
             self._loop.close()
 
     async def _serve(self) -> None:
-        servers = [
-            await asyncio.start_server(
-                self._meet,
-                sock=each,
-                limit=_LONGEST_REQUEST,
-                ssl=None if self._tls is None else self._tls.context,
-            )
-            for each in self._sockets
-        ]
+        tasks = [asyncio.create_task(self._accept(each)) for each in self._sockets]
         await self._ended.wait()
-        for server in servers:
-            server.close()
-        others = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in others:
+        tasks = [*asyncio.all_tasks() - {asyncio.current_task()}]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for each in self._sockets:
+            each.close()
 
-    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.clients += 1
-        try:
-            # Cancelled by `close`: asyncio would log that as an error.
-            with suppress(OSError, EOFError, asyncio.LimitOverrunError, asyncio.CancelledError):
-                async with asyncio.timeout(_PATIENCE_S):
-                    head = await reader.readuntil(b"\r\n\r\n")
-                if answer := self._answer(head, _address_of(writer)):
+    async def _accept(self, listening: socket.socket) -> None:
+        """Take connections, each as a task of its own."""
+        while True:
+            try:
+                taken, address = await self._loop.sock_accept(listening)
+            except OSError:
+                await asyncio.sleep(_RETRY_S)
+                continue
+            task = self._loop.create_task(self._meet(taken, str(address[0])))
+            self._waiting[task] = str(address[0])
+            task.add_done_callback(self._has_asked)
+            if len(self._waiting) > _MOST_WAITING:
+                self._longest_waiting().cancel()
+
+    def _has_asked(self, task: "asyncio.Task[None] | None") -> None:
+        """A connection has sent its request, or ended."""
+        if task is not None:
+            self._waiting.pop(task, None)
+
+    def _longest_waiting(self) -> asyncio.Task[None]:
+        """The first of the address that most of those are from which have sent no request."""
+        [(most, _)] = Counter(self._waiting.values()).most_common(1)
+        return next(task for task, address in self._waiting.items() if address == most)
+
+    async def _meet(self, taken: socket.socket, address: str) -> None:
+        """Answer a connection, or let the server serve it."""
+        with suppress(OSError, EOFError, asyncio.LimitOverrunError), taken:
+            deadline = self._loop.time() + _PATIENCE_S
+            async with asyncio.timeout_at(deadline):
+                reader, writer = await _opened(
+                    taken, None if self._tls is None else self._tls.context
+                )
+            try:
+                head = b""
+                with suppress(TimeoutError):
+                    async with asyncio.timeout_at(deadline):
+                        head = await reader.readuntil(b"\r\n\r\n")
+                self._has_asked(asyncio.current_task())
+                if answer := self._answer(head, address):
                     writer.write(answer)
                     await writer.drain()
                 else:
-                    await self._pass_on(head, reader, writer)
+                    await self._let_in(head, reader, writer)
+            finally:
+                writer.close()
+            async with asyncio.timeout(_PATIENCE_S):
+                await writer.wait_closed()
+
+    async def _let_in(
+        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        self.clients += 1
+        try:
+            await self._server.serve(head, reader, writer)
         finally:
             self.clients -= 1
-            writer.close()
 
     def _answer(self, head: bytes, address: str) -> bytes:
         """What a client gets that is not passed on; b"" for one that is."""
+        if not head:
+            return _response("408 Request Timeout", f"no request within {_PATIENCE_S:g} s")
         headers = _headers(head)
-        if self.clients > MOST_CLIENTS:
-            return _response("503 Service Unavailable", f"more than {MOST_CLIENTS} clients")
         if refused := self._refused(head, address):
             return refused
         if headers.get("upgrade", "").lower() != "websocket":
@@ -175,6 +207,8 @@ class Front:
         if reason := refusal(headers.get("origin"), self._allowed):
             self._on_refused(reason)
             return _response("403 Forbidden", reason)
+        if self.clients >= MOST_CLIENTS:
+            return _response("503 Service Unavailable", f"{MOST_CLIENTS} clients are connected")
         return b""
 
     def _refused(self, head: bytes, address: str) -> bytes:
@@ -195,25 +229,6 @@ class Front:
             case "too often":
                 return _response("429 Too Many Requests", "too many wrong tokens: wait a minute")
 
-    async def _pass_on(
-        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        inner_reader, inner_writer = await asyncio.open_connection(*self._inner, limit=_CHUNK)
-        try:
-            inner_writer.write(head)
-            ways = [
-                asyncio.create_task(_copy(reader, inner_writer)),
-                asyncio.create_task(_copy(inner_reader, writer)),
-            ]
-            try:
-                await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for way in ways:
-                    way.cancel()
-                await asyncio.gather(*ways, return_exceptions=True)
-        finally:
-            inner_writer.close()
-
 
 def page_url(address: str, *, desktop: bool = False) -> str:
     """The link that opens Foxglove, in a browser or its application, connected to an address."""
@@ -221,17 +236,15 @@ def page_url(address: str, *, desktop: bool = False) -> str:
     return f"{base}?ds=foxglove-websocket&ds.url={quote(address, safe='')}"
 
 
-def _address_of(writer: asyncio.StreamWriter) -> str:
-    peer = writer.get_extra_info("peername")
-    return str(peer[0]) if peer else ""
-
-
-async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """All that comes, until the end; no faster than the other side takes it."""
-    with suppress(OSError):
-        while data := await reader.read(_CHUNK):
-            writer.write(data)
-            await writer.drain()
+async def _opened(
+    taken: socket.socket, context: ssl.SSLContext | None
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Streams of a connection that was taken; over TLS once its handshake is done."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader(limit=_LONGEST_REQUEST)
+    protocol = asyncio.StreamReaderProtocol(reader)
+    transport, _ = await loop.connect_accepted_socket(lambda: protocol, taken, ssl=context)
+    return reader, asyncio.StreamWriter(transport, protocol, reader, loop)
 
 
 def _headers(head: bytes) -> dict[str, str]:
@@ -272,6 +285,7 @@ def _bound(host: str, port: int) -> list[socket.socket]:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind(address)
         bound.listen()
+        bound.setblocking(False)
     except BaseException:
         bound.close()
         raise

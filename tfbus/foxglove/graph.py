@@ -3,8 +3,6 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from foxglove import ConnectionGraph
-
 from tfbus.discover.graph import graph_of
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wording import printable
@@ -19,17 +17,6 @@ class Connections:
     published: Ends = field(default_factory=dict)
     subscribed: Ends = field(default_factory=dict)
     served: Ends = field(default_factory=dict)
-
-    def as_foxglove(self) -> ConnectionGraph:
-        """The same for Foxglove's server."""
-        graph = ConnectionGraph()
-        for topic, nodes in self.published.items():
-            graph.set_published_topic(topic, list(nodes))
-        for topic, nodes in self.subscribed.items():
-            graph.set_subscribed_topic(topic, list(nodes))
-        for service, nodes in self.served.items():
-            graph.set_advertised_service(service, list(nodes))
-        return graph
 
 
 def connections(

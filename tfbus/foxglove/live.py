@@ -4,18 +4,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from foxglove import Parameter
-from foxglove.websocket import Capability, ClientChannel
-
 from tfbus.discover.graph import graph_of
 from tfbus.discover.parameters import set_parameter
 from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import DecodeError, ParameterError
-from tfbus.foxglove.front import Front, hidden_host
+from tfbus.foxglove.client import Requests
+from tfbus.foxglove.front import Front
 from tfbus.foxglove.graph import Connections, connections
 from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.protocol import Capability, ClientChannel, Parameter
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
-from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.server import Server
 from tfbus.foxglove.services import LiveServices
 from tfbus.foxglove.serving import Serving
 from tfbus.foxglove.teleop import Teleop
@@ -69,9 +68,7 @@ class LiveBridge(Requests):
         self._read_only = read_only
         self._once = LogOnce(node.log)
         self._connections = Connections()
-        self._server = Server(
-            f"tfbus {node.full_name}", hidden_host(), 0, self, self._capabilities(teleop)
-        )
+        self._server = Server(f"tfbus {node.full_name}", self, self._capabilities(teleop), node.log)
         self._transforms = TransformChannels(self._server, node.now_ns, self._once)
         fetch = RobotMeshes(node).fetch if robot is None else None
         self._robots = ShownRobots(self._once, package_path, fetch)
@@ -94,7 +91,7 @@ class LiveBridge(Requests):
         self._executor.every(_LOOK_EVERY_S, self._look)
         if node.clock.is_simulated:
             self._executor.every(1.0 / _TIME_HZ, self._tell_time)
-        self.front = Front(serving, self._server.address, self._on_refused)
+        self.front = Front(serving, self._server, self._on_refused)
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
@@ -106,16 +103,16 @@ class LiveBridge(Requests):
         self._topics.close()
 
     def _capabilities(self, teleop: Sequence[str]) -> list[Capability]:
-        found = [Capability.ConnectionGraph, Capability.Parameters]
+        found = [Capability.GRAPH, Capability.PARAMETERS]
         if not self._read_only:
-            found.append(Capability.Services)
+            found.append(Capability.SERVICES)
         if teleop:
-            found.append(Capability.ClientPublish)
+            found.append(Capability.PUBLISH)
         if self._node.clock.is_simulated:
-            found.append(Capability.Time)
+            found.append(Capability.TIME)
         return found
 
-    # What clients ask and send, on threads of the SDK's
+    # What clients ask and send, on the server's threads
 
     def subscribed(self, channel_id: int) -> None:
         """Late ones get static transforms, and where each dynamic frame is."""
@@ -184,7 +181,7 @@ class LiveBridge(Requests):
         found = connections(nodes, streams)
         if found != self._connections:
             self._connections = found
-            self._server.publish_graph(found.as_foxglove())
+            self._server.publish_graph(found)
 
     def _sees(self, node: NodeDescription) -> bool:
         name = relative_name(node.name, self._node.namespace)

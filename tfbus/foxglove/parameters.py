@@ -7,14 +7,13 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as LateError
 from typing import Any
 
-from foxglove import Parameter
-
 from tfbus.errors import TfbusError
+from tfbus.foxglove.protocol import Parameter
 from tfbus.runtime.workers import Workers
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wording import printable
 
-# The SDK serves no client while it waits: a later answer is published.
+# A client gets its answer by then: a later one is published.
 _WAIT_S = 0.2
 
 _AT_A_TIME = 4
@@ -103,7 +102,7 @@ class NodeParameters:
             return None
         node, described = self._present()[name]
         try:
-            value = _typed(given.get_value(), described)
+            value = _typed(given.value, described)
             described = self._set_one(node, described.name, value)
         except (TfbusError, OverflowError, TypeError, ValueError) as error:
             # Clients show what they asked for until they get what it is.
@@ -113,7 +112,7 @@ class NodeParameters:
         return _shown(name, described)
 
     def _publish_late(self, answer: "Future[Parameter | None]") -> None:
-        """What is returned in time, the SDK publishes itself."""
+        """What is returned in time, the server publishes itself."""
         if (found := answer.result()) is not None:
             self._publish([found])
 

@@ -7,22 +7,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from foxglove import Parameter
-from foxglove.websocket import (
+from tfbus.bag.player import FASTEST, SLOWEST, AtEnd, Pace, Player, Progress
+from tfbus.errors import DecodeError, ParameterError, TfbusError
+from tfbus.foxglove.client import Requests
+from tfbus.foxglove.front import Front
+from tfbus.foxglove.graph import Connections, absolute, connections
+from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.protocol import (
     Capability,
-    PlaybackCommand,
-    PlaybackControlRequest,
+    Parameter,
+    PlaybackControl,
     PlaybackState,
     PlaybackStatus,
 )
-
-from tfbus.bag.player import FASTEST, SLOWEST, AtEnd, Pace, Player, Progress
-from tfbus.errors import DecodeError, ParameterError, TfbusError
-from tfbus.foxglove.front import Front, hidden_host
-from tfbus.foxglove.graph import Connections, absolute, connections
-from tfbus.foxglove.parameters import NodeParameters
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
-from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 from tfbus.foxglove.topics import TopicChannel, is_description
 from tfbus.foxglove.transforms import TransformChannels
@@ -94,13 +93,13 @@ class PlaybackBridge(Requests):
             self._reader, start_ns=start_ns, end_ns=end_ns, rate=rate, paused=True, at_end=at_end
         )
         capabilities = [
-            Capability.ConnectionGraph,
-            Capability.Parameters,
-            Capability.PlaybackControl,
-            Capability.Time,
+            Capability.GRAPH,
+            Capability.PARAMETERS,
+            Capability.PLAYBACK,
+            Capability.TIME,
         ]
         name = f"tfbus {paths[0].name}"
-        self._server = Server(name, hidden_host(), 0, self, capabilities, time_range_ns=span)
+        self._server = Server(name, self, capabilities, self.log, time_range_ns=span)
         self._transforms = TransformChannels(self._server, lambda: start_ns, self._once)
         self._parameters = NodeParameters(
             _refuse_to_set, self._server.publish_parameters, self._server.say
@@ -126,7 +125,7 @@ class PlaybackBridge(Requests):
         self._robot = None if robot is None else GivenRobot(self._server, self._robots, robot)
         self._executor = Executor("foxglove playback", self.log)
         self._executor.every(_TIME_EVERY_S, self._tell_time)
-        self.front = Front(serving, self._server.address, self._on_refused)
+        self.front = Front(serving, self._server, self._on_refused)
 
     def run(self) -> None:
         """Play as clients ask for, until Ctrl-C or SIGTERM, in the main thread.
@@ -166,7 +165,7 @@ class PlaybackBridge(Requests):
         self._reader.close()
         self._past.close()
 
-    # What clients ask, on threads of the SDK's
+    # What clients ask, on the server's threads
 
     def subscribed(self, channel_id: int) -> None:
         """Late ones get static transforms, and where each frame is."""
@@ -190,15 +189,15 @@ class PlaybackBridge(Requests):
     def parameters_subscribed(self, names: Sequence[str]) -> None:
         self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
 
-    def control(self, request: PlaybackControlRequest) -> PlaybackState | None:
+    def control(self, request: PlaybackControl) -> PlaybackState | None:
         """The answer to a seek follows once the recording is there, before what is sent of it."""
         player, progress = self._player, self._player.progress
-        speed = request.playback_speed
+        speed = request.speed
         if math.isfinite(speed) and speed != progress.rate:
             player.set_rate(min(max(speed, SLOWEST), FASTEST))
-        is_play = request.playback_command == PlaybackCommand.Play
+        is_play = request.is_play
         (player.resume if is_play else player.pause)()
-        seek_ns = request.seek_time
+        seek_ns = request.seek_ns
         if seek_ns is None and is_play and progress.is_at_end:
             seek_ns = progress.start_ns
         if seek_ns is None:
@@ -358,7 +357,7 @@ class PlaybackBridge(Requests):
         found = connections(nodes, self._streams.values())
         if found != self._connections:
             self._connections = found
-            self._server.publish_graph(found.as_foxglove())
+            self._server.publish_graph(found)
 
     def _on_refused(self, reason: str) -> None:
         self._once.warning(("refused", reason), "Refused a client: %s", reason)
@@ -379,9 +378,9 @@ def _state_of(
     request_id: str | None = None,
     at_ns: int | None = None,
 ) -> PlaybackState:
-    status = PlaybackStatus.Paused if progress.is_paused else PlaybackStatus.Playing
+    status = PlaybackStatus.PAUSED if progress.is_paused else PlaybackStatus.PLAYING
     if progress.is_at_end:
-        status = PlaybackStatus.Ended
+        status = PlaybackStatus.ENDED
     return PlaybackState(
         status,
         progress.log_ns if at_ns is None else at_ns,

@@ -1,236 +1,426 @@
-"""Foxglove's server: channels that its clients subscribe to, and what they ask and send."""
+"""Foxglove's server: channels that its clients subscribe to, and what they ask and send.
 
+All of it is Python's, on one thread and its workers. The foxglove-sdk holds locks of its own while
+it calls Python, and takes the same locks in calls that hold Python's lock: a client that subscribed
+to the graph at the moment in which it was published stopped the process for good. Here the lock of
+the server is held for changes of its state alone: whoever holds it calls nothing that waits.
+"""
+
+import asyncio
+import itertools
 import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
-from typing import Any
-
-import foxglove
-from foxglove import ConnectionGraph, Parameter, Schema, Service
-from foxglove.websocket import (
-    Capability,
-    ChannelView,
-    Client,
-    ClientChannel,
-    PlaybackControlRequest,
-    PlaybackState,
-    ServerListener,
-    StatusLevel,
-)
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 from tfbus.errors import TfbusError
+from tfbus.foxglove.client import Client, Requests
+from tfbus.foxglove.connection import Connection
+from tfbus.foxglove.graph import Connections
+from tfbus.foxglove.protocol import (
+    SUBPROTOCOL,
+    Capability,
+    Level,
+    Parameter,
+    PlaybackState,
+    answer,
+    file_of,
+    message_head,
+    no_file,
+    parameter_values,
+    stamp_of,
+    text,
+    time_of,
+)
+from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.workers import Workers
 from tfbus.wording import printable
 
-# A client that reads too slowly loses the oldest messages beyond this number.
-_BACKLOG = 1024
-
-# A client whose queue of errors is full is disconnected by the SDK, and any client can cause them.
+# Clients are told at most this many errors a second, since any client can cause them.
 _MOST_SAID = 20
 
-# The SDK logs each message of a client that it cannot read, which the client learns as well: any
-# client could fill our log.
-logging.getLogger("foxglove").setLevel(logging.CRITICAL)
+# Files and parameters that are fetched at the same time, and those that wait for it.
+_AT_A_TIME = 8
+_WAITING = 64
+
+# Calls of services at the same time, each of which has a thread.
+_CALLS_AT_A_TIME = 16
+
+# In messages without a schema of their own.
+_ENCODINGS = ("json", "cdr")
 
 
-class Requests:
-    """What clients ask and send; a bridge overrides what it answers.
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A service: its name, and the schemas, in JSON, of what it takes and returns.
 
-    All come on threads of the SDK, which serve no client for that time: return soon.
+    `call(request)` gets and returns JSON. It runs on a thread of its own, and raises TfbusError or
+    ValueError where it fails.
     """
 
-    def subscribed(self, channel_id: int) -> None:
-        """A client subscribes to a channel."""
-
-    def unsubscribed(self, channel_id: int) -> None:
-        """A client no longer subscribes, or is gone."""
-
-    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
-        """These parameters; all where no name is given."""
-        return []
-
-    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
-        """Set parameters; returns those that are known to be set by now."""
-        return []
-
-    def parameters_subscribed(self, names: Sequence[str]) -> None:
-        """Clients subscribe to parameters to which none did before."""
-
-    def advertised(self, client_id: int, channel: ClientChannel) -> None:
-        """A client is going to publish."""
-
-    def unadvertised(self, client_id: int, channel_id: int) -> None:
-        """A client no longer publishes, or is gone."""
-
-    def published(self, client_id: int, channel_id: int, data: bytes) -> None:
-        """A client publishes."""
-
-    def control(self, request: PlaybackControlRequest) -> PlaybackState | None:
-        """A client plays, pauses, seeks, or changes the speed."""
-        return None
-
-    def asset(self, uri: str) -> bytes:
-        """A client asks for a file. Raises TfbusError where it cannot have it."""
-        raise TfbusError("there are no files")
+    name: str
+    type: str
+    request: tuple[str, str]
+    response: tuple[str, str]
+    call: Callable[[bytes], bytes]
 
 
 class Channel:
-    """What clients can subscribe to: a topic with messages of one schema."""
+    """A topic with messages of one schema, which clients can subscribe to."""
 
-    def __init__(self, base: Any) -> None:
-        self._base = base
-        self.id: int = base.id()
-        self.topic: str = base.topic()
+    def __init__(self, server: "Server", number: int, topic: str, described: dict[str, object]):
+        self.id = number
+        self.topic = topic
+        self.described = described
+        self.subscribers: tuple[tuple[Connection, int], ...] = ()
+        self._server = server
 
     @property
     def is_watched(self) -> bool:
         """Whether a client subscribes."""
-        return bool(self._base.has_sinks())
+        return bool(self.subscribers)
 
     def send(self, message: bytes, log_ns: int) -> None:
         """Send a message to all that subscribe."""
-        self._base.log(message, log_ns)
+        for connection, subscription in self.subscribers:
+            connection.send(message_head(subscription, log_ns) + message)
 
     def close(self) -> None:
         """Take the channel back. Twice is fine."""
-        self._base.close()
+        self._server.close_channel(self)
 
 
 class Server:
-    """A server at an address, until `close()`; port 0 is one that the system chooses.
+    """What the clients of a `Front` get, until `close()`; its methods return at once, on any
+    thread.
 
     `time_range_ns`, the first and last time of a recording, brings Foxglove's playback bar.
-    Raises TfbusError where it cannot listen.
     """
 
     def __init__(
         self,
         name: str,
-        host: str,
-        port: int,
         requests: Requests,
-        capabilities: Sequence[Capability],
+        capabilities: Collection[Capability],
+        log: logging.Logger,
         *,
         time_range_ns: tuple[int, int] | None = None,
     ) -> None:
-        self._context = foxglove.Context()
-        self._host = host
+        self.capabilities = frozenset({*capabilities, Capability.ASSETS})
+        self.requests = requests
+        self._name = name
+        self._time_range_ns = time_range_ns
+        self._once = LogOnce(log)
         self._lock = threading.Lock()
+        self._session = _new_session()
+        self._ids = itertools.count(1)
+        self._clients: set[Client] = set()
+        self._channels: dict[int, Channel] = {}
+        self._services: dict[int, Service] = {}
+        self._graph = Connections()
         self._said_s: deque[float] = deque(maxlen=_MOST_SAID)
-        try:
-            self._server = foxglove.start_server(
-                name=name,
-                host=host,
-                port=port,
-                context=self._context,
-                capabilities=list(capabilities),
-                server_listener=_Listener(requests),
-                asset_handler=requests.asset,
-                supported_encodings=["json", "cdr"],
-                playback_time_range=time_range_ns,
-                message_backlog_size=_BACKLOG,
-            )
-        except RuntimeError as error:
-            reason = str(error).rpartition("bind port: ")[2]
-            raise TfbusError(f"could not listen at {host}:{port}: {reason}") from error
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """The host and port that it listens on."""
-        return self._host, self._server.port
+        self._jobs = Workers("foxglove requests", threads=_AT_A_TIME, waiting=_WAITING)
+        self._calls = Workers("foxglove calls", threads=_CALLS_AT_A_TIME, waiting=0)
 
     def close(self) -> None:
-        """Stop; all clients are disconnected."""
-        self._server.stop()
+        """Begin no further calls of services and no reading of files. The clients' end is their
+        front's. Twice is fine.
+        """
+        self._jobs.close(0.0)
+        self._calls.close(0.0)
+
+    # One client, in the loop of its front
+
+    async def serve(
+        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        """Serve a client that has sent the head of a request, until it ends."""
+        connection = Connection(head, reader, writer, SUBPROTOCOL)
+        if not connection.is_open:
+            await writer.drain()
+            return
+        client = Client(next(self._ids), connection, self)
+        writing = asyncio.create_task(connection.write())
+        self._welcome(client)
+        try:
+            async for message in connection.messages():
+                client.take(message)
+        finally:
+            writing.cancel()
+            with self._lock:
+                self._clients.discard(client)
+            client.leave()
+
+    def _welcome(self, client: Client) -> None:
+        with self._lock:
+            self._clients.add(client)
+            client.tell(self._info())
+            if self._channels:
+                channels = [each.described for each in self._channels.values()]
+                client.tell(text("advertise", channels=channels))
+            if self._services:
+                services = [_described(*each) for each in self._services.items()]
+                client.tell(text("advertiseServices", services=services))
+
+    def _info(self) -> str:
+        capabilities = set(self.capabilities)
+        if Capability.PARAMETERS in capabilities:
+            capabilities.add(Capability.PARAMETERS_SUBSCRIBE)
+        begin_ns, end_ns = self._time_range_ns or (None, None)
+        return text(
+            "serverInfo",
+            name=self._name,
+            capabilities=sorted(capabilities),
+            supportedEncodings=_ENCODINGS,
+            metadata={},
+            sessionId=self._session,
+            dataStartTime=None if begin_ns is None else stamp_of(begin_ns),
+            dataEndTime=None if end_ns is None else stamp_of(end_ns),
+        )
+
+    def guarded(self, what: Callable[[], None]) -> None:
+        """Do what a client asked for; an exception, which is a defect, is logged, the first."""
+        try:
+            what()
+        except Exception:
+            self._once.exception("request", "Could not answer a client of Foxglove's")
+
+    # Channels
 
     def open_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes] | None = None
     ) -> Channel:
         """A channel; the schema is its name, its encoding and its text."""
-        given = None
-        if schema is not None:
+        number = next(self._ids)
+        described: dict[str, object] = {"id": number, "topic": topic, "encoding": encoding}
+        if schema is None:
+            described |= {"schemaName": "", "schema": ""}
+        else:
             name, of, data = schema
-            given = Schema(name=name, encoding=of, data=data)
-        return Channel(
-            self._context._create_channel(topic, message_encoding=encoding, schema=given)
-        )
+            described |= {"schemaName": name, "schemaEncoding": of, "schema": data.decode()}
+        channel = Channel(self, number, topic, described)
+        with self._lock:
+            self._channels[number] = channel
+            self._tell_all(text("advertise", channels=[described]))
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        """Take a channel back. Twice is fine."""
+        with self._lock:
+            if self._channels.pop(channel.id, None) is None:
+                return
+            channel.subscribers = ()
+            for client in self._clients:
+                client.subscriptions = {
+                    own: at for own, at in client.subscriptions.items() if at is not channel
+                }
+            self._tell_all(text("unadvertise", channelIds=[channel.id]))
+
+    def subscribe(self, client: Client, subscription: int, channel_id: int) -> str:
+        """Let a client subscribe; returns why it cannot, "" where it does."""
+        with self._lock:
+            channel = self._channels.get(channel_id)
+            if channel is None:
+                return f"there is no channel {channel_id}"
+            if subscription in client.subscriptions:
+                return f"subscription {subscription} is in use"
+            if channel in client.subscriptions.values():
+                return f"channel {channel_id} has a subscription of this client already"
+            client.subscriptions = {**client.subscriptions, subscription: channel}
+            channel.subscribers = (*channel.subscribers, (client.connection, subscription))
+        return ""
+
+    def unsubscribe(self, client: Client, subscriptions: Collection[int]) -> list[int]:
+        """End subscriptions of a client; returns the channels of those that it had."""
+        with self._lock:
+            gone = [own for own in subscriptions if own in client.subscriptions]
+            channels = [client.subscriptions[own] for own in gone]
+            for channel in channels:
+                channel.subscribers = tuple(
+                    each for each in channel.subscribers if each[0] is not client.connection
+                )
+            client.subscriptions = {
+                own: at for own, at in client.subscriptions.items() if own not in gone
+            }
+        return [channel.id for channel in channels]
 
     # What all clients get
 
-    def say(self, text: str) -> None:
+    def _tell_all(self, message: str | bytes) -> None:
+        for client in self._clients:
+            client.tell(message)
+
+    def say(self, reason: str) -> None:
         """Show an error in all clients; more than 20 in a second are left out."""
         now_s = time.monotonic()
         with self._lock:
             if len(self._said_s) == _MOST_SAID and now_s < self._said_s[0] + 1.0:
                 return
             self._said_s.append(now_s)
-        self._server.publish_status(printable(text, 500), StatusLevel.Error)
+            self._tell_all(text("status", level=Level.ERROR, message=printable(reason, 500)))
 
     def tell_time(self, now_ns: int) -> None:
         """Tell the time to all clients."""
-        self._server.broadcast_time(now_ns)
+        message = time_of(now_ns)
+        with self._lock:
+            for client in self._clients:
+                client.connection.send(message)
 
     def tell_playback(self, state: PlaybackState) -> None:
         """Tell how the recording plays."""
-        self._server.broadcast_playback_state(state)
+        with self._lock:
+            self._tell_all(state.as_bytes())
 
     def forget_the_past(self) -> None:
         """Make all clients drop what they have: time went back."""
-        self._server.clear_session()
+        with self._lock:
+            self._session = _new_session()
+            self._tell_all(self._info())
+
+    # Parameters, and the graph
 
     def publish_parameters(self, parameters: Sequence[Parameter]) -> None:
         """Send parameters to the clients that subscribe to them."""
-        self._server.publish_parameter_values(list(parameters))
+        with self._lock:
+            for client in self._clients:
+                watched = [each for each in parameters if each.name in client.parameters]
+                if watched:
+                    client.tell(parameter_values(watched))
 
-    def publish_graph(self, graph: ConnectionGraph) -> None:
-        """Send the graph of nodes to the clients that subscribe to it."""
-        self._server.publish_connection_graph(graph)
+    def set_parameters(
+        self, client: Client, given: Sequence[Parameter], request_id: str | None
+    ) -> None:
+        """Set parameters; the client is told of them where it gave an id, and all that subscribe
+        to them.
+        """
+
+        def set_them() -> None:
+            done = self.requests.set_parameters(given)
+            if request_id is not None:
+                client.tell(parameter_values(done, request_id))
+            self.publish_parameters(done)
+
+        if not self._jobs.do(lambda: self.guarded(set_them)):
+            client.say("too many requests at once; retry later")
+
+    def publish_graph(self, graph: Connections) -> None:
+        """Send what changed in the graph of nodes to the clients that subscribe to it."""
+        with self._lock:
+            former, self._graph = self._graph, graph
+            message = graph_update(former, graph)
+            for client in self._clients:
+                if client.has_graph:
+                    client.tell(message)
+
+    def subscribe_graph(self, client: Client) -> None:
+        """Send the graph to a client, and from now on its changes."""
+        with self._lock:
+            client.has_graph = True
+            client.tell(graph_update(Connections(), self._graph))
+
+    # Services and files
 
     def add_service(self, service: Service) -> None:
         """Offer a service."""
-        self._server.add_services([service])
+        number = next(self._ids)
+        with self._lock:
+            self._services[number] = service
+            self._tell_all(text("advertiseServices", services=[_described(number, service)]))
 
-    def remove_services(self, names: Sequence[str]) -> None:
+    def remove_services(self, names: Collection[str]) -> None:
         """Take services back."""
-        self._server.remove_services(list(names))
+        with self._lock:
+            gone = [number for number, each in self._services.items() if each.name in names]
+            for number in gone:
+                del self._services[number]
+            if gone:
+                self._tell_all(text("unadvertiseServices", serviceIds=gone))
+
+    def call(self, client: Client, service_id: int, call_id: int, request: bytes) -> None:
+        """Call a service for a client, on a thread."""
+
+        def fail(reason: str) -> None:
+            client.tell(
+                text("serviceCallFailure", serviceId=service_id, callId=call_id, message=reason)
+            )
+
+        def run(service: Service) -> None:
+            try:
+                response = service.call(request)
+            except (TfbusError, ValueError) as error:
+                fail(str(error))
+            else:
+                client.tell(answer(service_id, call_id, "json", response))
+
+        with self._lock:
+            service = self._services.get(service_id)
+        if service is None:
+            fail("there is no such service any more")
+        elif not self._calls.do(lambda: self.guarded(lambda: run(service))):
+            fail(f"busy: {_CALLS_AT_A_TIME} calls are running")
+
+    def fetch(self, client: Client, request_id: int, uri: str) -> None:
+        """Send a client a file, which a thread reads."""
+
+        def read() -> None:
+            try:
+                client.tell(file_of(request_id, self.requests.asset(uri)))
+            except (TfbusError, ValueError) as error:
+                client.tell(no_file(request_id, str(error)))
+
+        if not self._jobs.do(lambda: self.guarded(read)):
+            client.tell(no_file(request_id, "too many requests at once; retry later"))
 
 
-class _Listener(ServerListener):
-    """Passes on what the SDK calls."""
+def graph_update(former: Connections, now: Connections) -> str:
+    """What has changed between two graphs."""
+    topics = former.published.keys() | former.subscribed.keys()
+    left = now.published.keys() | now.subscribed.keys()
+    return text(
+        "connectionGraphUpdate",
+        publishedTopics=_changed(former.published, now.published, left, "publisherIds"),
+        subscribedTopics=_changed(former.subscribed, now.subscribed, left, "subscriberIds"),
+        advertisedServices=_changed(former.served, now.served, now.served.keys(), "providerIds"),
+        removedTopics=sorted(topics - left),
+        removedServices=sorted(former.served.keys() - now.served.keys()),
+    )
 
-    def __init__(self, requests: Requests) -> None:
-        self._requests = requests
 
-    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        self._requests.subscribed(channel.id)
+def _changed(
+    former: Mapping[str, Sequence[str]],
+    now: Mapping[str, Sequence[str]],
+    left: Collection[str],
+    ids: str,
+) -> list[dict[str, object]]:
+    """The names whose ends changed; a topic that has lost one kind of ends has none of it."""
+    names = sorted((former.keys() | now.keys()) & set(left))
+    return [
+        {"name": name, ids: list(now.get(name, ()))}
+        for name in names
+        if former.get(name, ()) != now.get(name, ())
+    ]
 
-    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        self._requests.unsubscribed(channel.id)
 
-    def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        self._requests.advertised(client.id, channel)
+def _described(number: int, service: Service) -> dict[str, object]:
+    return {
+        "id": number,
+        "name": service.name,
+        "type": service.type,
+        "request": _schema(*service.request),
+        "response": _schema(*service.response),
+    }
 
-    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        self._requests.unadvertised(client.id, client_channel_id)
 
-    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        self._requests.published(client.id, client_channel_id, data)
+def _schema(name: str, schema: str) -> dict[str, str]:
+    return {
+        "encoding": "json",
+        "schemaName": name,
+        "schemaEncoding": "jsonschema",
+        "schema": schema,
+    }
 
-    def on_get_parameters(
-        self, client: Client, param_names: list[str], request_id: str | None = None
-    ) -> list[Parameter]:
-        return self._requests.get_parameters(param_names)
 
-    def on_set_parameters(
-        self, client: Client, parameters: list[Parameter], request_id: str | None = None
-    ) -> list[Parameter]:
-        return self._requests.set_parameters(parameters)
-
-    def on_parameters_subscribe(self, param_names: list[str]) -> None:
-        self._requests.parameters_subscribed(param_names)
-
-    def on_playback_control_request(
-        self, playback_control_request: PlaybackControlRequest
-    ) -> PlaybackState | None:
-        return self._requests.control(playback_control_request)
+def _new_session() -> str:
+    return str(time.time_ns() // 1_000_000)

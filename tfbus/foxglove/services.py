@@ -1,11 +1,8 @@
 """Services and actions as Foxglove's Service Call panel calls them."""
 
 import json
-import threading
 from collections.abc import Mapping
 from typing import Any
-
-from foxglove import MessageSchema, Schema, Service, ServiceRequest, ServiceSchema
 
 from tfbus import messages
 from tfbus.bus.session import Session
@@ -13,14 +10,11 @@ from tfbus.discover.graph import Graph, ServiceInfo
 from tfbus.errors import ServiceError
 from tfbus.foxglove.as_json import json_of, json_schema, values_of
 from tfbus.foxglove.graph import absolute
-from tfbus.foxglove.server import Server
+from tfbus.foxglove.server import Server, Service
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 
 # A service answers at once; an action may take long, and the panel waits for its result.
 _TIMEOUT_S = 60.0
-
-# Each call has a thread.
-_AT_A_TIME = 16
 
 _MOST_SERVICES = 2000
 
@@ -35,7 +29,6 @@ class LiveServices:
         self._session = session
         self._server = server
         self._offered: dict[str, str] = {}
-        self._room = threading.Semaphore(_AT_A_TIME)
 
     def update(self, graph: Graph) -> None:
         """Take the services of the graph."""
@@ -56,21 +49,19 @@ class LiveServices:
 
     def _service(self, name: str, type_name: str) -> Service:
         request, response = _parts(type_name)
-        schema = ServiceSchema(
-            type_name or "unknown", request=_schema(request), response=_schema(response)
+        return Service(
+            name,
+            type_name or "unknown",
+            _schema(request),
+            _schema(response),
+            lambda asked: self._call(name, request, asked),
         )
-        return Service(name, schema=schema, handler=lambda asked: self._call(name, request, asked))
 
-    def _call(self, name: str, request_type: type | None, asked: ServiceRequest) -> bytes:
-        if not self._room.acquire(blocking=False):
-            raise ServiceError(f"busy: {_AT_A_TIME} calls are running")
-        try:
-            values = values_of(asked.payload, request_type)
-            if request_type is not None:
-                values = as_map(from_map(request_type, values, unknown_fields=False))
-            return json_of(self._last_answer(name, values))
-        finally:
-            self._room.release()
+    def _call(self, name: str, request_type: type | None, asked: bytes) -> bytes:
+        values = values_of(asked, request_type)
+        if request_type is not None:
+            values = as_map(from_map(request_type, values, unknown_fields=False))
+        return json_of(self._last_answer(name, values))
 
     def _last_answer(self, name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         last: Mapping[str, Any] | None = None
@@ -95,10 +86,8 @@ def _parts(type_name: str) -> tuple[type | None, type | None]:
     return request, getattr(found, "Response", None)
 
 
-def _schema(message_type: type | None) -> MessageSchema:
-    schema = {"type": "object"} if message_type is None else json_schema(message_type)
-    name = "" if message_type is None else message_type.__qualname__
-    return MessageSchema(
-        encoding="json",
-        schema=Schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode()),
-    )
+def _schema(message_type: type | None) -> tuple[str, str]:
+    """The name of a type, and its schema in JSON."""
+    if message_type is None:
+        return "", json.dumps({"type": "object"})
+    return message_type.__qualname__, json.dumps(json_schema(message_type))

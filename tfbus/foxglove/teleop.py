@@ -5,11 +5,10 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from foxglove.websocket import ClientChannel
-
 from tfbus.errors import DecodeError
 from tfbus.foxglove.as_json import values_of
 from tfbus.foxglove.graph import absolute
+from tfbus.foxglove.protocol import ClientChannel
 from tfbus.messages import Twist
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher

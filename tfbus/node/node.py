@@ -1,5 +1,6 @@
 """A node: one process's name on the bus, and all that it publishes, subscribes to and serves."""
 
+import atexit
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -107,6 +108,8 @@ class Node:
             raise
         with self._signals.held():
             self._declare_itself()
+            # Before its session, so that no timer sends on one that has ended.
+            atexit.register(self.close)
             is_stopped = self._is_stopped()
         if is_stopped:
             self.close()
@@ -248,6 +251,7 @@ class Node:
         """
         if not self._closed and not forks.is_lost():
             self._closed = True
+            atexit.unregister(self.close)
             self.shutdown()
             with self._signals.held():
                 self.clock.close()

@@ -39,6 +39,7 @@ class StopSignals:
             if not _previous:
                 for number in (signal.SIGINT, signal.SIGTERM):
                     _previous[number] = signal.signal(number, _on_signal)
+                _poker.install()
             _installed.append(self)
 
     @property
@@ -198,6 +199,67 @@ class _SignalWakeup:
         os.read(self.readable, 4096)
 
 
+class _Poker:
+    """Interrupts the main thread until it has handled a signal, wherever it waits.
+
+    A wait for a lock ends only at a signal that comes in the midst of it, on its own thread: not at
+    one that the system gives to another thread, nor at one in the instant before the wait, and then
+    it lasts for ever. So a thread here learns of each signal by a file that the system writes to,
+    and sends the main thread SIGURG, which does nothing else, until Python has run its handlers.
+    """
+
+    def __init__(self) -> None:
+        # A number, since a handler may set it at any instant: see _Stop.
+        self._is_handled = True
+        self._readable = self._writable = -1
+
+    def install(self) -> None:
+        """Begin, in the main thread; not where another library reads that file or uses SIGURG."""
+        if not hasattr(signal, "SIGURG") or signal.getsignal(signal.SIGURG) != signal.SIG_DFL:
+            return
+        if self._readable < 0:
+            self._readable, self._writable = os.pipe()
+            os.set_blocking(self._writable, False)
+            threading.Thread(target=self._run, name="signals", daemon=True).start()
+        others = signal.set_wakeup_fd(self._writable, warn_on_full_buffer=False)
+        if others >= 0:
+            signal.set_wakeup_fd(others)
+            return
+        _previous[signal.SIGURG] = signal.signal(signal.SIGURG, self.on_poke)
+
+    def uninstall(self) -> None:
+        """End, in the main thread; the thread waits for another install."""
+        if _previous.get(signal.SIGURG) is not None:
+            others = signal.set_wakeup_fd(-1)
+            if others not in (-1, self._writable):
+                signal.set_wakeup_fd(others)
+
+    def leave_to_parent(self) -> None:
+        """In a forked child, which has no other threads: the file is the parent's."""
+        if self._readable >= 0:
+            os.close(self._readable)
+            os.close(self._writable)
+            self._readable = self._writable = -1
+
+    def on_poke(self, number: int, frame: FrameType | None) -> None:
+        """Note that handlers have run, in that of SIGURG."""
+        self._is_handled = True
+
+    def _run(self) -> None:
+        main = threading.main_thread().ident
+        assert main is not None
+        while numbers := os.read(self._readable, 4096):
+            self._is_handled = not {signal.SIGINT, signal.SIGTERM} & set(numbers)
+            while not self._is_handled:
+                time.sleep(_POKE_EVERY_S)
+                if signal.getsignal(signal.SIGURG) != self.on_poke:
+                    break
+                signal.pthread_kill(main, signal.SIGURG)
+
+
+# Handlers run at once, as a rule.
+_POKE_EVERY_S = 0.05
+
 # `timeout`, `make` and shells send a signal to a process and to its group: it comes twice within an
 # instant, and the second one must not interrupt what the first one started.
 _SAME_SIGNAL_S = 1.0
@@ -208,6 +270,7 @@ _previous: dict[int, Any] = {}
 # Signals that have come within `postponed`; None outside of it.
 _postponed: set[int] | None = None
 _stops: weakref.WeakSet[_Stop] = weakref.WeakSet()
+_poker = _Poker()
 
 
 def _in_main_thread() -> bool:
@@ -268,8 +331,9 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def _restore_handlers() -> None:
+    _poker.uninstall()
     for number, previous in _previous.items():
-        if signal.getsignal(number) is _on_signal:
+        if signal.getsignal(number) in (_on_signal, _poker.on_poke):
             signal.signal(number, previous)
     _previous.clear()
 
@@ -280,6 +344,7 @@ def _on_fork() -> None:
     if _previous:
         signal.set_wakeup_fd(-1)
         _restore_handlers()
+    _poker.leave_to_parent()
     for stop in list(_stops):
         stop.leave_to_parent()
 

@@ -5,7 +5,8 @@ from tfbus.geometry.columns cimport Columns
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
 cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED
-cdef long long _VERSION, _LARGEST
+cdef long long _VERSION
+cdef unsigned long long _LARGEST
 
 @cython.final
 cdef class TransformMessage:

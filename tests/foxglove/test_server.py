@@ -1,0 +1,176 @@
+"""Foxglove's server: what it does while clients come, go, and do not read."""
+
+import logging
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
+
+from tests.foxglove.client import Client
+from tests.live_bus import DEADLINE_S, eventually
+from tfbus.foxglove.client import Requests
+from tfbus.foxglove.connection import BACKLOG
+from tfbus.foxglove.front import Front
+from tfbus.foxglove.graph import Connections
+from tfbus.foxglove.protocol import Capability, Parameter
+from tfbus.foxglove.server import Server
+from tfbus.foxglove.serving import Serving
+
+# A client that asks for a WebSocket and then reads nothing.
+UPGRADE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+    b"Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+)
+
+
+class Knows(Requests):
+    """Knows any parameter, and sets it."""
+
+    def get_parameters(self, names: list[str]) -> list[Parameter]:  # type: ignore[override]
+        return [Parameter(name, 1) for name in names]
+
+    def set_parameters(self, given: list[Parameter]) -> list[Parameter]:  # type: ignore[override]
+        return given
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    capabilities = [Capability.GRAPH, Capability.PARAMETERS]
+    server = Server("test", Knows(), capabilities, logging.getLogger("test"))
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def front(server: Server) -> Iterator[Front]:
+    front = Front(Serving(port=0), server, lambda reason: None)
+    yield front
+    front.close()
+
+
+def test_clients_come_and_go_while_all_is_published(server: Server, front: Front) -> None:
+    """No moment of a client's stops the publisher, nor the publisher a client."""
+    is_ended = threading.Event()
+    rounds = 0
+
+    def publish() -> None:
+        nonlocal rounds
+        while not is_ended.is_set():
+            rounds += 1
+            server.publish_graph(Connections({f"/topic{rounds % 7}": ["/node"]}))
+            server.publish_parameters([Parameter("/node.a", rounds)])
+            server.say("no")
+            channel = server.open_channel(f"/topic{rounds % 7}", "json")
+            channel.send(b"{}", rounds)
+            channel.close()
+            is_ended.wait(0.001)
+
+    publisher = threading.Thread(target=publish)
+    publisher.start()
+    try:
+        for _ in range(30):
+            with Client(front.port) as client:
+                client.send("subscribeConnectionGraph")
+                client.send("subscribeParameterUpdates", parameterNames=["/node.a", "/node.b"])
+                eventually(lambda client=client: client.published and client.parameters)  # type: ignore[misc]
+                client.send("unsubscribeConnectionGraph")
+                client.send("unsubscribeParameterUpdates", parameterNames=["/node.a"])
+        before = rounds
+        eventually(lambda: rounds > before)
+    finally:
+        is_ended.set()
+        publisher.join(DEADLINE_S)
+    assert not publisher.is_alive()
+
+
+def test_the_graph_comes_whole_and_then_what_changes(server: Server, front: Front) -> None:
+    """A topic that has lost all its publishers but not its subscribers has none of them."""
+    server.publish_graph(Connections({"/a": ["/x"], "/b": ["/x"]}, {"/a": ["/y"]}, {"/s": ["/x"]}))
+    with Client(front.port) as client:
+        client.send("subscribeConnectionGraph")
+        eventually(lambda: client.published.get("/b") == ["/x"])
+        server.publish_graph(Connections({}, {"/a": ["/y"]}, {}))
+        eventually(lambda: client.published.get("/a") == [])
+        last = client.texts_of("connectionGraphUpdate")[-1]
+        assert last["removedTopics"] == ["/b"]
+        assert last["removedServices"] == ["/s"]
+        assert last["subscribedTopics"] == []
+
+
+def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) -> None:
+    """It loses the oldest messages; one that reads gets all that it takes."""
+    channel = server.open_channel("/topic", "json")
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as deaf:
+        deaf.sendall(
+            UPGRADE
+            + _masked(
+                b'{"op":"subscribe","subscriptions":[%s]}'
+                % (b'{"id":1,"channelId":%d}' % channel.id)
+            )
+        )
+        eventually(lambda: channel.is_watched)
+        with Client(front.port) as client:
+            client.subscribe("/topic")
+            eventually(lambda: len(channel.subscribers) == 2)
+            big = b"0" * 100_000
+            for number in range(5 * BACKLOG // 2):
+                channel.send(big if number % 10 else b"small", number)
+            channel.send(b"last", 0)
+            eventually(lambda: b"last" in client.of("/topic"))
+        assert front.clients == 1
+
+
+def _masked(text: bytes) -> bytes:
+    """A text message of a client, with the mask 0."""
+    return struct.pack(">BBH4x", 0x81, 0x80 | 126, len(text)) + text
+
+
+@pytest.mark.parametrize(
+    "value", [1, 1.5, True, "text", [1, 2], [1.0, 2], b"bytes", {"a": [True]}, -(2**63)]
+)
+def test_parameters_keep_their_type(front: Front, server: Server, value: object) -> None:
+    """There and back: a float says that it is one, and bytes are base64."""
+    given = Parameter("/node.a", value)
+    assert Parameter.from_map(given.as_map()) == given
+
+
+@pytest.mark.parametrize("value", [float("nan"), 2**63, [float("inf")], {1: 2}, object()])
+def test_what_json_cannot_say_is_no_parameter(value: object) -> None:
+    """A ValueError or TypeError, so that its text is shown instead."""
+    with pytest.raises((TypeError, ValueError)):
+        Parameter("/node.a", value)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "{}",
+        "[]",
+        "7",
+        "{",
+        '{"op": 7}',
+        '{"op": "subscribe"}',
+        '{"op": "subscribe", "subscriptions": [{"id": true, "channelId": 1}]}',
+        '{"op": "setParameters", "parameters": [{"name": "a", "type": "float64", "value": "x"}]}',
+        '{"op": "setParameters", "parameters": [{"name": "a", "value": 1e999}]}',
+        '{"op": "fetchAsset", "uri": 7, "requestId": 1}',
+        "[" * 100_000,
+        b"",
+        b"\x03\x00",
+        b"\xff",
+        b"\x01\x00\x00\x00\x00",
+        b"\x02" + bytes(12),
+    ],
+)
+def test_what_is_malformed_is_answered(front: Front, message: str | bytes) -> None:
+    """With why, and the connection goes on."""
+    with Client(front.port) as client:
+        client.send_raw(message)
+        eventually(client.said)
+        client.send("getParameters", parameterNames=["/node.a"], id="1")
+        eventually(lambda: client.parameters)

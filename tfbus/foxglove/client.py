@@ -1,0 +1,234 @@
+"""One client of Foxglove's server: the messages that it sends, and what it has subscribed to."""
+
+import json
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from tfbus.errors import TfbusError
+from tfbus.foxglove.connection import Connection
+from tfbus.foxglove.protocol import (
+    CALLED,
+    CONTROLLED,
+    PUBLISHED,
+    Capability,
+    ClientChannel,
+    Level,
+    Parameter,
+    PlaybackControl,
+    PlaybackState,
+    called,
+    number,
+    numbers,
+    parameter_values,
+    published,
+    text,
+    texts,
+)
+from tfbus.wording import printable
+
+if TYPE_CHECKING:
+    from tfbus.foxglove.server import Channel, Server
+
+# Of one client, and so of its memory here.
+_MOST_NAMES = 10_000
+_MOST_CHANNELS = 1_000
+
+# Operations that not every server offers.
+_NEEDS = {
+    "advertise": Capability.PUBLISH,
+    "unadvertise": Capability.PUBLISH,
+    "getParameters": Capability.PARAMETERS,
+    "setParameters": Capability.PARAMETERS,
+    "subscribeParameterUpdates": Capability.PARAMETERS,
+    "unsubscribeParameterUpdates": Capability.PARAMETERS,
+    "subscribeConnectionGraph": Capability.GRAPH,
+    "unsubscribeConnectionGraph": Capability.GRAPH,
+    PUBLISHED: Capability.PUBLISH,
+    CALLED: Capability.SERVICES,
+    CONTROLLED: Capability.PLAYBACK,
+}
+
+
+class Requests:
+    """What clients ask and send; a bridge overrides what it answers.
+
+    All but `set_parameters` and `asset` come on the thread that serves all clients: return at once.
+    """
+
+    def subscribed(self, channel_id: int) -> None:
+        """A client subscribes to a channel."""
+
+    def unsubscribed(self, channel_id: int) -> None:
+        """A client no longer subscribes, or is gone."""
+
+    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+        """These parameters; all where no name is given."""
+        return []
+
+    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+        """Set parameters; returns those that are known to be set by now. It may wait."""
+        return []
+
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        """A client subscribes to parameters."""
+
+    def advertised(self, client_id: int, channel: ClientChannel) -> None:
+        """A client is going to publish."""
+
+    def unadvertised(self, client_id: int, channel_id: int) -> None:
+        """A client no longer publishes, or is gone."""
+
+    def published(self, client_id: int, channel_id: int, data: bytes) -> None:
+        """A client publishes."""
+
+    def control(self, request: PlaybackControl) -> PlaybackState | None:
+        """A client plays, pauses, seeks, or changes the speed; None where the answer follows."""
+        return None
+
+    def asset(self, uri: str) -> bytes:
+        """A client asks for a file. Raises TfbusError where it cannot have it. It may wait."""
+        raise TfbusError("there are no files")
+
+
+class Client:
+    """A client from its first message on; all calls but `tell` and `say` come in its loop."""
+
+    def __init__(self, own_id: int, connection: Connection, server: "Server") -> None:
+        self.connection = connection
+        self.tell = connection.tell
+        # The server's, under its lock.
+        self.subscriptions: dict[int, Channel] = {}
+        self.parameters: frozenset[str] = frozenset()
+        self.has_graph = False
+        self._id = own_id
+        self._server = server
+        self._requests = server.requests
+        self._advertised: dict[int, ClientChannel] = {}
+
+    def say(self, reason: str, level: Level = Level.ERROR) -> None:
+        """Show an error in this client."""
+        self.tell(text("status", level=level, message=printable(reason, 500)))
+
+    def take(self, message: str | bytes) -> None:
+        """Do what a message asks for; one that is malformed is answered with why."""
+        try:
+            if isinstance(message, str):
+                given = json.loads(message)
+                op, wish = given["op"], partial(self._wish, given)
+            else:
+                op, wish = message[0], partial(self._binary_wish, message)
+            needed = _NEEDS.get(op)
+            if needed is not None and needed not in self._server.capabilities:
+                self.say(f"this server has not the capability {needed}")
+                return
+            wanted = wish()
+        except (LookupError, RecursionError, TypeError, ValueError, struct.error) as error:
+            self.say(f"invalid message: {error}")
+        else:
+            self._server.guarded(wanted)
+
+    def leave(self) -> None:
+        """End all that it had: it is gone."""
+        self._server.guarded(lambda: self._unsubscribe(list(self.subscriptions)))
+        self._server.guarded(lambda: self._unadvertise(list(self._advertised)))
+
+    def _wish(self, given: Mapping[str, Any]) -> Callable[[], None]:
+        """What a text asks for. Raises where it is malformed."""
+        match given["op"]:
+            case "subscribe":
+                wanted = [(number(x["id"]), number(x["channelId"])) for x in given["subscriptions"]]
+                return partial(self._subscribe, wanted)
+            case "unsubscribe":
+                return partial(self._unsubscribe, numbers(given["subscriptionIds"]))
+            case "advertise":
+                channels = [ClientChannel.from_map(each) for each in given["channels"]]
+                return partial(self._advertise, channels)
+            case "unadvertise":
+                return partial(self._unadvertise, numbers(given["channelIds"]))
+            case "getParameters":
+                return partial(self._get, texts(given["parameterNames"]), given.get("id"))
+            case "setParameters":
+                parameters = [Parameter.from_map(each) for each in given["parameters"]]
+                return partial(self._server.set_parameters, self, parameters, given.get("id"))
+            case "subscribeParameterUpdates":
+                return partial(self._watch, texts(given["parameterNames"]))
+            case "unsubscribeParameterUpdates":
+                return partial(self._ignore, texts(given["parameterNames"]))
+            case "subscribeConnectionGraph":
+                return partial(self._server.subscribe_graph, self)
+            case "unsubscribeConnectionGraph":
+                return partial(setattr, self, "has_graph", False)
+            case "fetchAsset":
+                request, [uri] = number(given["requestId"]), texts([given["uri"]])
+                return partial(self._server.fetch, self, request, uri)
+            case op:
+                raise ValueError(f"there is no operation {printable(op)!r}")
+
+    def _binary_wish(self, data: bytes) -> Callable[[], None]:
+        """What a binary message asks for. Raises where it is malformed."""
+        match data[0]:
+            case kind if kind == PUBLISHED:
+                return partial(self._publish, *published(data))
+            case kind if kind == CALLED:
+                service, call, encoding, request = called(data)
+                if encoding != "json":
+                    raise ValueError(f"requests are json, not {printable(encoding)}")
+                return partial(self._server.call, self, service, call, request)
+            case kind if kind == CONTROLLED:
+                return partial(self._control, PlaybackControl.from_bytes(data))
+            case kind:
+                raise ValueError(f"there is no kind {kind} of binary messages")
+
+    # What it wishes
+
+    def _subscribe(self, wanted: Sequence[tuple[int, int]]) -> None:
+        for subscription, channel_id in wanted:
+            if mistake := self._server.subscribe(self, subscription, channel_id):
+                self.say(mistake)
+            else:
+                self._requests.subscribed(channel_id)
+
+    def _unsubscribe(self, subscriptions: Sequence[int]) -> None:
+        for channel_id in self._server.unsubscribe(self, subscriptions):
+            self._requests.unsubscribed(channel_id)
+
+    def _advertise(self, channels: Sequence[ClientChannel]) -> None:
+        for channel in channels:
+            if channel.id in self._advertised:
+                self.say(f"channel {channel.id} is advertised already", Level.WARNING)
+            elif len(self._advertised) >= _MOST_CHANNELS:
+                self.say(f"at most {_MOST_CHANNELS} channels of a client")
+            else:
+                self._advertised[channel.id] = channel
+                self._requests.advertised(self._id, channel)
+
+    def _unadvertise(self, channel_ids: Sequence[int]) -> None:
+        for channel_id in channel_ids:
+            if self._advertised.pop(channel_id, None) is not None:
+                self._requests.unadvertised(self._id, channel_id)
+
+    def _publish(self, channel_id: int, data: bytes) -> None:
+        if channel_id in self._advertised:
+            self._requests.published(self._id, channel_id, data)
+        else:
+            self.say(f"channel {channel_id} is not advertised")
+
+    def _get(self, names: Sequence[str], request_id: str | None) -> None:
+        self.tell(parameter_values(self._requests.get_parameters(names), request_id))
+
+    def _watch(self, names: Sequence[str]) -> None:
+        if len(self.parameters | set(names)) > _MOST_NAMES:
+            self.say(f"at most {_MOST_NAMES} parameters of a client")
+            return
+        self.parameters |= set(names)
+        self._requests.parameters_subscribed(names)
+
+    def _ignore(self, names: Sequence[str]) -> None:
+        self.parameters -= set(names)
+
+    def _control(self, request: PlaybackControl) -> None:
+        state = self._requests.control(request)
+        if state is not None:
+            self._server.tell_playback(state)

@@ -1,0 +1,129 @@
+"""A client's WebSocket: messages in, and messages out from any thread, which never wait."""
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from typing import Any
+
+from websockets.exceptions import InvalidState
+from websockets.frames import Frame, Opcode
+from websockets.http11 import Request
+from websockets.protocol import State
+from websockets.server import ServerProtocol
+from websockets.typing import Subprotocol
+
+# A client that reads too slowly loses the oldest messages of topics beyond this number, and is
+# disconnected where as many others wait.
+BACKLOG = 1024
+
+# Of a client; longer ones end its connection.
+_LONGEST_MESSAGE = 1 << 20
+
+_CHUNK = 65_536
+
+# What is written at a time: Zenoh's threads append meanwhile, and the newest of it counts.
+_AT_A_TIME = 64
+
+
+class Connection:
+    """The WebSocket of one client. `tell` and `send` may be called on any thread; the rest belongs
+    to the loop.
+    """
+
+    def __init__(
+        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, name: str
+    ) -> None:
+        """Answer the request with the head `head`, for the subprotocol `name`."""
+        self._reader, self._writer = reader, writer
+        self._loop = asyncio.get_running_loop()
+        self._told: deque[str | bytes] = deque()
+        self._sent: deque[bytes] = deque(maxlen=BACKLOG)
+        self._wake = asyncio.Event()
+        self._is_woken = False
+        self._protocol = ServerProtocol(subprotocols=[Subprotocol(name)], max_size=_LONGEST_MESSAGE)
+        self._protocol.receive_data(head)
+        for request in self._protocol.events_received():
+            assert isinstance(request, Request)
+            self._protocol.send_response(self._protocol.accept(request))
+        self._flush()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the client's request was one for a WebSocket, and it has not ended."""
+        return self._protocol.state is State.OPEN
+
+    # On any thread
+
+    def tell(self, message: str | bytes) -> None:
+        """Send a message that is never left out: a client that reads none of them is
+        disconnected.
+        """
+        if len(self._told) >= BACKLOG:
+            self._call(self._writer.transport.abort)
+            return
+        self._told.append(message)
+        self._wake_up()
+
+    def send(self, message: bytes) -> None:
+        """Send a message; it is left out where the client falls behind."""
+        self._sent.append(message)
+        self._wake_up()
+
+    def _wake_up(self) -> None:
+        if not self._is_woken:
+            self._is_woken = True
+            self._call(self._wake.set)
+
+    def _call(self, what: Any) -> None:
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(what)
+
+    # In the loop
+
+    async def write(self) -> None:
+        """Write what is to be sent, until it is cancelled; no faster than the client takes it."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            self._is_woken = False
+            while self._write_some():
+                await self._writer.drain()
+
+    def _write_some(self) -> bool:
+        """Write some messages, those that must not be left out first; whether there were any."""
+        some = 0
+        with suppress(IndexError, InvalidState):
+            while some < _AT_A_TIME:
+                message = self._told.popleft() if self._told else self._sent.popleft()
+                if isinstance(message, str):
+                    self._protocol.send_text(message.encode())
+                else:
+                    self._protocol.send_binary(message)
+                some += 1
+        self._flush()
+        return some > 0
+
+    async def messages(self) -> AsyncIterator[str | bytes]:
+        """Iterate over the messages of the client, until it ends."""
+        parts: list[bytes] = []
+        is_text = False
+        while self.is_open and (data := await self._reader.read(_CHUNK)):
+            self._protocol.receive_data(data)
+            for frame in self._protocol.events_received():
+                if not isinstance(frame, Frame) or frame.opcode not in _DATA:
+                    continue
+                if frame.opcode is not Opcode.CONT:
+                    parts, is_text = [], frame.opcode is Opcode.TEXT
+                parts.append(bytes(frame.data))
+                if frame.fin:
+                    message = b"".join(parts)
+                    yield message.decode(errors="replace") if is_text else message
+            self._flush()
+
+    def _flush(self) -> None:
+        """Write what the protocol says: messages, and answers to pings and to the end."""
+        self._writer.write(b"".join(self._protocol.data_to_send()))
+
+
+_DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)

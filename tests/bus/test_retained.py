@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus
+from tests.live_bus import DEADLINE_S, Bus, eventually
+from tfbus.bus.retained import declare_retained_subscriber
 
 # While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for
 # that lock. Where it holds Python's too, the whole process stands still: so it is one of its own.
@@ -49,3 +50,14 @@ def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
     """The end waits for the callback, and the callback for Python, which the end leaves free."""
     command = [sys.executable, "-c", _PROGRAM, str(bus.quick_config), bus.endpoint, kind]
     subprocess.run(command, check=True, timeout=DEADLINE_S)
+
+
+def test_the_end_of_a_retained_subscriber_leaves_nothing_declared(bus: Bus) -> None:
+    """Zenoh's own end leaves the subscriptions by which it finds lost messages and publishers."""
+    session = bus.node("a").session
+    heartbeats = session.watch_heard("key/@adv/pub/1/2/_")
+    subscriber = declare_retained_subscriber(session, "key", lambda key, payload: None)
+    eventually(lambda: heartbeats.heard)
+    subscriber.close()
+    subscriber.close()
+    eventually(lambda: not heartbeats.heard)

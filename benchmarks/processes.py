@@ -22,6 +22,8 @@ class Process:
 
     # What the commands of all processes are put behind, such as a profiler's.
     under: ClassVar[list[str]] = []
+    # What their environment has besides ours.
+    more_env: ClassVar[dict[str, str]] = {}
 
     def __init__(self, command: list[str], folder: Path):
         # A peer sees what is installed for its Python, and `folder`; never the tree of sources.
@@ -29,7 +31,7 @@ class Process:
         self._popen = subprocess.Popen(
             [*self.under, *command],
             cwd=folder,
-            env=env,
+            env=env | self.more_env,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -59,6 +61,12 @@ def start(peer: str, folder: Path) -> Process:
     """A process of a peer, in an empty folder of its own. Raises Unavailable where it cannot be."""
     (folder / "benchmarks").symlink_to(HERE)
     return PEERS[peer](folder)
+
+
+def start_worker(module: str, folder: Path) -> Process:
+    """A process of one module of benchmarks.peers, in an empty folder of its own."""
+    (folder / "benchmarks").symlink_to(HERE)
+    return _worker(module)(folder)
 
 
 def _worker(module: str) -> Callable[[Path], Process]:

@@ -7,6 +7,7 @@ operation (or bytes, for "memory"), or "unavailable: " and why. A peer is a modu
 benchmarks.peers with a function for each measure that it can do; the function answers a `Loop`.
 """
 
+import ctypes
 import gc
 import sys
 from collections.abc import Callable
@@ -69,6 +70,8 @@ class Worker:
             return "0"
         if name == "repeat":
             return self._repeat(*argument.split())
+        if name == "count":
+            return self._count(*argument.split())
         if not hasattr(self._peer, name):
             return "unavailable: not measured"
         if name == "version":
@@ -86,6 +89,25 @@ class Worker:
         loop = getattr(self._peer, measure)(int(argument))
         loop.items(int(of) - int(count))
         loop.run(loop.items(int(count)))
+        return "0"
+
+    def _count(self, measure: str, argument: str, count: str, rounds: str, library: str) -> str:
+        """For callgrind: let it count `count` operations in each of some rounds, by the library of
+        gate.py, after one that warms up.
+        """
+        callgrind = ctypes.CDLL(library)
+        # Threads take turns as they wait for each other, not by the time, which valgrind stretches.
+        sys.setswitchinterval(1000.0)
+        loop = getattr(self._peer, measure)(int(argument))
+        loop.run(loop.items(int(count)))
+        for _ in range(int(rounds)):
+            items = loop.items(int(count))
+            gc.collect()
+            gc.disable()
+            callgrind.begin()
+            loop.run(items)
+            callgrind.end(f"{measure} {argument}".encode())
+            gc.enable()
         return "0"
 
     def _bytes_per_sample(self, samples: int) -> float:

@@ -129,6 +129,7 @@ class Template:
         )
         stamps = stamp.to_bytes(8, "little") * rows
         payload = encode_transforms(TransformMessage(batch, epoch_ns or time.time_ns()))
+        self.batch = batch
         self.size = len(payload)
         self._rows = rows
         self._head, _, self._tail = payload.partition(stamps)

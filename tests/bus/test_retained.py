@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus
+from tests.live_bus import DEADLINE_S, Bus, eventually
+from tfbus.bus.retained import declare_retained_subscriber
 
 # While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for
 # that lock. Where it holds Python's too, the whole process stands still: so it is one of its own.
@@ -98,3 +99,14 @@ def test_an_end_that_meets_the_heartbeat_leaves_python_free(bus: Bus) -> None:
     """The end waits for the heartbeat, that for callbacks, and these for Python."""
     command = [sys.executable, "-c", _HEARTBEAT, str(bus.quick_config), bus.endpoint]
     subprocess.run(command, check=True, timeout=3 * DEADLINE_S)
+
+
+def test_the_end_of_a_retained_subscriber_leaves_nothing_declared(bus: Bus) -> None:
+    """Zenoh's own end leaves the subscriptions by which it finds lost messages and publishers."""
+    session = bus.node("a").session
+    heartbeats = session.watch_heard("key/@adv/pub/1/2/_")
+    subscriber = declare_retained_subscriber(session, "key", lambda key, payload: None)
+    eventually(lambda: heartbeats.heard)
+    subscriber.close()
+    subscriber.close()
+    eventually(lambda: not heartbeats.heard)

@@ -242,3 +242,28 @@ def test_a_stream_that_was_forgotten_leaves_the_frames_to_the_others(rule: Rule)
     received.buffer.remove_sent(["camera"], "b")
     received.conflicts.judge("b", None)
     assert received.held("camera") == (1.0, "a", False)
+
+
+@pytest.mark.parametrize("rule", ["latest", "first", "priority"])
+@pytest.mark.parametrize("is_static", [True, False])
+def test_each_list_is_heeded_from_the_next_message_on(rule: Rule, is_static: bool) -> None:
+    """Though messages before it with the very same frames were taken, or dropped."""
+    received = Received(rule)
+
+    def x_of_camera_sent(x: float) -> float:
+        (received.send_static if is_static else received.send)("b", camera=x, bolt=x)
+        assert received.held("bolt")[0] == x
+        return received.held("camera")[0]
+
+    assert [x_of_camera_sent(x) for x in (2.0, 3.0)] == [2.0, 3.0]
+    received.send_static("a", camera=1.0)
+    received.describe("a", "camera")
+    assert [x_of_camera_sent(x) for x in (4.0, 5.0)] == [1.0, 1.0]
+    received.describe("a", "lamp")
+    assert [x_of_camera_sent(x) for x in (6.0, 7.0)] == [6.0, 7.0]
+    received.describe("a", "lamp", "camera")
+    received.describe("b", "camera", "bolt")
+    x_of_camera_sent(8.0)
+    assert x_of_camera_sent(9.0) == (9.0 if rule == "latest" else 1.0)
+    received.lose("a")
+    assert [x_of_camera_sent(x) for x in (10.0, 11.0)] == [10.0, 11.0]

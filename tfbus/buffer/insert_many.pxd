@@ -39,7 +39,7 @@ cdef class BatchInserter:
     cdef bint _insert_row(
         self, Columns columns, Py_ssize_t at, bint static, str authority) except -1
     cdef bint _holds(self, Table table) noexcept
-    @cython.locals(table=Table, size=Py_ssize_t)
+    @cython.locals(table=Table)
     cdef Table _table(self, Columns columns, str authority)
     @cython.locals(i=Py_ssize_t, edge=edge_t, child=History, parent=History, children=list)
     cdef Table _find_table(self, Columns columns, str authority)

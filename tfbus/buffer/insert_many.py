@@ -148,15 +148,8 @@ class BatchInserter:
         """The edges of a batch; None where one of them is not in the tree as named, or has another
         publisher.
         """
-        size = EDGE_SIZE * columns.count
         table = self._tables.get(authority)
-        if (
-            table is not None
-            and self._holds(table)
-            and len(table.edges) == size
-            and packed.is_at(columns.edges, columns.edges_at, table.edges, size)
-            and (table.frames is columns.frames or table.frames == columns.frames)
-        ):
+        if table is not None and self._holds(table) and columns.is_like(table.frames, table.edges):
             return table
         return self._find_table(columns, authority) if columns.count >= _LEAST_ROWS else None
 

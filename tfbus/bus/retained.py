@@ -58,6 +58,29 @@ def _refuse(*_: Any, **__: Any) -> None:
     raise zenoh.ZError(UNDECLARED)
 
 
+class RetainedSubscriber:
+    """A subscriber of Zenoh's, until `undeclare` or the end of its session.
+
+    Of one with a callback alone Zenoh's own `undeclare` leaves the subscriptions to heartbeats and
+    to late publishers, 4 kB. One that also has an object to keep, here this one, ends with all of
+    them when Python lets go of it.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, handler: Any, **options: Any):
+        self._subscriber: ext.AdvancedSubscriber[Any] | None = ext.declare_advanced_subscriber(
+            session,
+            key,
+            (handler, self),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            subscriber_detection=True,
+            **options,
+        )
+
+    def undeclare(self) -> None:
+        """End it; twice is fine. Zenoh lets go of Python's lock meanwhile."""
+        self._subscriber = None
+
+
 def declare_retained_publisher(
     session: Session, key: str, *, urgent: bool = True
 ) -> BytesPublisher:
@@ -107,14 +130,12 @@ def declare_signed_subscriber(
 
 def _subscriber(session: Session, key: str, handler: Any, *, others: bool = False) -> Declaration:
     with bus_errors(f"subscribe to {key}", session.settings.name):
-        subscriber = ext.declare_advanced_subscriber(
+        subscriber = RetainedSubscriber(
             session.zenoh,
             key,
             handler,
             allowed_origin=zenoh.Locality.REMOTE if others else None,
             history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-            subscriber_detection=True,
         )
     return Declaration(subscriber)
 
@@ -154,16 +175,14 @@ def declare_caching_publisher(session: zenoh.Session, key: str, samples: int) ->
 
 def declare_history_subscriber(
     session: zenoh.Session, key: str, samples: int, handler: Any
-) -> ext.AdvancedSubscriber[Any]:
+) -> RetainedSubscriber:
     """A subscriber to what publishers of other sessions keep, at most `samples` of one session,
     and send; also of publishers that come later.
     """
-    return ext.declare_advanced_subscriber(
+    return RetainedSubscriber(
         session,
         key,
         handler,
         allowed_origin=zenoh.Locality.REMOTE,
         history=ext.HistoryConfig(detect_late_publishers=True, max_samples=samples),
-        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        subscriber_detection=True,
     )

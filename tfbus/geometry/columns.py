@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from struct import iter_unpack, unpack_from
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
@@ -107,6 +107,15 @@ class Columns:
         """The poses of all rows."""
         return self.poses[self.poses_at : self.poses_at + POSE_SIZE * self.count]
 
+    def is_like(self, frames: tuple[str, ...], edges: bytes) -> bool:
+        """Whether these are the names, and the edges of all rows."""
+        size = EDGE_SIZE * self.count
+        return (
+            len(edges) == size
+            and packed.is_at(self.edges, self.edges_at, edges, size)
+            and (frames is self.frames or frames == self.frames)
+        )
+
     def pairs(self) -> list[tuple[int, int]]:
         """The edge of each row: the indices of parent and child in `frames`."""
         return list(iter_unpack("=2I", self.edges_bytes()))
@@ -147,11 +156,61 @@ class Columns:
         columns.poses = rows_of(self.poses, self.poses_at, POSE_SIZE, kept)
         return columns
 
+    def last_child(self) -> str:
+        """The child frame of the last row, of which there has to be one."""
+        edge = packed.edge_at(self.edges, self.edges_at + EDGE_SIZE * (self.count - 1))
+        return self.frames[edge[1]]
+
     def last_stamp_ns(self) -> int | None:
         """The stamp of the last row; None without rows."""
         if self.count == 0:
             return None
         return packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * (self.count - 1))
+
+
+class Kind:
+    """Rows with the same names and edges, and what has been found of them."""
+
+    def __init__(self, frames: tuple[str, ...], edges: bytes, found: object) -> None:
+        self.frames = frames
+        self.edges = edges
+        self.found = found
+
+
+class FoundOfRows:
+    """What has been found of rows by their names and edges, for rows that are alike but for their
+    stamps and poses; of at most `most` rows in all, then it begins again. Of several kinds with the
+    same child in the last row it keeps the last.
+    """
+
+    def __init__(self, most: int) -> None:
+        # How many rows it keeps.
+        self.count = 0
+        self._most = most
+        self._kinds: dict[str, Kind] = {}
+
+    def get(self, columns: Columns) -> Any:
+        """What was found of such rows; None for nothing."""
+        if columns.count == 0:
+            return None
+        kind = self._kinds.get(columns.last_child())
+        if kind is None or not columns.is_like(kind.frames, kind.edges):
+            return None
+        return kind.found
+
+    def put(self, columns: Columns, found: object) -> None:
+        """Keep what was found of rows."""
+        if columns.count == 0 or columns.count > self._most:
+            return
+        last_child = columns.last_child()
+        former = self._kinds.pop(last_child, None)
+        if former is not None:
+            self.count -= len(former.edges) // EDGE_SIZE
+        self.count += columns.count
+        if self.count > self._most:
+            self._kinds.clear()
+            self.count = columns.count
+        self._kinds[last_child] = Kind(columns.frames, columns.edges_bytes(), found)
 
 
 def rows_of(column: bytes, start: int, size: int, rows: Iterable[int]) -> bytes:

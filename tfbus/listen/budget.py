@@ -10,10 +10,11 @@ import threading
 MOST_BYTES_A_PEER = 256 * 2**20
 MOST_BYTES = 1024 * 2**20
 
-# A stream, each of its keys, each frame in the buffer without its dynamic samples, and each row of
-# its description.
+# A stream, each of its keys, each row of a message that is remembered, each frame in the buffer
+# without its dynamic samples, and each row of its description.
 STREAM_BYTES = 4000
 KEY_BYTES = 300
+JUDGED_BYTES = 150
 FRAME_BYTES = 1000
 ROW_BYTES = 700
 

@@ -88,6 +88,9 @@ class Claims:
         self._firsts: dict[str, str] = {}
         self._displaced: dict[str, str] = {}
         self._reported: set[frozenset[str]] = set()
+        # By stream the frames that were last asked for, and which of them others claim; begun anew
+        # by each update.
+        self._asked: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
         """Take the frames that a stream lists now, None where it is gone.
@@ -119,6 +122,8 @@ class Claims:
             self._children[stream] = claimed
         else:
             self._children.pop(stream, None)
+        # After all else: an answer that was found meanwhile is kept nowhere.
+        self._asked = {}
         return contested
 
     def _choose_first(self, child: str, stream: str, former_rank: "Rank | None") -> None:
@@ -133,10 +138,19 @@ class Claims:
         elif not is_here or (former_rank is not None and ranks[stream] > former_rank):
             self._firsts[child] = min(claims, key=ranks.__getitem__)
 
-    def of_others(self, stream: str, children: Iterable[str]) -> frozenset[str]:
-        """Which of these frames live streams other than this one list. Safe from any thread."""
+    def of_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
+        """Which of these frames live streams other than this one list. Safe from any thread.
+
+        A stream that asks for the very same set again has its answer at once.
+        """
+        asked = self._asked
+        last = asked.get(stream)
+        if last is not None and last[0] is children:
+            return last[1]
         claims = [(child, self._claims.get(child, ())) for child in children]
-        return frozenset(child for child, by in claims if len(by) > (stream in by))
+        of_others = frozenset(child for child, by in claims if len(by) > (stream in by))
+        asked[stream] = children, of_others
+        return of_others
 
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
         """What may have changed over `contested`, what `update` of `stream` returned, by stream."""

@@ -63,7 +63,7 @@ class Conflicts:
                     stream.inherit(unlisted, sender.name)
                     stream.apply_statics(unlisted)
 
-    def claimed_by_others(self, name: str, children: Iterable[str]) -> frozenset[str]:
+    def claimed_by_others(self, name: str, children: frozenset[str]) -> frozenset[str]:
         """Which of these frames other live streams list. Safe from any thread."""
         return self._claims.of_others(name, children)
 

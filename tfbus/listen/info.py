@@ -79,6 +79,6 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
         info = replace(
             info,
             epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
-            **vars(stream.counts),
+            **stream.counts.as_map(),
         )
     return info

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
@@ -11,7 +12,14 @@ from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
-from tfbus.listen.budget import FRAME_BYTES, KEY_BYTES, ROW_BYTES, STREAM_BYTES, Budget
+from tfbus.listen.budget import (
+    FRAME_BYTES,
+    JUDGED_BYTES,
+    KEY_BYTES,
+    ROW_BYTES,
+    STREAM_BYTES,
+    Budget,
+)
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
@@ -279,6 +287,7 @@ class TransformListener:
         size = (
             STREAM_BYTES
             + KEY_BYTES * len(stream.keys)
+            + JUDGED_BYTES * stream.reception.judged_rows
             + FRAME_BYTES * frames
             + ROW_BYTES * (0 if described is None else len(described.frames))
         )
@@ -329,13 +338,13 @@ class TransformListener:
             name,
             self.buffer,
             self._log,
-            self._node.now_ns,
+            self._node.clock.now_ns,
             self._names.reader(key),
             self._on_overlap,
             self._on_takeover,
             on_dispute=self._on_dispute,
             on_growth=self._weigh,
-            claimed_by_others=lambda children: self._conflicts.claimed_by_others(name, children),
+            claimed_by_others=partial(self._conflicts.claimed_by_others, name),
             held=self._held,
             once=self._once,
             once_of_strangers=self._once_of_strangers,

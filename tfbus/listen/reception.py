@@ -16,8 +16,7 @@ from collections.abc import Callable, Collection
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
-from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.claims import Resolution, name_some
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
@@ -52,8 +51,28 @@ def lines_of(log: logging.Logger) -> LogOnce:
     return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
 
 
+# Rows whose frames need not be judged again, in all messages of a stream.
+_MOST_JUDGED_ROWS = 10_000
+
+_NONE: frozenset[str] = frozenset()
+
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
+
+
+class _Judged:
+    """A finding about the frames of rows: all may come while the stream lists `listed`, and others
+    have priority for `excluded`. `unlisted` are the child frames that it does not list.
+    """
+
+    __slots__ = ("excluded", "listed", "unlisted")
+
+    def __init__(
+        self, listed: frozenset[str], excluded: frozenset[str], unlisted: frozenset[str]
+    ) -> None:
+        self.listed = listed
+        self.excluded = excluded
+        self.unlisted = unlisted
 
 
 class StreamReception:
@@ -87,9 +106,7 @@ class StreamReception:
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
-        claimed_by_others: Callable[[Collection[str]], frozenset[str]] = lambda children: (
-            frozenset()
-        ),
+        claimed_by_others: Callable[[frozenset[str]], frozenset[str]] = lambda children: _NONE,
         held: DisputedMessages | None = None,
         once: LogOnce | None = None,
         once_of_strangers: LogOnce | None = None,
@@ -116,8 +133,9 @@ class StreamReception:
         self.counts = Counts()
         # By frame the stream that it is taken from with the next message that has it.
         self._inherits: dict[str, str] = {}
-        # Of the last batch whose frames were all listed: the list, and its frames and edges.
-        self._all_listed: tuple[frozenset[str], tuple[str, ...], bytes] = frozenset(), (), b""
+        # What was found of the frames of its messages, mostly the same from one to the next.
+        self._judged = FoundOfRows(_MOST_JUDGED_ROWS)
+        self._rejected = buffer.rejected
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._held = held or DisputedMessages()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
@@ -130,6 +148,11 @@ class StreamReception:
         self._claimed_s = math.inf
         # At this count of transforms it may have grown.
         self.grows_at = _GROWS_AFTER
+
+    @property
+    def judged_rows(self) -> int:
+        """How many rows it has found something of, and keeps that."""
+        return self._judged.count
 
     @property
     def epoch_ns(self) -> int | None:
@@ -219,44 +242,56 @@ class StreamReception:
         if is_takeover:
             self.on_takeover(self.name, epoch_ns)
 
-    def insert(
-        self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
-    ) -> bool:
+    def insert(self, rows: Columns, epoch_ns: int, *, static: bool = False) -> bool:
         """Put the transforms into the buffer, except those for which another has priority; whether
         none was refused.
         """
-        if self.frame_rights is not None:
-            batch = self.frame_rights.allowed_of(batch)
-        unlisted = self._unlisted(batch)
-        claimed = self.claimed_by_others(unlisted) if unlisted else unlisted
-        if claimed:
-            batch = self._without_claimed(batch, claimed)
-        excluded = self.excluded
-        if excluded:
-            batch = self._without(batch, excluded)
+        judged: _Judged | None = self._judged.get(rows)
+        if (
+            judged is None
+            or judged.listed is not self.listing.children
+            or judged.excluded is not self.excluded
+        ):
+            rows, judged = self._judge(rows)
+        unlisted, claimed = judged.unlisted, _NONE
+        if unlisted and (claimed := self.claimed_by_others(unlisted)):
+            rows = self._without_claimed(rows, claimed)
         if self._inherits:
-            self._take_over(batch)
-        buffer = self.buffer
-        refused = buffer.rejected.rows
-        taken = buffer.set_transforms(batch, static=static, authority=self.name)
+            self._take_over(rows)
+        buffer, rejected = self.buffer, self._rejected
+        refused = rejected.rows
+        taken = buffer.set_transforms(rows, static=static, authority=self.name)
         # Rows that are only too old are not taken either, but not refused.
-        are_taken = taken == len(batch) or buffer.rejected.rows == refused
+        are_taken = taken == rows.count or rejected.rows == refused
         if not are_taken:
             self._warn_refused()
         epochs, marks = self.epochs, self._marks
         if epochs.gone:
             marks.update()
-        elif marks.left_behind and not marks.left_behind.isdisjoint(batch.frames):
-            marks.restore(children_of(_as_columns(batch)))
+        elif marks.left_behind and not marks.left_behind.isdisjoint(rows.frames):
+            marks.restore(children_of(rows))
         if epoch_ns != epochs.present_ns and not static:
             # The epoch ended in between: none of it may stay.
             buffer.forget(self.name)
-        if self.excluded is not excluded:
-            self._give_way(batch, self.excluded - excluded)
-        if unlisted and (late := self.claimed_by_others(unlisted - claimed)):
+        if self.excluded is not judged.excluded:
+            self._give_way(rows, self.excluded - judged.excluded)
+        if unlisted and (late := self.claimed_by_others(unlisted) - claimed):
             # Another listed them while they were inserted.
             self.on_overlap(self.name, late)
         return are_taken
+
+    def _judge(self, rows: Columns) -> tuple[Columns, "_Judged"]:
+        """The rows that may come, and what holds for all rows like these until the stream lists
+        other frames, or another one gets priority.
+        """
+        kept = rows if self.frame_rights is None else self.frame_rights.allowed_of(rows)
+        listed, excluded = self.listing.children, self.excluded
+        judged = _Judged(listed, excluded, children_of(kept) - listed)
+        if excluded:
+            kept = self._without(kept, excluded)
+        if len(kept) == len(rows):
+            self._judged.put(rows, judged)
+        return kept, judged
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where it cannot be read."""
@@ -317,28 +352,13 @@ class StreamReception:
         self.buffer.forget(self.name, self.excluded - former)
         return self.excluded != former
 
-    def _without(self, batch: TransformBatch | Columns, excluded: frozenset[str]) -> Columns:
-        whole = _as_columns(batch)
-        kept = whole.without(excluded)
+    def _without(self, rows: Columns, excluded: frozenset[str]) -> Columns:
+        kept = rows.without(excluded)
         with self.lock:
-            self.counts.excluded += len(whole) - len(kept)
+            self.counts.excluded += len(rows) - len(kept)
         return kept
 
-    def _unlisted(self, batch: TransformBatch | Columns) -> frozenset[str]:
-        """The child frames of a batch that the stream does not list."""
-        rows, listed = _as_columns(batch), self.listing.children
-        frames, edges = rows.frames, rows.edges_bytes()
-        all_listed, of_frames, of_edges = self._all_listed
-        if all_listed is listed and edges == of_edges and frames == of_frames:
-            return frozenset()
-        unlisted = children_of(rows) - listed
-        if not unlisted:
-            self._all_listed = listed, frames, edges
-        return unlisted
-
-    def _without_claimed(
-        self, batch: TransformBatch | Columns, claimed: frozenset[str]
-    ) -> TransformBatch | Columns:
+    def _without_claimed(self, rows: Columns, claimed: frozenset[str]) -> Columns:
         """Without the frames that others list, and this stream does not. It may be about to list
         them; its static transforms are taken then.
         """
@@ -351,7 +371,7 @@ class StreamReception:
                 name_some(sorted(claimed)),
                 self.name,
             )
-        return self._without(batch, claimed)
+        return self._without(rows, claimed)
 
     def inherit(self, frames: Collection[str], sender: str) -> None:
         """Take these frames, which it lists, from a stream that does not: what that has sent of one
@@ -359,15 +379,15 @@ class StreamReception:
         """
         self._inherits.update(dict.fromkeys(frames, sender))
 
-    def _take_over(self, batch: TransformBatch | Columns) -> None:
-        for child in children_of(_as_columns(batch)) & self._inherits.keys():
+    def _take_over(self, rows: Columns) -> None:
+        for child in children_of(rows) & self._inherits.keys():
             sender = self._inherits.pop(child, None)
             if sender is not None:
                 self.buffer.forget(sender, [child])
 
-    def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
-        """Another publisher got priority for these frames while the batch was inserted."""
-        if not rejected.isdisjoint(batch.frames):
+    def _give_way(self, rows: Columns, rejected: frozenset[str]) -> None:
+        """Another publisher got priority for these frames while the rows were inserted."""
+        if not rejected.isdisjoint(rows.frames):
             self.buffer.forget(self.name, rejected)
             self.on_overlap(self.name, rejected)
 
@@ -655,7 +675,3 @@ class StaticReception:
     def receive(self, payload: bytes) -> None:
         """Take one message as it comes."""
         self.stream.receive_static(payload)
-
-
-def _as_columns(batch: TransformBatch | Columns) -> Columns:
-    return batch if isinstance(batch, Columns) else Columns.of_batch(batch)

@@ -7,7 +7,6 @@ Which frames are in a message, and which node a description names, only the rece
 from collections.abc import Callable
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.structs import replace
 from tfbus.secure.patterns import matches
@@ -35,18 +34,12 @@ class FrameRights:
         self._refuse = refuse
         self._allowed: set[str] = set()
 
-    def allowed_of(self, batch: TransformBatch | Columns) -> TransformBatch | Columns:
+    def allowed_of(self, rows: Columns) -> Columns:
         """The transforms whose child frame may come."""
-        if self._allowed.issuperset(batch.frames):
-            return batch
-        columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
-        children = columns.children()
-        if self._allowed.issuperset(children):
-            return batch
-        refused = frozenset(child for child in children if not self._allows(child))
+        refused = frozenset(child for child in rows.children() if not self._allows(child))
         for child in refused:
             self._refuse(child)
-        return columns.without(refused) if refused else batch
+        return rows.without(refused) if refused else rows
 
     def _allows(self, frame: str) -> bool:
         if frame in self._allowed:

@@ -17,7 +17,7 @@ from tfbus.buffer.explain import (
     without_waiting,
 )
 from tfbus.buffer.store import Store
-from tfbus.buffer.waiting import Bell, Question, Waiter
+from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -30,6 +30,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
+from tfbus.runtime.bell import Bell
 from tfbus.runtime.clock import Limit, limit_by
 
 # A frame that is unknown, and the names of those that are known.

@@ -3,7 +3,6 @@
 A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
-import logging
 import math
 import time
 from collections.abc import Callable
@@ -12,9 +11,9 @@ from typing import Any
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
-from tfbus.node.arguments import check_part
+from tfbus.node.arguments import check_part, is_async
 from tfbus.node.endpoint import Endpoint
-from tfbus.runtime.executor import Executor
+from tfbus.node.lanes import Lane
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
@@ -25,44 +24,49 @@ ServiceType = Any
 PENDING_REQUESTS = 100
 
 
-def submit_or_refuse(
-    executor: Executor, what: str, serve: Callable[[Query], None], query: Query
-) -> None:
-    """Serve the query on the node's thread, or refuse it where 100 of its kind wait already."""
-    if not executor.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
+def submit_or_refuse(lane: Lane, what: str, serve: Callable[[Query], Any], query: Query) -> None:
+    """Serve the query in its lane, or refuse it where 100 of its kind wait already."""
+    if not lane.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
         query.refuse(f"busy: {PENDING_REQUESTS} requests are already waiting")
         query.close()
 
 
 class Service(Endpoint):
-    """Answers requests by calling `handler(request)` on the node's thread.
+    """Answers requests by calling `handler(request)` on the node's thread, or those of its callback
+    group.
 
-    The handler returns a Response, or raises ServiceError to refuse: the caller gets its text.
+    The handler returns a Response, or raises ServiceError to refuse: the caller gets its text. It
+    may be an `async def`.
     """
 
     def __init__(
         self,
         session: Session,
-        executor: Executor,
-        log: logging.Logger,
+        lane: Lane,
         service_type: type[ServiceType],
         name: str,
         handler: Callable[[Any], Any],
     ):
         super().__init__(name, service_type)
         self.service_type = service_type
-        self._executor = executor
-        self._log = log
+        self._lane = lane
         self._handler = handler
+        self._serve = self._serve_async if is_async(handler) else self._serve_now
         self._parts = [session.queryable(name, self._on_query)]
 
     def _on_query(self, query: Query) -> None:
-        submit_or_refuse(self._executor, f"service {self.name}", self._serve, query)
+        submit_or_refuse(self._lane, f"service {self.name}", self._serve, query)
 
-    def _serve(self, query: Query) -> None:
+    def _serve_now(self, query: Query) -> None:
         with query.answering("the service"):
-            request = decode_message(self.service_type.Request, query.payload, unknown_fields=False)
-            query.answer(self.name, encode_message(self._handler(request)))
+            query.answer(self.name, encode_message(self._handler(self._request(query))))
+
+    async def _serve_async(self, query: Query) -> None:
+        with query.answering("the service"):
+            query.answer(self.name, encode_message(await self._handler(self._request(query))))
+
+    def _request(self, query: Query) -> Any:
+        return decode_message(self.service_type.Request, query.payload, unknown_fields=False)
 
 
 class Caller(Endpoint):
@@ -92,7 +96,8 @@ class Caller(Endpoint):
 class Client(Caller):
     """Calls a service of another node.
 
-    A callback cannot call a service of its own node: the node runs one callback at a time.
+    A callback may call it, and waits for the answer. Where the service is one of the same node, the
+    two are to be in different callback groups: those of one group run one at a time.
     """
 
     def __init__(self, session: Session, service_type: type[ServiceType], name: str):

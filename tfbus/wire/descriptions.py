@@ -39,14 +39,28 @@ class BufferDescription(Struct):
     dropped: int = 0
 
 
+class DelayDescription(Struct):
+    """A callback of a node that held up another: `what`, a timer or a topic of the node, left out
+    `lost` ticks or messages, as the callback of `by` took up to `took_s`.
+    """
+
+    what: str
+    lost: int
+    by: str
+    took_s: float
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "what", "by")
+
+
 class NodeDescription(Struct):
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
     `retained` those of the topics that it publishes whose last message reaches late subscribers.
-    All names come as they can be printed. On a closed bus `identity` is that of the node, and
-    `rights` a digest of the rights that it enforces.
+    `delays` are its callbacks that held up others. All names come as they can be printed. On a
+    closed bus `identity` is that of the node, and `rights` a digest of the rights that it enforces.
     """
 
     name: str
@@ -66,6 +80,7 @@ class NodeDescription(Struct):
     retained: tuple[str, ...] = ()
     identity: str = ""
     rights: str = ""
+    delays: tuple[DelayDescription, ...] = ()
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")

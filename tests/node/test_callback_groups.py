@@ -16,6 +16,7 @@ from tfbus import (
     MutuallyExclusiveCallbackGroup,
     Node,
     ReentrantCallbackGroup,
+    TimeoutException,
     Transform,
     TransformBroadcaster,
     TransformListener,
@@ -179,3 +180,35 @@ def test_a_callback_that_does_not_return_is_described(node: Node) -> None:
     described = eventually(lambda: node.describe().get("delays"))
     assert (described[0]["what"], described[0]["by"]) == ("timer of 10 ms (print)", "topic scan")
     go_on.set()
+
+
+def test_a_lookup_that_holds_up_its_own_broadcaster_says_so(node: Node) -> None:
+    """Not that one should query the latest: the remedy is a group, or an `async def`."""
+    broadcaster = TransformBroadcaster(node)
+    buffer = Buffer()
+    errors: list[str] = []
+
+    def broadcast() -> None:
+        stamped = TransformStamped(node.now_ns(), "odom", "base", Transform.identity())
+        broadcaster.send_transform(stamped)
+
+    def on_scan(scan: Scan) -> None:
+        with pytest.raises(TimeoutException) as caught:
+            buffer.lookup_transform("odom", "base", scan.stamp_ns, timeout_s=0.05)
+        errors.append(str(caught.value))
+
+    with TransformListener(buffer, node):
+        node.create_timer(0.01, broadcast)
+        eventually(lambda: buffer.can_transform("odom", "base"))
+        node.create_subscription(Scan, "scan", on_scan)
+        publisher = node.create_publisher(Scan, "scan")
+        publisher.publish(Scan(node.now_ns() + 1_000_000_000))
+        eventually(lambda: errors)
+        on_scan(Scan(node.now_ns() + 1_000_000_000))
+    held_up, elsewhere = errors
+    assert held_up.endswith(
+        "; this node sends it itself, and its timer of 10 ms (test_a_lookup_that_holds_up_its_own_"
+        "broadcaster_says_so.<locals>.broadcast) waits for this callback to return: await "
+        "buffer.wait_for_transform(...) in an async def, or give this callback a callback_group"
+    )
+    assert elsewhere.endswith("; query the latest (stamp_ns=None)")

@@ -9,11 +9,11 @@ from contextlib import suppress
 
 from tfbus.buffer.explain import (
     Freshness,
-    after_waiting,
     check_seconds,
     may_come,
     unknown_frame,
     why_not,
+    why_timed_out,
     without_waiting,
 )
 from tfbus.buffer.store import Store
@@ -233,7 +233,7 @@ class Lookup:
             if waiter.past_of not in expected:
                 raise reason
         if limit.passed:
-            why = after_waiting(reason)
+            why = why_timed_out(reason)
             ended = f"timed out after {timeout_s:g} s"
             if limit.cut_short:
                 ended = "the node closes, which ends the lookup"

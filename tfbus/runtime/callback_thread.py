@@ -27,10 +27,19 @@ class Closing:
         self._wakes.pop(id(waiter), None)
 
 
+def _nothing(stream: str) -> str:
+    return ""
+
+
 class _Here(threading.local):
-    """Of the thread that reads it: the end of its executor, None on all other threads."""
+    """Of the thread that reads it, where it runs the callbacks of an executor.
+
+    `closing` is the end of that, None on all other threads. `held_up(stream)` names a callback that
+    waits for the current one to return, where the same executor sends the stream; "" elsewhere.
+    """
 
     closing: Closing | None = None
+    held_up: Callable[[str], str] = staticmethod(_nothing)
 
 
 here = _Here()

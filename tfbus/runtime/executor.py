@@ -118,6 +118,8 @@ class Executor:
         self._loop: EventLoop | None = None
         self._closing = Closing()
         self._closed = False
+        # The names of the streams that the node sends, from this executor's callbacks or others.
+        self.streams: set[str] = set()
         self._failures: Counter[str] = Counter()
 
     def submit(
@@ -180,15 +182,17 @@ class Executor:
                 if not timer.once and now_s - when_s >= timer.period_s
             ]
 
-    def held_up(self) -> str:
-        """Called in a callback: the name of another one that is due, and that waits for this one to
-        return; "" where none does, and on other threads.
+    def _held_up(self, stream: str) -> str:
+        """In a callback: the name of another one that is due and waits for this one to return,
+        where this node sends the stream; "" where none waits.
         """
-        if here.closing is not self._closing or len(self._workers) < self._most_threads:
-            return ""
         with self._lock:
-            if self._due and self._due[0][0] <= time.monotonic():
-                return self._due[0][2].what
+            if self._most_threads > 1 or stream not in self.streams:
+                return ""
+            now_s = time.monotonic()
+            due = [entry for entry in self._due if entry[0] <= now_s and not entry[2].once]
+            if due:
+                return min(due)[2].what
             return self._ready[0][0] if self._ready else ""
 
     def end(self) -> None:
@@ -281,7 +285,7 @@ class Executor:
     def _run(self) -> None:
         worker = _Worker()
         self._workers.append(worker)
-        here.closing = self._closing
+        here.closing, here.held_up = self._closing, self._held_up
         while (task := self._next(worker)) is not None:
             self._call(task)
         worker.what = ""

@@ -5,7 +5,7 @@ from typing import Any
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.runtime.structs import Struct, replace
 from tfbus.wire.codec import decode_message
-from tfbus.wording import printable
+from tfbus.wording import counted, duration, printable
 
 
 class ParameterDescription(Struct):
@@ -51,6 +51,12 @@ class DelayDescription(Struct):
 
     def __post_init__(self) -> None:
         _make_printable(self, "what", "by")
+
+    def __str__(self) -> str:
+        """What was lost by whom, as a sentence without its end."""
+        lost = counted(self.lost, "tick" if self.what.startswith("timer") else "message")
+        callback = "its own callback" if self.by == self.what else f"the callback of {self.by}"
+        return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
 
 
 class NodeDescription(Struct):

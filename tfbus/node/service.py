@@ -62,8 +62,14 @@ class Service(Endpoint):
             query.answer(self.name, encode_message(self._handler(self._request(query))))
 
     async def _serve_async(self, query: Query) -> None:
+        import asyncio  # slow, and it runs already
+
         with query.answering("the service"):
-            query.answer(self.name, encode_message(await self._handler(self._request(query))))
+            try:
+                response = await self._handler(self._request(query))
+            except asyncio.CancelledError:
+                raise ServiceError("the node ends") from None
+            query.answer(self.name, encode_message(response))
 
     def _request(self, query: Query) -> Any:
         return decode_message(self.service_type.Request, query.payload, unknown_fields=False)

@@ -3,12 +3,12 @@
 import logging
 import threading
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wording import counted, duration
+from tfbus.wording import duration
 
 # A callback that took less holds up nothing that anyone would notice.
 SLOW_S = 0.001
@@ -54,16 +54,16 @@ class Delays:
         late_s = time.monotonic() - since_s
         found = self._culprit(since_s, running)
         # Where its callbacks did not take that time, the machine is busy with other programs.
-        if found is None or found[1] < late_s / 2:
+        if found is None or sum(found[1]) < late_s / 2:
             return
-        by, took_s, calls = found
-        self._count(by, what, ticks, took_s)
+        by, calls_s = found
+        self._count(by, what, ticks, max(calls_s))
         self._log_once.warning(
             ("late", by),
             "%s was late by %s: %s%s",
             what[:1].upper() + what[1:],
             duration(late_s),
-            _told(by, took_s, calls, own=by == what),
+            _told(by, calls_s, own=by == what),
             _REMEDY,
         )
 
@@ -71,15 +71,15 @@ class Delays:
         """Note that a topic dropped a message, as so many wait already."""
         now_s = time.monotonic()
         found = self._culprit(now_s - 1.0, running)
-        by, took_s, calls = found or (what, 0.0, 1)
-        self._count(by, what, 1, took_s)
+        by, calls_s = found or (what, [0.0])
+        self._count(by, what, 1, max(calls_s))
         why = "they come faster than its callback returns"
         self._log_once.warning(
             ("dropped", by),
             "%s dropped a message, as %d wait already: %s%s",
             what[:1].upper() + what[1:],
             pending,
-            _told(by, took_s, calls, own=by == what) if found else why,
+            _told(by, calls_s, own=by == what) if found else why,
             _REMEDY if found else "",
         )
 
@@ -107,23 +107,22 @@ class Delays:
             count, longest_s = before or (0, 0.0)
             self._pairs[by, what] = count + lost, max(longest_s, took_s)
 
-    def _culprit(self, since_s: float, running: Iterable[Ran]) -> tuple[str, float, int] | None:
-        """Whose callbacks took the most time since then, how long those took, and how many."""
-        took: dict[str, tuple[float, float, int]] = {}
+    def _culprit(self, since_s: float, running: Iterable[Ran]) -> tuple[str, list[float]] | None:
+        """Whose callbacks took the most time since then, and how long each of them took."""
+        shares_s: defaultdict[str, float] = defaultdict(float)
+        calls_s: defaultdict[str, list[float]] = defaultdict(list)
         for ran in (*self._slow.copy(), *running):
             within_s = ran.ended_s - max(ran.began_s, since_s)
             if within_s >= SLOW_S:
-                share_s, took_s, calls = took.get(ran.what, (0.0, 0.0, 0))
-                its_s = ran.ended_s - ran.began_s
-                took[ran.what] = share_s + within_s, took_s + its_s, calls + 1
-        if not took:
+                shares_s[ran.what] += within_s
+                calls_s[ran.what].append(ran.ended_s - ran.began_s)
+        if not shares_s:
             return None
-        what, (_, took_s, calls) = max(took.items(), key=lambda each: each[1][0])
-        return what, took_s, calls
+        by = max(shares_s, key=lambda what: shares_s[what])
+        return by, calls_s[by]
 
 
-def _told(by: str, took_s: float, calls: int, *, own: bool) -> str:
+def _told(by: str, calls_s: list[float], *, own: bool) -> str:
     callback = "its own callback" if own else f"the callback of {by}"
-    if calls == 1:
-        return f"{callback} took {duration(took_s)}"
-    return f"{callback} took {duration(took_s)} in {counted(calls, 'call')}"
+    calls = f" in {len(calls_s)} calls" if len(calls_s) > 1 else ""
+    return f"{callback} took {duration(sum(calls_s))}{calls}"

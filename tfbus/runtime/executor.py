@@ -57,8 +57,7 @@ class Timer:
         self.once = once
         self.group = group
         self.cancelled = False
-        name = getattr(callback, "__qualname__", repr(callback))
-        self.what = f"timer of {_period(period_s)} ({name})"
+        self.what = timer_name(period_s, callback)
         # While a coroutine that the callback returned has not ended.
         self.is_awaited = False
 
@@ -104,7 +103,7 @@ class Executor:
         self._log = log
         self._most_threads = threads
         self._home = home or self
-        self._delays = delays
+        self.delays = delays
         # It may be entered again by a signal handler in the middle of a call.
         self._lock = threading.RLock()
         self._ready: deque[_Task] = deque()
@@ -168,8 +167,8 @@ class Executor:
 
     def dropped(self, what: str, pending: int) -> None:
         """Note that a topic of this name dropped a message, as so many wait already."""
-        if self._delays is not None:
-            self._delays.dropped(what, pending, self._running())
+        if self.delays is not None:
+            self.delays.dropped(what, pending, self._running())
 
     def overdue(self) -> list[tuple[str, int, Ran]]:
         """Timers that leave out ticks now, how many, and the callback that has not returned."""
@@ -366,8 +365,8 @@ class Executor:
         self._loop.start(what, coroutine)
 
     def _note(self, worker: _Worker, now_s: float) -> None:
-        if self._delays is not None and worker.what and now_s - worker.began_s >= SLOW_S:
-            self._delays.ran(worker.what, worker.began_s, now_s)
+        if self.delays is not None and worker.what and now_s - worker.began_s >= SLOW_S:
+            self.delays.ran(worker.what, worker.began_s, now_s)
 
     def _running(self) -> list[Ran]:
         now_s = time.monotonic()
@@ -419,8 +418,8 @@ class Executor:
         """Run a timer's callback, `late_periods` after its tick was due; without it, where the
         coroutine of a former tick has not ended.
         """
-        if late_periods and self._delays is not None:
-            self._delays.late(timer.what, due_s, late_periods, self._running())
+        if late_periods and self.delays is not None:
+            self.delays.late(timer.what, due_s, late_periods, self._running())
         if timer.is_awaited:
             return None
         answer = timer.callback()
@@ -437,5 +436,7 @@ async def _until_ended(timer: Timer, coroutine: Coroutine[Any, Any, Any]) -> Non
         timer.is_awaited = False
 
 
-def _period(seconds: float) -> str:
-    return f"{seconds:g} s" if seconds >= 1.0 else f"{seconds * 1e3:g} ms"
+def timer_name(period_s: float, callback: Callback) -> str:
+    """What a timer is called in the log: `timer of 50 ms (broadcast)`."""
+    period = f"{period_s:g} s" if period_s >= 1.0 else f"{period_s * 1e3:g} ms"
+    return f"timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"

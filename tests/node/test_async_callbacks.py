@@ -190,18 +190,48 @@ def test_a_busy_service_refuses_what_would_await_too_much(node: Node) -> None:
 
 
 def test_a_service_of_the_same_node_is_awaited(node: Node) -> None:
-    """As an answer of another thread is, by `asyncio.to_thread`."""
+    """Once it is there; the node serves it meanwhile."""
     answers: list[str] = []
     client = node.create_client(Spawn, "spawn")
-    node.create_service(Spawn, "spawn", lambda request: Spawn.Response(request.name))
 
     async def call() -> None:
         timer.cancel()
-        request = Spawn.Request(0.0, 0.0, 0.0, "a")
-        answers.append((await asyncio.to_thread(client.call, request)).name)
+        response = await client.call_async(Spawn.Request(0.0, 0.0, 0.0, "a"), timeout_s=DEADLINE_S)
+        answers.append(response.name)
 
     timer = node.create_timer(0.001, call)
+    eventually(lambda: timer.is_awaited)
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response(request.name))
     eventually(lambda: answers == ["a"])
+
+
+def test_an_awaited_call_fails_as_a_call_that_blocks(bus: Bus, node: Node) -> None:
+    """With the same words: no service, no answer, a refusal, a request of another type."""
+
+    def refuse(request: Spawn.Request) -> Spawn.Response:
+        raise ServiceError("it is full")
+
+    async def answer_never(request: Spawn.Request) -> Spawn.Response:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+    node.create_service(Spawn, "refuses", refuse)
+    node.create_service(Spawn, "never", answer_never)
+    other = bus.node("other")
+    request: Any = Spawn.Request(0.0, 0.0, 0.0, "a")
+    for name, given, sentence in (
+        ("absent", request, "no service 'absent' after 0.05 s"),
+        ("never", request, "'never' did not answer within 0.05 s"),
+        ("refuses", request, "it is full"),
+        ("refuses", 3, "service 'refuses' takes Spawn.Request, not 3"),
+    ):
+        client = other.create_client(Spawn, name)
+        assert name == "absent" or client.wait_for_service(DEADLINE_S)
+        with pytest.raises((ServiceError, TypeError)) as caught:
+            asyncio.run(
+                client.call_async(given, timeout_s=0.05 if name != "refuses" else DEADLINE_S)
+            )
+        assert str(caught.value) == sentence
 
 
 def test_an_action_awaits_its_end(bus: Bus, node: Node) -> None:

@@ -6,9 +6,10 @@ A service type is a class that holds two dataclasses, `Request` and `Response`.
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from tfbus.bus.query import Query
+from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
 from tfbus.node.arguments import check_part, is_async
@@ -96,7 +97,10 @@ class Caller(Endpoint):
 
     def _require_server(self, timeout_s: float | None) -> None:
         if not self._wait(timeout_s) and timeout_s is not None:
-            raise ServiceError(f"no {self.kind} {self.name!r} after {timeout_s:g} s")
+            raise self._no_server(timeout_s)
+
+    def _no_server(self, wait_s: float | None) -> ServiceError:
+        return ServiceError(f"no {self.kind} {self.name!r} after {wait_s:g} s")
 
 
 class Client(Caller):
@@ -128,8 +132,46 @@ class Client(Caller):
         remaining_s = max(deadline - time.monotonic(), 0.001)
         payload = encode_message(request)
         for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):
-            if answer.refusal is not None:
-                raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
-            return decode_message(self.service_type.Response, answer.payload)
+            return self._response(answer)
+        raise self._no_answer(wait_s)
+
+    async def call_async(self, request: Any, *, timeout_s: float | None = 5.0) -> Any:
+        """As `call`, for asyncio and callbacks that are an `async def`; cancel it like any task."""
+        import asyncio  # slow, and it runs already
+
+        check_part(f"service {self.name!r}", self.service_type.Request, request)
+        payload = encode_message(request)
+        wait_s = seconds_to_wait(timeout_s)
+        loop = asyncio.get_running_loop()
+        served, answers = asyncio.Event(), asyncio.Queue[Answer | None]()
+
+        def in_loop(function: Callable[..., object], *given: object) -> None:
+            with suppress(RuntimeError):  # the loop is closed: nothing waits
+                loop.call_soon_threadsafe(function, *given)
+
+        try:
+            async with asyncio.timeout(wait_s):
+                with self._watch.waking(lambda: in_loop(served.set)):
+                    await served.wait()
+                self._session.ask_later(
+                    self.name,
+                    payload,
+                    lambda answer: in_loop(answers.put_nowait, answer),
+                    lambda: in_loop(answers.put_nowait, None),
+                    timeout_s=math.inf if wait_s is None else wait_s,
+                )
+                answer = await answers.get()
+        except TimeoutError:
+            raise (self._no_answer if served.is_set() else self._no_server)(wait_s) from None
+        if answer is None:
+            raise self._no_answer(wait_s)
+        return self._response(answer)
+
+    def _response(self, answer: Answer) -> Any:
+        if answer.refusal is not None:
+            raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
+        return decode_message(self.service_type.Response, answer.payload)
+
+    def _no_answer(self, wait_s: float | None) -> ServiceError:
         within = "" if wait_s is None else f" within {wait_s:g} s"
-        raise ServiceError(f"{self.name!r} did not answer{within}")
+        return ServiceError(f"{self.name!r} did not answer{within}")

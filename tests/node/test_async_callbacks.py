@@ -4,7 +4,7 @@ import asyncio
 import functools
 import logging
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -346,13 +346,23 @@ def test_an_async_callback_has_no_group(node: Node) -> None:
 
     with pytest.raises(TypeError, match="an async def has no callback_group: it runs on the"):
         node.create_timer(1.0, tick, callback_group=group)
-    with pytest.raises(TypeError, match="on_change must be a plain function, not an async def"):
-        node.declare_parameter("speed", 1.0, on_change=lambda_of(tick))
 
 
-def lambda_of(callback: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]]:
-    """A partial of it."""
-    return functools.partial(callback)
+def test_an_async_callback_that_nothing_would_await_is_refused(node: Node) -> None:
+    """Callbacks on Zenoh's threads, and those that answer at once, are plain functions."""
+
+    async def nothing(value: Any = None) -> None:
+        """Never called."""
+
+    client = node.create_goal_client(RotateAbsolute, "rotate")
+    refused: list[Callable[[], object]] = [
+        lambda: node.declare_parameter("speed", 1.0, on_change=nothing),
+        lambda: node.create_raw_subscription("scan", nothing),  # type: ignore[arg-type]
+        lambda: client.send(RotateAbsolute.Goal(0.0), on_feedback=nothing),
+    ]
+    for call in refused:
+        with pytest.raises(TypeError, match="must be a plain function, not an async def"):
+            call()
 
 
 def test_a_lambda_may_return_a_coroutine(node: Node) -> None:

@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.arguments import check_part, is_async
+from tfbus.node.arguments import check_part, check_plain, is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
@@ -80,6 +80,7 @@ class GoalHandle:
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`."""
+        check_plain("on_cancel(callback)", callback)
         self._on_cancel = callback
 
     def feedback(self, message: Any) -> None:
@@ -304,5 +305,7 @@ class GoalClient(Caller):
         time.
         """
         check_part(f"action {self.name!r}", self.goal_type.Goal, goal)
+        for callback in (on_feedback, on_result):
+            check_plain("send(goal, on_feedback=..., on_result=...)", callback)
         self._require_server(seconds_to_wait(timeout_s))
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

@@ -37,6 +37,13 @@ def check_callback(call: str, callback: object) -> None:
         raise TypeError(f"{call}: the last argument must be a function, not {_shown(callback)}")
 
 
+def check_plain(call: str, callback: object) -> None:
+    """Raise TypeError where it cannot be called, or is an `async def` that nothing would await."""
+    check_callback(call, callback)
+    if is_async(callback):
+        raise TypeError(f"{call}: {_shown(callback)} must be a plain function, not an async def")
+
+
 def is_async(callback: object) -> bool:
     """Whether a call of it returns a coroutine: an `async def`, also as a method or partial."""
     while isinstance(callback, partial):

@@ -16,8 +16,8 @@ from tfbus.node.arguments import (
     check_callback,
     check_message_type,
     check_parts,
+    check_plain,
     check_seconds,
-    is_async,
 )
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
@@ -370,7 +370,7 @@ class Node:
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
-        check_callback("create_raw_subscription(topic, callback)", callback)
+        check_plain("create_raw_subscription(topic, callback)", callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
@@ -487,9 +487,7 @@ class Node:
         start is invalid.
         """
         call = "declare_parameter(name, default, on_change=...)"
-        check_callback(call, on_change)
-        if is_async(on_change):
-            raise TypeError(f"{call}: on_change must be a plain function, not an async def")
+        check_plain(call, on_change)
         lane = self._lanes.of(call, callback_group)
         bounds = Bounds(minimum, maximum)
         parameter = Parameter(name, default, description, bounds, on_change)

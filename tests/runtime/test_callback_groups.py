@@ -11,6 +11,7 @@ from tfbus.runtime.callback_groups import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
     ReentrantCallbackGroup,
+    join,
 )
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
@@ -178,10 +179,10 @@ def test_nothing_of_a_group_runs_after_close(executor: Executor) -> None:
 def test_a_group_is_of_one_node() -> None:
     """Another one cannot use it, which its error says."""
     group = ReentrantCallbackGroup()
-    group.join("/robot")
-    group.join("/robot")
+    join(group, "/robot")
+    join(group, "/robot")
     with pytest.raises(ValueError, match=r"is of node /robot: make another for /arm, Reentrant"):
-        group.join("/arm")
+        join(group, "/arm")
 
 
 def test_the_limit_of_a_name_counts_those_that_wait_in_the_group(executor: Executor) -> None:

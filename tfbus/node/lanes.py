@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from tfbus.node.arguments import is_async
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callback_groups import CallbackGroup, join
 from tfbus.runtime.clock import Clock, SimulatedClock
 from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor, Timer
@@ -77,7 +77,7 @@ class Lanes:
                 f"{call}: an async def has no callback_group: it runs on the node's own thread, "
                 "and others run there while it awaits; leave callback_group out"
             )
-        group.join(self._name)
+        join(group, self._name)
         return Lane(self._beside, group)
 
     def describe(self) -> dict[str, list[Any]]:

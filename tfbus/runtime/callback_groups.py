@@ -5,49 +5,32 @@ from collections import deque
 from typing import Any
 
 
-class CallbackGroup:
-    """A group of callbacks of one node, which run on threads beside those of its other callbacks.
+class Admission:
+    """Which tasks of a group may run now: all of them.
 
-    Give it to `create_subscription`, `create_timer`, `create_service` and others. A callback
-    without a group is in the node's own, which is mutually exclusive and has the node's thread.
+    Each `enter` that returns a task, and each `leave` that does, is followed by a `leave` when that
+    task has run. Safe from any thread, and from a signal handler in the middle of a call.
     """
-
-    def __init__(self) -> None:
-        self._owner: str | None = None
-
-    def join(self, owner: str) -> None:
-        """Belong to the node of this name from now on. Raises ValueError where it is of another."""
-        if self._owner not in (None, owner):
-            raise ValueError(
-                f"this callback group is of node {self._owner}: make another for {owner}, "
-                f"{type(self).__name__}()"
-            )
-        self._owner = owner
-
-    # For what runs the callbacks; each `enter` that returns a task, and each `leave` that does,
-    # is followed by a `leave` when that task has run.
 
     def enter(self, task: Any) -> Any:
         """Take a task; the one that may run now, None where it has to wait."""
-        raise NotImplementedError
+        return task
 
     def leave(self) -> Any:
         """Note that a task has run; the next that may run now, None where there is none."""
-        raise NotImplementedError
+        return None
 
     def waiting(self) -> list[Any]:
         """The tasks that wait for others to end, in order."""
         return []
 
 
-class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """Callbacks that run one at a time, in the order in which they became due."""
+class OneAtATime(Admission):
+    """One task after the other, in their order."""
 
     def __init__(self) -> None:
-        super().__init__()
-        # Safe from any thread, and from a signal handler in the middle of a call: each step is a
-        # single operation.
-        self._runs = threading.Lock()  # held while a task of the group runs
+        # Each step below is a single operation.
+        self._runs = threading.Lock()  # held while a task runs
         self._waiting: deque[Any] = deque()
 
     def enter(self, task: Any) -> Any:
@@ -70,13 +53,44 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
         return None
 
 
+class CallbackGroup:
+    """A group of callbacks of one node, which run on threads beside those of its other callbacks.
+
+    Give it to `create_subscription`, `create_timer`, `create_service` and others. A callback
+    without a group is in the node's own, which is mutually exclusive and has the node's thread.
+    """
+
+    def __init__(self) -> None:
+        self.admission = Admission()
+        # The full name of the node that it is of.
+        self.owner: str | None = None
+
+
+class MutuallyExclusiveCallbackGroup(CallbackGroup):
+    """Callbacks that run one at a time, in the order in which they became due, beside those of the
+    node's other groups.
+
+    Give one group to `create_subscription`, `create_timer`, `create_service` and others of a node.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.admission = OneAtATime()
+
+
 class ReentrantCallbackGroup(CallbackGroup):
     """Callbacks that may all run at once, also several calls of the same one: they need locks for
     what they share.
+
+    Give one group to `create_subscription`, `create_timer`, `create_service` and others of a node.
     """
 
-    def enter(self, task: Any) -> Any:
-        return task
 
-    def leave(self) -> Any:
-        return None
+def join(group: CallbackGroup, owner: str) -> None:
+    """Let the group belong to the node of this name. Raises ValueError where it is of another."""
+    if group.owner not in (None, owner):
+        raise ValueError(
+            f"this callback group is of node {group.owner}: make another for {owner}, "
+            f"{type(group).__name__}()"
+        )
+    group.owner = owner

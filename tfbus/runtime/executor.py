@@ -239,14 +239,17 @@ class Executor:
     # What waits, with the lock held
 
     def _count_waiting(self, what: str, group: CallbackGroup | None) -> int:
-        waiting: list[_Task] = [*self._ready, *(group.waiting() if group is not None else ())]
+        waiting: list[_Task] = [
+            *self._ready,
+            *(group.admission.waiting() if group is not None else ()),
+        ]
         loop = self._home._loop
         awaited = 0 if loop is None else loop.living[what]
         return sum(task[0] == what for task in waiting) + awaited
 
     def _enqueue(self, task: _Task) -> None:
         group = task[2]
-        if group is None or (task := group.enter(task)) is not None:
+        if group is None or (task := group.admission.enter(task)) is not None:
             self._ready.append(task)
 
     def _wake(self) -> None:
@@ -351,7 +354,7 @@ class Executor:
                 self.note_failure(what)
         if group is not None:
             with self._lock:
-                if (task_of_group := group.leave()) is not None and not self._closed:
+                if (task_of_group := group.admission.leave()) is not None and not self._closed:
                     self._ready.append(task_of_group)
 
     def _start_coroutine(self, what: str, coroutine: Coroutine[Any, Any, Any]) -> None:

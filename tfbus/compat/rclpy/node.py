@@ -21,6 +21,7 @@ from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
+from tfbus.runtime.callback_groups import join
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 __all__ = ["Node"]
@@ -229,7 +230,7 @@ class Node:
 
     def _group(self, given: CallbackGroup | None) -> CallbackGroup:
         group = self.default_callback_group if given is None else given
-        group.join(self.get_fully_qualified_name())
+        join(group, self.get_fully_qualified_name())
         return group
 
     def destroy_publisher(self, publisher: Publisher) -> bool:

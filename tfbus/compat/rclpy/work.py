@@ -45,7 +45,7 @@ class Work:
         its end.
         """
         job = Job(callback, group, what)
-        self._add(job if group is None else group.enter(job))
+        self._add(job if group is None else group.admission.enter(job))
 
     def take(self) -> Job | None:
         """The next callback, if one is ready; then `run` it."""
@@ -104,7 +104,7 @@ class Work:
 
     def _leave(self, job: Job) -> None:
         if job.group is not None:
-            self._add(job.group.leave())
+            self._add(job.group.admission.leave())
 
     def _note(self, what: str, began_s: float) -> None:
         now_s = time.monotonic()

@@ -11,8 +11,8 @@ import pytest
 from tests.builders import S, moved
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import COMPILED, Buffer
-from tfbus.buffer.waiting import Bell
 from tfbus.errors import FutureExtrapolationException, LookupException
+from tfbus.runtime.bell import Bell
 
 _BEGIN = """
 import gc, signal, weakref

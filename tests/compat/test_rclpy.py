@@ -22,7 +22,7 @@ from tfbus.compat.rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
     ParameterNotDeclaredException,
 )
-from tfbus.compat.rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor, Work
+from tfbus.compat.rclpy.executors import SingleThreadedExecutor
 from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import (
@@ -33,6 +33,7 @@ from tfbus.compat.rclpy.qos import (
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.compat.rclpy.utilities import remove_ros_args
+from tfbus.compat.rclpy.work import Work
 from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.msg import Pose
@@ -114,7 +115,8 @@ def test_a_coroutine_awaits_a_transform_and_others_run_meanwhile(rclpy: ModuleTy
         found.append(await buffer.lookup_transform_async("world", "base", rclpy.time.Time()))
 
     timer = node.create_timer(0.001, look)
-    node.create_timer(0.001, lambda: ticks.append(1))
+    group = rclpy.callback_groups.ReentrantCallbackGroup()
+    node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
     spin_until(node, lambda: timer.is_canceled() and len(ticks) > 2)
     assert not found
     keep_sending(node.tfbus_node, "world", "base")
@@ -241,8 +243,8 @@ def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
     subscription = Subscription(work, bus_type_of(String, SYSTEM_CLOCK), got.append, depth=2)
     for word in "abcd":
         subscription.receive(String(data=word))
-    while callback := work.take():
-        callback()
+    while job := work.take():
+        work.run(job)
     assert got == [String(data="c"), String(data="d")]
 
 
@@ -252,16 +254,16 @@ def test_a_message_that_comes_while_another_is_delivered_is_delivered_too() -> N
 
     def from_bus(message: String) -> String:
         # The thread that spins takes the message before, just now.
-        if callback := work.take():
-            callback()
+        if job := work.take():
+            work.run(job)
         return message
 
     on_bus = BusType(String, string.to_bus, from_bus)
     subscription = Subscription(work, on_bus, got.append, depth=1)
     for word in "abc":
         subscription.receive(String(data=word))
-    while callback := work.take():
-        callback()
+    while job := work.take():
+        work.run(job)
     assert got == [String(data=word) for word in "abc"]
 
 
@@ -492,25 +494,6 @@ def test_lines_of_a_log_can_be_left_out(
     log.set_level(logging.ERROR)
     assert not log.info("less") and log.error("more")
     assert "less" not in capsys.readouterr().err
-
-
-def test_several_threads_are_one_and_say_so(
-    rclpy: ModuleType, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A MultiThreadedExecutor runs all nodes, one callback at a time."""
-    executor, calls = MultiThreadedExecutor(num_threads=4), []
-    for name in ("a", "b"):
-        node = rclpy.create_node(name)
-        node.create_timer(0.001, lambda name=name: calls.append(name))
-        executor.add_node(node)
-
-    def both() -> bool:
-        executor.spin_once()
-        return {*calls} == {"a", "b"}
-
-    eventually(both)
-    assert "runs callbacks one at a time" in capsys.readouterr().err
-    assert executor.shutdown() and not executor.get_nodes()
 
 
 def test_what_a_node_lacks_says_what_to_use(rclpy: ModuleType) -> None:

@@ -18,7 +18,7 @@ from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.window import spread_of
 from tfbus.secure.folder import SecureFolder
 from tfbus.secure.rights import Identity, Rights
-from tfbus.wire.descriptions import BufferDescription, NodeDescription
+from tfbus.wire.descriptions import BufferDescription, DelayDescription, NodeDescription
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS
@@ -276,6 +276,11 @@ TROUBLES = {
         "warn",
         "no node reads the dynamic frames of stream 's0' of /sim",
     ),
+    "callbacks": (
+        with_nodes(replace(SIM, delays=(DelayDescription("topic a", 12, "topic scan", 0.201),))),
+        "warn",
+        "/sim: topic a lost 12 messages: the callback of topic scan took up to 201 ms",
+    ),
     "buffers": (
         with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
         "warn",
@@ -349,6 +354,7 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
             lambda seen: replace(seen, flows=()),
             "no dynamic transform arrived while listening",
         ),
+        ("callbacks", with_nodes(), "no node was found"),
         ("buffers", with_nodes(), "no node has a buffer"),
         ("dropped", with_nodes(), "no node has a buffer"),
     ],

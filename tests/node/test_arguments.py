@@ -36,6 +36,13 @@ def test_settings_of_another_type_are_refused() -> None:
         Node("node", settings=wrong)
 
 
+def test_settings_in_the_place_of_the_name_are_refused() -> None:
+    """With the call as it should be."""
+    settings: Any = NodeSettings("node")
+    with pytest.raises(SettingsError, match=r"Node\(settings=NodeSettings\(\.\.\.\)\)"):
+        Node(settings)
+
+
 def test_a_closed_node_says_so_by_its_name(node: Node) -> None:
     """Whatever it is used for."""
     static, dynamic = StaticTransformBroadcaster(node), TransformBroadcaster(node)

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.messages import Empty
-from tfbus.top.rows import Cell, Row, Table, chosen
+from tfbus.top.rows import Cell, Row, Table, chosen, nodes_table
+from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
 pytest.importorskip("textual", reason="needs textual: the extra top")
 
@@ -157,3 +159,16 @@ def test_two_rows_of_one_key_are_one() -> None:
     rows = tuple(Row("/sim 1", (Cell(text, text),)) for text in ("first", "second"))
     table = Table("nodes", ("node",), rows)
     assert [row.cells[0].text for row in table.rows] == ["second"]
+
+
+def test_a_node_that_loses_ticks_names_the_callback() -> None:
+    """How many ticks and messages it lost, to sort by, and who held up the most of them."""
+    delays = (
+        DelayDescription("timer a", 70, "topic scan", 0.2),
+        DelayDescription("b", 2, "c", 1.0),
+    )
+    node = NodeDescription("/n", "h", 7, "0.1.0", "s", 0, (), (), {}, {}, {}, {}, delays=delays)
+    table = nodes_table([node, replace(node, name="/m", delays=())])
+    assert table.headings[-1] == "lost"
+    assert [row.cells[-1].text for row in table.rows] == ["72 by topic scan", ""]
+    assert [row.cells[-1].value for row in table.rows] == [72, float("inf")]

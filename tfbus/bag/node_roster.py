@@ -31,7 +31,7 @@ class NodeRoster:
 
     `on_change(name, description)` is called for each node and for each change of its description,
     with None where it is gone, one call at a time on a thread of its own. What a node counts of its
-    buffers, and which of its streams have no listener, is no change.
+    buffers and delays, and which of its streams have no listener, is no change.
     """
 
     def __init__(
@@ -128,4 +128,4 @@ class NodeRoster:
 
 
 def _lasting(node: NodeDescription) -> NodeDescription:
-    return replace(node, unread=(), buffers=())
+    return replace(node, unread=(), buffers=(), delays=())

@@ -94,6 +94,7 @@ class Stream:
         self._token = session.token(stream_key(name))
         self._origin = origin
         self._frames.announce_soon()
+        executor.streams.add(name)
 
     @property
     def started_ns(self) -> int:

@@ -22,6 +22,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.runtime.callback_thread import here
 from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
 from tfbus.runtime.structs import Struct
 from tfbus.wording import listed, near_names, stamp_text
@@ -111,6 +112,18 @@ def may_come(error: TransformException) -> bool:
 def after_waiting(error: TransformException) -> str:
     """The sentence of an error without its advice to wait, for a lookup that did."""
     return re.sub(_WAIT, lambda found: f"; {found[1]}" if found[1] else "", str(error))
+
+
+def why_timed_out(error: TransformException) -> str:
+    """The same, which in a callback that holds up what it waits for advises how not to."""
+    held_up = here.held_up(getattr(error, "authority", ""))
+    if not held_up:
+        return after_waiting(error)
+    return (
+        f"{without_advice(str(error))}; this node sends it itself, and its {held_up} waits for "
+        "this callback to return: await buffer.wait_for_transform(...) in an async def, or give "
+        "this callback a callback_group"
+    )
 
 
 def after_waiting_with(error: TransformException, *, later: str, latest: str) -> str:

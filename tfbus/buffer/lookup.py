@@ -9,15 +9,15 @@ from contextlib import suppress
 
 from tfbus.buffer.explain import (
     Freshness,
-    after_waiting,
     check_seconds,
     may_come,
     unknown_frame,
     why_not,
+    why_timed_out,
     without_waiting,
 )
 from tfbus.buffer.store import Store
-from tfbus.buffer.waiting import Bell, Question, Waiter
+from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -30,6 +30,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
+from tfbus.runtime.bell import Bell
 from tfbus.runtime.clock import Limit, limit_by
 
 # A frame that is unknown, and the names of those that are known.
@@ -232,7 +233,7 @@ class Lookup:
             if waiter.past_of not in expected:
                 raise reason
         if limit.passed:
-            why = after_waiting(reason)
+            why = why_timed_out(reason)
             ended = f"timed out after {timeout_s:g} s"
             if limit.cut_short:
                 ended = "the node closes, which ends the lookup"

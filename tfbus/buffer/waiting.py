@@ -7,9 +7,7 @@ a look at the first alarm of the edge.
 
 import heapq
 import itertools
-import threading
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 
 from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree
@@ -33,26 +31,6 @@ class Waiter:
         self.wake = wake
         self.gone = False
         self.past_of: str | None = None
-
-
-class Bell:
-    """What one thread sleeps on until another rings it: an Event whose `ring` may interrupt its own
-    `wait`, as in a signal handler.
-    """
-
-    def __init__(self) -> None:
-        self._silent = threading.Lock()
-        self._silent.acquire()
-
-    def ring(self) -> None:
-        """End the `wait` of now, or else the next one."""
-        with suppress(RuntimeError):
-            self._silent.release()
-
-    def wait(self, timeout_s: float | None) -> None:
-        """Sleep until it is rung, at most this long; None: for as long as it takes."""
-        most = threading.TIMEOUT_MAX
-        self._silent.acquire(timeout=most if timeout_s is None else max(0.0, min(timeout_s, most)))
 
 
 class _Queue:

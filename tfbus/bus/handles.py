@@ -1,7 +1,8 @@
 """What a session has declared: publishers, and watches of who is at the other end."""
 
 import threading
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import zenoh
@@ -52,6 +53,8 @@ class _MatchWatch:
 
     def __init__(self, declared: zenoh.Querier | zenoh.Publisher):
         self._matched = threading.Event()
+        # Changed by single operations.
+        self._wakes: dict[int, Callable[[], object]] = {}
         self._declared = Declaration(declared)
         self._listener = Declaration(
             declared.declare_matching_listener(direct(lambda status: self._set(status.matching)))
@@ -64,6 +67,18 @@ class _MatchWatch:
         forks.check()
         return self._matched.wait(timeout_s)
 
+    @contextmanager
+    def waking(self, wake: Callable[[], object]) -> Iterator[None]:
+        """Until the end of its `with`, call `wake()` once there is a counterpart, on any thread."""
+        forks.check()
+        self._wakes[id(wake)] = wake
+        try:
+            if self._matched.is_set():
+                wake()
+            yield
+        finally:
+            del self._wakes[id(wake)]
+
     def close(self) -> None:
         """End the watch; twice is fine."""
         self._listener.close()
@@ -72,6 +87,8 @@ class _MatchWatch:
     def _set(self, matched: bool) -> None:
         if matched:
             self._matched.set()
+            for wake in list(self._wakes.values()):
+                wake()
         else:
             self._matched.clear()
 

@@ -98,6 +98,8 @@ def _lines(node: NodeDescription, now_ns: int) -> list[str]:
         *([f"  Identity: {node.identity}"] if node.identity else []),
         f"  Streams: {', '.join(node.streams) or 'none'}",
     ]
+    if node.delays:
+        lines += ["  Held up:", *(f"    {delay}" for delay in node.delays)]
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
         lines += [

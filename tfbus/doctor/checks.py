@@ -27,6 +27,7 @@ CHECKS: dict[str, Check] = {
     "rights": secure_checks.check_rights,
     "nodes": tree_checks.check_nodes,
     "node-names": tree_checks.check_node_names,
+    "callbacks": tree_checks.check_callbacks,
     "conflicts": tree_checks.check_conflicts,
     "loops": tree_checks.check_loops,
     "orphans": tree_checks.check_orphans,

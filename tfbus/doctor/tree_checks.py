@@ -75,6 +75,19 @@ def check_node_names(seen: Examination) -> Finding:
     )
 
 
+def check_callbacks(seen: Examination) -> Finding:
+    """No callback holds up timers and topics of its node."""
+    nodes = [node for node in seen.nodes if not _is_tool(node.name)]
+    if not nodes:
+        return skipped("no node was found")
+    return found(
+        "warn",
+        first_of([f"{node.name}: {delay}" for node in nodes for delay in node.delays]),
+        "let a callback that waits be an async def, or give it a callback group of its own",
+        counted(len(nodes), "node"),
+    )
+
+
 def check_conflicts(seen: Examination) -> Finding:
     """Each frame has one publisher."""
     return _of_tree(seen, "conflict", "fail", "stop one of the two, or rename one of the frames")

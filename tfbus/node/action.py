@@ -6,21 +6,20 @@ at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. 
 `<name>/cancel` with `{"id": id}` cancels a goal, with `{"id": ""}` all goals of the server.
 """
 
-import logging
 import os
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.arguments import check_part
+from tfbus.node.arguments import check_part, check_plain, is_async
 from tfbus.node.endpoint import Endpoint
+from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
-from tfbus.runtime.executor import Executor
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
@@ -81,6 +80,7 @@ class GoalHandle:
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`."""
+        check_plain("on_cancel(callback)", callback)
         self._on_cancel = callback
 
     def feedback(self, message: Any) -> None:
@@ -111,6 +111,17 @@ class GoalHandle:
                 self._query.refuse(reason)
             self._leave()
 
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """What its handler raises becomes a refusal."""
+        try:
+            yield
+        except ServiceError as error:
+            self._refuse(str(error))
+        except Exception as error:
+            self._refuse(f"the action failed ({type(error).__name__}: {error})")
+            raise
+
     def _leave(self) -> None:
         self.active = False
         self._on_end(self)
@@ -123,57 +134,64 @@ class GoalHandle:
 
 
 class GoalServer(Endpoint):
-    """Calls `handler(handle)` once for each goal, on the node's thread.
+    """Calls `handler(handle)` once for each goal, on the node's thread or those of its callback
+    group, as `on_cancel` of its goals.
 
     The handler raises ServiceError to refuse a goal. Otherwise it returns soon, and any callback
-    of the node ends the handle later.
+    of the node ends the handle later; or it is an `async def`, or in a ReentrantCallbackGroup, and
+    ends the handle itself.
     """
 
     def __init__(
         self,
         session: Session,
-        executor: Executor,
-        log: logging.Logger,
+        lane: Lane,
         goal_type: type[GoalType],
         name: str,
-        handler: Callable[[GoalHandle], None],
+        handler: Callable[[GoalHandle], Any],
     ):
         super().__init__(name, goal_type)
         self.goal_type = goal_type
-        self._executor = executor
+        self._lane = lane
         self._handler = handler
+        self._accept = self._accept_async if is_async(handler) else self._accept_now
         self._active: dict[str, GoalHandle] = {}
         self._parts = [
             session.queryable(name, self._on_query),
-            Service(session, executor, log, CancelGoal, f"{name}/cancel", self._cancel),
+            Service(session, lane, CancelGoal, f"{name}/cancel", self._cancel),
         ]
 
     def _on_query(self, query: Query) -> None:
-        submit_or_refuse(self._executor, f"action {self.name}", self._accept, query)
+        submit_or_refuse(self._lane, f"action {self.name}", self._accept, query)
 
-    def _accept(self, query: Query) -> None:
+    def _accept_now(self, query: Query) -> None:
+        if handle := self._handle(query):
+            with handle._refusing():
+                self._handler(handle)
+
+    async def _accept_async(self, query: Query) -> None:
+        if handle := self._handle(query):
+            with handle._refusing():
+                await self._handler(handle)
+
+    def _handle(self, query: Query) -> GoalHandle | None:
+        """The handle of an accepted goal; None where the goal cannot be read."""
         try:
             request = decode_message(self.goal_type.Goal, query.payload, unknown_fields=False)
         except DecodeError as error:
             query.refuse(str(error))
             query.close()
-            return
+            return None
         handle = GoalHandle(self.name, request, query, self._forget)
         self._active[handle.id] = handle
         handle._answer({"accepted": handle.id})
-        try:
-            self._handler(handle)
-        except ServiceError as error:
-            handle._refuse(str(error))
-        except Exception as error:
-            handle._refuse(f"the action failed ({type(error).__name__}: {error})")
-            raise
+        return handle
 
     def _forget(self, handle: GoalHandle) -> None:
         self._active.pop(handle.id, None)
 
     def _cancel(self, request: CancelGoal.Request) -> CancelGoal.Response:
-        handles = [h for h in self._active.values() if request.id in ("", h.id)]
+        handles = [h for h in [*self._active.values()] if request.id in ("", h.id)]
         for handle in handles:
             handle._on_cancel()
         return CancelGoal.Response(len(handles))
@@ -287,5 +305,7 @@ class GoalClient(Caller):
         time.
         """
         check_part(f"action {self.name!r}", self.goal_type.Goal, goal)
+        for callback in (on_feedback, on_result):
+            check_plain("send(goal, on_feedback=..., on_result=...)", callback)
         self._require_server(seconds_to_wait(timeout_s))
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

@@ -1,9 +1,13 @@
 """Checks what a node's methods are given, and names what they want."""
 
+from functools import partial
 from typing import Any
 
 from tfbus.wire.codec import is_message_type
 from tfbus.wording import printable
+
+# Of a code object: it is that of an `async def`.
+_CO_COROUTINE = 0x80
 
 
 def check_message_type(call: str, message_type: object) -> None:
@@ -31,6 +35,24 @@ def check_callback(call: str, callback: object) -> None:
     """Raise TypeError where it cannot be called."""
     if not callable(callback):
         raise TypeError(f"{call}: the last argument must be a function, not {_shown(callback)}")
+
+
+def check_plain(call: str, callback: object) -> None:
+    """Raise TypeError where it cannot be called, or is an `async def` that nothing would await."""
+    check_callback(call, callback)
+    if is_async(callback):
+        raise TypeError(f"{call}: {_shown(callback)} must be a plain function, not an async def")
+
+
+def is_async(callback: object) -> bool:
+    """Whether a call of it returns a coroutine: an `async def`, also as a method or partial."""
+    while isinstance(callback, partial):
+        callback = callback.func
+    if not hasattr(callback, "__code__") and not hasattr(callback, "__func__"):
+        callback = vars(type(callback)).get("__call__")  # of an object that can be called
+    code = getattr(getattr(callback, "__func__", callback), "__code__", None)
+    # As inspect.iscoroutinefunction does, which takes long to load.
+    return code is not None and bool(code.co_flags & _CO_COROUTINE)
 
 
 def check_seconds(call: str, seconds: object) -> None:

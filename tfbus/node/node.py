@@ -17,18 +17,21 @@ from tfbus.node.arguments import (
     check_callback,
     check_message_type,
     check_parts,
+    check_plain,
     check_seconds,
 )
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
 from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
+from tfbus.node.lanes import CALLBACK_THREADS, Lane, Lanes
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
 from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
+from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
@@ -53,8 +56,10 @@ class Node:
     """A named member of the bus, from its construction until `close()` or the end of its `with`.
 
     All callbacks of a node (topics, services, actions, timers, parameters) run one at a time on
-    its own thread, `executor`: they need no locks among them, there is nothing to spin, and one of
-    them may wait for a lookup or a service while messages keep arriving.
+    its own thread, `executor`: they need no locks among them, and there is nothing to spin. One
+    that waits, for a lookup or a service, holds up the others, also those that send what it waits
+    for. So let it be an `async def`, which gives way to the others while it awaits; or give it a
+    `callback_group`, whose callbacks run on further threads, at most `callback_threads` at once.
 
     Ctrl-C ends the `spin()` or `wait()` that the main thread is in, and the script goes on;
     elsewhere in the main thread it raises KeyboardInterrupt, which the node's `with` ends quietly.
@@ -78,7 +83,13 @@ class Node:
         parameters: Mapping[str, Any] | None = None,
         settings: NodeSettings | None = None,
         patience_s: float = math.inf,
+        callback_threads: int = CALLBACK_THREADS,
     ):
+        if isinstance(name, NodeSettings):
+            raise SettingsError(
+                "the first argument of a Node is its name, which settings have already: "
+                "Node(settings=NodeSettings(...))"
+            )
         if settings is None:
             given: dict[str, Any] = {"namespace": namespace, "parameters": parameters}
             settings = NodeSettings(
@@ -96,6 +107,8 @@ class Node:
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
         self.clock: Clock = SimulatedClock() if settings.sim_time else SYSTEM_CLOCK
+        self._lanes = Lanes(self.full_name, self.log, callback_threads)
+        self.executor = self._lanes.own
         self._closed = False
         self._is_ready = False
         self._parameters_are_typed_in = False
@@ -124,11 +137,10 @@ class Node:
 
     def _declare_itself(self) -> None:
         session, settings = self.session, self.settings
-        self.executor = Executor(self.full_name, self.log)
-        self._parameters = Parameters(
-            self.name, settings.parameters, session, self.executor, self.log
-        )
+        own = Lane(self.executor)
+        self._parameters = Parameters(self.name, settings.parameters, session, own, self.log)
         self._info = NodeInfo(self.name, self.full_name, self.started_ns, session, self._parameters)
+        self._info.describers.append(self._lanes.describe)
         clock_topic = self._resolve(CLOCK_TOPIC)
         self._clock_start = ClockStart(self.clock, clock_topic, self.executor, self.log)
         if isinstance(self.clock, SimulatedClock):
@@ -150,7 +162,13 @@ class Node:
         return cls(settings=settings)
 
     @classmethod
-    def from_args(cls, name: str, argv: Sequence[str] | None = None) -> "Node":
+    def from_args(
+        cls,
+        name: str,
+        argv: Sequence[str] | None = None,
+        *,
+        callback_threads: int = CALLBACK_THREADS,
+    ) -> "Node":
         """The node of a command line, by the options that every process takes.
 
         `name` counts where the command line has no `--name`; `argv` is `sys.argv[1:]` where it is
@@ -160,7 +178,8 @@ class Node:
         from tfbus.command.options import settings_from_args
 
         try:
-            node = cls(settings=settings_from_args(name, argv))
+            settings = settings_from_args(name, argv)
+            node = cls(settings=settings, callback_threads=callback_threads)
         except TfbusError as error:
             raise SystemExit(f"Error: {error}") from error
         except KeyboardInterrupt:
@@ -255,7 +274,7 @@ class Node:
             self.shutdown()
             with self._signals.held():
                 self.clock.close()
-                self.executor.close()
+                self._lanes.close()
                 self.session.close()
             self._signals.uninstall()
 
@@ -305,8 +324,9 @@ class Node:
         callback: Callable[[M], Any],
         *,
         retained: bool = False,
+        callback_group: CallbackGroup | None = None,
     ) -> Subscription[M]:
-        """Call `callback(message)` for each message on the topic.
+        """Call `callback(message)` for each message on the topic; it may be an `async def`.
 
         With `retained` it is called first for the last message of each publisher that is retained,
         also of those that come later. A message may come again after a link was lost.
@@ -314,12 +334,13 @@ class Node:
         call = "create_subscription(message_type, topic, callback)"
         check_message_type(call, message_type)
         check_callback(call, callback)
+        lane = self._lanes.of(call, callback_group, callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
             Subscription(
                 self.session,
-                self.executor,
+                lane,
                 self.log,
                 message_type,
                 topic,
@@ -359,7 +380,7 @@ class Node:
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
-        check_callback("create_raw_subscription(topic, callback)", callback)
+        check_plain("create_raw_subscription(topic, callback)", callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
@@ -369,17 +390,24 @@ class Node:
         )
 
     def create_service(
-        self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
+        self,
+        service_type: type[ServiceType],
+        name: str,
+        handler: Callable[[Any], Any],
+        *,
+        callback_group: CallbackGroup | None = None,
     ) -> Service:
-        """Serve requests: `handler(request)` returns a Response or raises ServiceError."""
+        """Serve requests: `handler(request)` returns a Response or raises ServiceError.
+
+        It may be an `async def`.
+        """
         call = "create_service(service_type, name, handler)"
         check_parts(call, service_type, ("Request", "Response"))
         check_callback(call, handler)
+        lane = self._lanes.of(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
-        return self._info.add(
-            "serves", Service(self.session, self.executor, self.log, service_type, name, handler)
-        )
+        return self._info.add("serves", Service(self.session, lane, service_type, name, handler))
 
     def create_client(self, service_type: type[ServiceType], name: str) -> Client:
         """A client that calls a service."""
@@ -389,19 +417,27 @@ class Node:
         return self._info.add("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
-        self, goal_type: "type[GoalType]", name: str, handler: "Callable[[GoalHandle], None]"
+        self,
+        goal_type: "type[GoalType]",
+        name: str,
+        handler: "Callable[[GoalHandle], Any]",
+        *,
+        callback_group: CallbackGroup | None = None,
     ) -> "GoalServer":
-        """Serve an action: `handler(handle)` is called once a goal and ends the handle later."""
+        """Serve an action: `handler(handle)` is called once a goal and ends the handle later.
+
+        It may be an `async def`; one that blocks is to be in a ReentrantCallbackGroup, as the
+        cancellations come in the same group.
+        """
         from tfbus.node.action import GoalServer
 
         call = "create_goal_server(goal_type, name, handler)"
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         check_callback(call, handler)
+        lane = self._lanes.of(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
-        return self._info.add(
-            "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
-        )
+        return self._info.add("serves", GoalServer(self.session, lane, goal_type, name, handler))
 
     def create_goal_client(self, goal_type: "type[GoalType]", name: str) -> "GoalClient":
         """A client that sends goals to an action server."""
@@ -414,22 +450,26 @@ class Node:
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
     def create_timer(
-        self, period_s: float, callback: Callable[[], Any], *, clock: Clock | None = None
+        self,
+        period_s: float,
+        callback: Callable[[], Any],
+        *,
+        clock: Clock | None = None,
+        callback_group: CallbackGroup | None = None,
     ) -> Timer:
-        """Call `callback()` every `period_s` seconds, the first time after one period.
+        """Call `callback()` every `period_s` seconds, the first time after one period; it may be an
+        `async def`.
 
-        The rate does not drift; where a call takes longer than a period, whole periods are left
-        out. The seconds are those of the node's clock, unless another is given. Raises ValueError
-        where the period is not more than 0.
+        The rate does not drift; where a call takes longer than a period, or an `async def` awaits
+        for longer, whole periods are left out. The seconds are those of the node's clock, unless
+        another is given. Raises ValueError where the period is not more than 0.
         """
         forks.check()
         call = "create_timer(period_s, callback)"
         check_seconds(call, period_s)
         check_callback(call, callback)
-        clock = clock or self.clock
-        if isinstance(clock, SimulatedClock):
-            return self.executor.every_simulated(clock, period_s, callback)
-        return self.executor.every(period_s, callback)
+        lane = self._lanes.of(call, callback_group, callback)
+        return lane.every(clock or self.clock, period_s, callback)
 
     def create_clock_publisher(self) -> "ClockPublisher":
         """A publisher of the simulated time, for the node's namespace and all below."""
@@ -448,6 +488,7 @@ class Node:
         minimum: float | None = None,
         maximum: float | None = None,
         on_change: Callable[[Any], object] = lambda value: None,
+        callback_group: CallbackGroup | None = None,
     ) -> Parameter:
         """A parameter of the type of its default; `.value` is its value now.
 
@@ -455,8 +496,12 @@ class Node:
         ParameterError to refuse it. Raises ParameterError where the value given at the node's
         start is invalid.
         """
+        call = "declare_parameter(name, default, on_change=...)"
+        check_plain(call, on_change)
+        lane = self._lanes.of(call, callback_group)
         bounds = Bounds(minimum, maximum)
-        return self._parameters.declare(Parameter(name, default, description, bounds, on_change))
+        parameter = Parameter(name, default, description, bounds, on_change)
+        return self._parameters.declare(parameter, lane)
 
     # How it describes itself
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, ParameterError
+from tfbus.node.lanes import Lane
 from tfbus.node.service import submit_or_refuse
-from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import (
     check_parameter,
@@ -125,12 +125,13 @@ class Parameters:
         node: str,
         given: Mapping[str, Any],
         session: Session,
-        executor: Executor,
+        lane: Lane,
         log: logging.Logger,
     ):
         self._node = node
         self._given = given
-        self._executor = executor
+        self._lane = lane
+        self._lanes: dict[str, Lane] = {}
         self._log = log
         self._parameters: dict[str, Parameter] = {}
         self._is_closed = session.settings.closed is not None
@@ -141,8 +142,9 @@ class Parameters:
     def __iter__(self) -> Iterator[Parameter]:
         return iter(sorted(self._parameters.values(), key=lambda parameter: parameter.name))
 
-    def declare(self, parameter: Parameter) -> Parameter:
-        """Add a parameter, with the value given at the node's start if there is one.
+    def declare(self, parameter: Parameter, lane: Lane) -> Parameter:
+        """Add a parameter, with the value given at the node's start if there is one. It is served
+        in the lane, unless several are queried at once.
 
         Raises ParameterError where the name is declared already, or the given value is invalid.
         """
@@ -150,6 +152,7 @@ class Parameters:
             raise ParameterError(f"parameter {parameter.name!r} is already declared")
         if parameter.name in self._given:
             parameter.value = parameter.checked(self._given[parameter.name])
+        self._lanes[parameter.name] = lane
         self._parameters[parameter.name] = parameter
         return parameter
 
@@ -160,7 +163,8 @@ class Parameters:
             self._log.warning("Parameter %r was given, but not declared by this node%s", name, hint)
 
     def _on_query(self, query: Query) -> None:
-        submit_or_refuse(self._executor, "parameters", self._serve, query)
+        lane = self._lanes.get(last_name(query.key), self._lane)
+        submit_or_refuse(lane, "parameters", self._serve, query)
 
     def _serve(self, query: Query) -> None:
         with query.answering("the node"):

@@ -3,18 +3,18 @@
 A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
-import logging
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from tfbus.bus.query import Query
+from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
-from tfbus.node.arguments import check_part
+from tfbus.node.arguments import check_part, is_async
 from tfbus.node.endpoint import Endpoint
-from tfbus.runtime.executor import Executor
+from tfbus.node.lanes import Lane
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
@@ -25,44 +25,55 @@ ServiceType = Any
 PENDING_REQUESTS = 100
 
 
-def submit_or_refuse(
-    executor: Executor, what: str, serve: Callable[[Query], None], query: Query
-) -> None:
-    """Serve the query on the node's thread, or refuse it where 100 of its kind wait already."""
-    if not executor.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
+def submit_or_refuse(lane: Lane, what: str, serve: Callable[[Query], Any], query: Query) -> None:
+    """Serve the query in its lane, or refuse it where 100 of its kind wait already."""
+    if not lane.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
         query.refuse(f"busy: {PENDING_REQUESTS} requests are already waiting")
         query.close()
 
 
 class Service(Endpoint):
-    """Answers requests by calling `handler(request)` on the node's thread.
+    """Answers requests by calling `handler(request)` on the node's thread, or those of its callback
+    group.
 
-    The handler returns a Response, or raises ServiceError to refuse: the caller gets its text.
+    The handler returns a Response, or raises ServiceError to refuse: the caller gets its text. It
+    may be an `async def`.
     """
 
     def __init__(
         self,
         session: Session,
-        executor: Executor,
-        log: logging.Logger,
+        lane: Lane,
         service_type: type[ServiceType],
         name: str,
         handler: Callable[[Any], Any],
     ):
         super().__init__(name, service_type)
         self.service_type = service_type
-        self._executor = executor
-        self._log = log
+        self._lane = lane
         self._handler = handler
+        self._serve = self._serve_async if is_async(handler) else self._serve_now
         self._parts = [session.queryable(name, self._on_query)]
 
     def _on_query(self, query: Query) -> None:
-        submit_or_refuse(self._executor, f"service {self.name}", self._serve, query)
+        submit_or_refuse(self._lane, f"service {self.name}", self._serve, query)
 
-    def _serve(self, query: Query) -> None:
+    def _serve_now(self, query: Query) -> None:
         with query.answering("the service"):
-            request = decode_message(self.service_type.Request, query.payload, unknown_fields=False)
-            query.answer(self.name, encode_message(self._handler(request)))
+            query.answer(self.name, encode_message(self._handler(self._request(query))))
+
+    async def _serve_async(self, query: Query) -> None:
+        import asyncio  # slow, and it runs already
+
+        with query.answering("the service"):
+            try:
+                response = await self._handler(self._request(query))
+            except asyncio.CancelledError:
+                raise ServiceError("the node ends") from None
+            query.answer(self.name, encode_message(response))
+
+    def _request(self, query: Query) -> Any:
+        return decode_message(self.service_type.Request, query.payload, unknown_fields=False)
 
 
 class Caller(Endpoint):
@@ -86,13 +97,17 @@ class Caller(Endpoint):
 
     def _require_server(self, timeout_s: float | None) -> None:
         if not self._wait(timeout_s) and timeout_s is not None:
-            raise ServiceError(f"no {self.kind} {self.name!r} after {timeout_s:g} s")
+            raise self._no_server(timeout_s)
+
+    def _no_server(self, wait_s: float | None) -> ServiceError:
+        return ServiceError(f"no {self.kind} {self.name!r} after {wait_s:g} s")
 
 
 class Client(Caller):
     """Calls a service of another node.
 
-    A callback cannot call a service of its own node: the node runs one callback at a time.
+    A callback may call it, and waits for the answer. Where the service is one of the same node, the
+    two are to be in different callback groups: those of one group run one at a time.
     """
 
     def __init__(self, session: Session, service_type: type[ServiceType], name: str):
@@ -117,8 +132,46 @@ class Client(Caller):
         remaining_s = max(deadline - time.monotonic(), 0.001)
         payload = encode_message(request)
         for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):
-            if answer.refusal is not None:
-                raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
-            return decode_message(self.service_type.Response, answer.payload)
+            return self._response(answer)
+        raise self._no_answer(wait_s)
+
+    async def call_async(self, request: Any, *, timeout_s: float | None = 5.0) -> Any:
+        """As `call`, for asyncio and callbacks that are an `async def`; cancel it like any task."""
+        import asyncio  # slow, and it runs already
+
+        check_part(f"service {self.name!r}", self.service_type.Request, request)
+        payload = encode_message(request)
+        wait_s = seconds_to_wait(timeout_s)
+        loop = asyncio.get_running_loop()
+        served, answers = asyncio.Event(), asyncio.Queue[Answer | None]()
+
+        def in_loop(function: Callable[..., object], *given: object) -> None:
+            with suppress(RuntimeError):  # the loop is closed: nothing waits
+                loop.call_soon_threadsafe(function, *given)
+
+        try:
+            async with asyncio.timeout(wait_s):
+                with self._watch.waking(lambda: in_loop(served.set)):
+                    await served.wait()
+                self._session.ask_later(
+                    self.name,
+                    payload,
+                    lambda answer: in_loop(answers.put_nowait, answer),
+                    lambda: in_loop(answers.put_nowait, None),
+                    timeout_s=math.inf if wait_s is None else wait_s,
+                )
+                answer = await answers.get()
+        except TimeoutError:
+            raise (self._no_answer if served.is_set() else self._no_server)(wait_s) from None
+        if answer is None:
+            raise self._no_answer(wait_s)
+        return self._response(answer)
+
+    def _response(self, answer: Answer) -> Any:
+        if answer.refusal is not None:
+            raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
+        return decode_message(self.service_type.Response, answer.payload)
+
+    def _no_answer(self, wait_s: float | None) -> ServiceError:
         within = "" if wait_s is None else f" within {wait_s:g} s"
-        raise ServiceError(f"{self.name!r} did not answer{within}")
+        return ServiceError(f"{self.name!r} did not answer{within}")

@@ -9,8 +9,9 @@ from typing import Any, Generic, TypeVar
 from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
+from tfbus.node.arguments import is_async
 from tfbus.node.endpoint import Endpoint
-from tfbus.runtime.executor import Executor
+from tfbus.node.lanes import Lane
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
@@ -92,17 +93,19 @@ class RawSubscription(Endpoint):
 
 
 class Subscription(Endpoint, Generic[M]):
-    """Calls `callback(message)` for each message of a topic, on the node's thread.
+    """Calls `callback(message)` for each message of a topic, on the node's thread or those of its
+    callback group.
 
     A message of the wrong shape, or larger than the limit of topics, is dropped and counted in
     `rejected`; the first that is not one of ROS 2 is logged. Where messages come faster than the
-    callback returns, at most 10 wait; the oldest are dropped and counted in `dropped`.
+    callback returns, at most 10 wait; the oldest are dropped and counted in `dropped`. Of an `async
+    def` at most 10 calls are awaited at once, which began in the order of their messages.
     """
 
     def __init__(
         self,
         session: Session,
-        executor: Executor,
+        lane: Lane,
         log: logging.Logger,
         message_type: type[M],
         topic: str,
@@ -114,9 +117,12 @@ class Subscription(Endpoint, Generic[M]):
         self.message_type = message_type
         self.received = 0
         self.dropped = 0
-        self._executor = executor
+        self._lane = lane
+        self._what = f"topic {topic}"
         self._log_once = LogOnce(log)
         self._callback = callback
+        self._deliver = self._deliver_async if is_async(callback) else self._deliver_now
+        self._awaited = 0
         # Guards the counts, the pending messages, and that each of them has one delivery.
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
@@ -158,14 +164,31 @@ class Subscription(Endpoint, Generic[M]):
             full = len(self._pending) == PENDING_MESSAGES
             self.dropped += full
             self._pending.append(message)
-        if not full:
-            self._executor.submit(f"topic {self.name}", self._deliver)
+        if full:
+            self._lane.dropped(self._what, PENDING_MESSAGES)
+        else:
+            self._lane.submit(self._what, self._deliver)
 
-    def _deliver(self) -> None:
+    def _deliver_now(self) -> Any:
+        message = self._next()
+        return None if message is None else self._callback(message)
+
+    async def _deliver_async(self) -> None:
+        # All of it runs on the node's thread. A message that finds too many others awaited stays
+        # pending, until one of those ends.
+        if self._awaited == PENDING_MESSAGES or (message := self._next()) is None:
+            return
+        self._awaited += 1
+        try:
+            await self._callback(message)
+        finally:
+            self._awaited -= 1
+            if self._pending:
+                self._lane.submit(self._what, self._deliver)
+
+    def _next(self) -> M | None:
         with self._lock:
-            message = self._pending.popleft() if self._pending else None
-        if message is not None:
-            self._callback(message)
+            return self._pending.popleft() if self._pending else None
 
 
 def _publisher(session: Session, topic: str, retained: bool) -> BytesPublisher:

@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from tfbus.runtime.callback_thread import Closing, here
+
 Wake = Callable[[], object]
 Jumped = Callable[[int], None]
 
@@ -255,6 +257,34 @@ def _due_ns(elapsed_ns: int, timeout_s: float | None) -> int:
     return elapsed_ns + round(timeout_s * 1e9)
 
 
+class _LimitInCallback(Limit):
+    """A limit that has also passed when the executor of the thread closes."""
+
+    def __init__(self, limit: Limit, closing: Closing, wake: Wake) -> None:
+        self._limit = limit
+        self._closing = closing
+        self._closing.wakes(self, wake)
+
+    @property
+    def passed(self) -> bool:
+        return self._closing.has_begun or self._limit.passed
+
+    @property
+    def cut_short(self) -> bool:
+        return self._limit.cut_short or (self._closing.has_begun and not self._limit.passed)
+
+    @property
+    def left_s(self) -> float | None:
+        return self._limit.left_s
+
+    def __exit__(self, *error: object) -> None:
+        self._closing.forget(self)
+        self._limit.__exit__(*error)
+
+
 def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> Limit:
-    """A limit by the clock; in real seconds where it is another function of the time."""
-    return (clock if isinstance(clock, Clock) else SYSTEM_CLOCK).limit(timeout_s, wake)
+    """A limit by the clock; in real seconds where it is another function of the time. In a callback
+    of a node it ends with the node.
+    """
+    limit = (clock if isinstance(clock, Clock) else SYSTEM_CLOCK).limit(timeout_s, wake)
+    return limit if here.closing is None else _LimitInCallback(limit, here.closing, wake)

@@ -1,4 +1,4 @@
-"""One thread that runs callbacks one at a time, so that they need no locks."""
+"""Executors: threads that run callbacks, one at a time unless a group says otherwise."""
 
 import heapq
 import itertools
@@ -6,15 +6,28 @@ import logging
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
+from tfbus.errors import TfbusError
+from tfbus.runtime.bell import Bell
+from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callback_thread import Closing, here
 from tfbus.runtime.clock import SimulatedClock
+from tfbus.runtime.delays import SLOW_S, Delays, Ran
 from tfbus.wording import counted
 
-Callback = Callable[[], None]
+if TYPE_CHECKING:
+    from tfbus.runtime.event_loop import EventLoop  # asyncio takes long to load
 
-# The end of a node waits at most this long for a callback; one in a lookup may take longer.
+# A callback; a coroutine that it returns is run, too.
+Callback = Callable[[], Any]
+
+# A callback's name in the log, itself, and its group.
+_Task = tuple[str, Callback, CallbackGroup | None]
+
+# The end of a node waits at most this long for a callback.
 _LAST_CALLBACK_S = 2.0
 
 
@@ -25,7 +38,14 @@ class Timer:
     periods after the first. With `once` there is only the first.
     """
 
-    def __init__(self, period_s: float, callback: Callback, *, once: bool = False):
+    def __init__(
+        self,
+        period_s: float,
+        callback: Callback,
+        *,
+        once: bool = False,
+        group: CallbackGroup | None = None,
+    ):
         if not 0 < period_s < threading.TIMEOUT_MAX:
             raise ValueError(
                 "a timer's period must be more than 0 s and less than "
@@ -35,52 +55,109 @@ class Timer:
         self.period_ns = max(1, round(period_s * 1e9))
         self.callback = callback
         self.once = once
+        self.group = group
         self.cancelled = False
+        self.what = timer_name(period_s, callback)
+        # While a coroutine that the callback returned has not ended.
+        self.is_awaited = False
 
     def cancel(self) -> None:
         """End the timer; twice is fine."""
         self.cancelled = True
 
 
+class _Worker:
+    """One thread: what it runs now, "" while it waits, and since when."""
+
+    __slots__ = ("began_s", "bell", "ring", "thread", "what")
+
+    def __init__(self) -> None:
+        self.what = ""
+        self.began_s = 0.0
+        self.bell = Bell()
+        self.ring = self.bell.ring
+        self.thread = threading.current_thread()
+
+
 class Executor:
     """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
-    The thread starts with the first callback. Exceptions of a callback are counted; the first,
-    tenth, hundredth ... is logged with its traceback, and the thread continues.
+    On one thread or, with `threads`, on at most so many, those of one group as the group says. Each
+    thread starts when it is first needed. Exceptions of a callback are counted; the first, tenth,
+    hundredth ... is logged with its traceback, and the thread continues.
+
+    A coroutine that a callback returns runs on an event loop between the callbacks: only an `await`
+    lets others run. An executor of several threads leaves coroutines to `home`, one of one thread.
     """
 
-    def __init__(self, name: str, log: logging.Logger):
+    def __init__(
+        self,
+        name: str,
+        log: logging.Logger,
+        *,
+        threads: int = 1,
+        home: "Executor | None" = None,
+        delays: Delays | None = None,
+    ):
         self._name = name
         self._log = log
-        self._changed = threading.Condition()
-        self._waiting: deque[tuple[str, Callback]] = deque()
+        self._most_threads = threads
+        self._home = home or self
+        self.delays = delays
+        # It may be entered again by a signal handler in the middle of a call.
+        self._lock = threading.RLock()
+        self._ready: deque[_Task] = deque()
         self._due: list[tuple[float, int, Timer]] = []
         self._order = itertools.count()
-        self._thread: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
+        self._workers: list[_Worker] = []
+        # Those that wait for a task; one of them wakes for the next timer.
+        self._asleep: list[_Worker] = []
+        self._timekeeper: _Worker | None = None
+        self._loop: EventLoop | None = None
+        self._closing = Closing()
         self._closed = False
-        self._running = ""
+        # The names of the streams that the node sends, from this executor's callbacks or others.
+        self.streams: set[str] = set()
         self._failures: Counter[str] = Counter()
 
-    def submit(self, what: str, callback: Callback, *, limit: int | None = None) -> bool:
+    def submit(
+        self,
+        what: str,
+        callback: Callback,
+        *,
+        limit: int | None = None,
+        group: CallbackGroup | None = None,
+    ) -> bool:
         """Run `callback` after those submitted before; `what` names it in the log.
 
-        False where `limit` callbacks of this name wait already: then it does not run.
+        False where `limit` callbacks of this name wait already, or await something: then it does
+        not run.
         """
-        with self._changed:
-            if limit is not None and self._count_waiting(what) >= limit:
+        with self._lock:
+            if limit is not None and self._count_waiting(what, group) >= limit:
                 return False
             if not self._closed:
-                self._waiting.append((what, callback))
+                self._enqueue((what, callback, group))
                 self._wake()
             return True
 
-    def every(self, period_s: float, callback: Callback) -> Timer:
+    def every(
+        self, period_s: float, callback: Callback, *, group: CallbackGroup | None = None
+    ) -> Timer:
         """Run `callback` every `period_s` seconds, the first time after one period."""
-        return self._start(Timer(period_s, callback))
+        return self._start(Timer(period_s, callback, group=group))
 
-    def every_simulated(self, clock: SimulatedClock, period_s: float, callback: Callback) -> Timer:
+    def every_simulated(
+        self,
+        clock: SimulatedClock,
+        period_s: float,
+        callback: Callback,
+        *,
+        group: CallbackGroup | None = None,
+    ) -> Timer:
         """Run `callback` every `period_s` seconds of a simulated clock, as `every` does."""
-        timer = Timer(period_s, callback)
+        timer = Timer(period_s, callback, group=group)
         self._set_alarm(clock, clock.elapsed_ns() + timer.period_ns, timer)
         return timer
 
@@ -88,91 +165,281 @@ class Executor:
         """Run `callback` once, `delay_s` seconds from now."""
         return self._start(Timer(delay_s, callback, once=True))
 
-    def close(self) -> None:
-        """Run no further callbacks; the current one has 2 s to finish."""
-        with self._changed:
+    def dropped(self, what: str, pending: int) -> None:
+        """Note that a topic of this name dropped a message, as so many wait already."""
+        if self.delays is not None:
+            self.delays.dropped(what, pending, self._running())
+
+    def overdue(self) -> list[tuple[str, int, Ran]]:
+        """Timers that leave out ticks now, how many, and the callback that has not returned."""
+        with self._lock:
+            running, now_s = self._running()[:1], time.monotonic()
+            return [
+                (timer.what, int((now_s - when_s) / timer.period_s), ran)
+                for when_s, _, timer in self._due
+                for ran in running
+                if not timer.once and now_s - when_s >= timer.period_s
+            ]
+
+    def _held_up(self, stream: str) -> str:
+        """In a callback: the name of another one that is due and waits for this one to return,
+        where this node sends the stream; "" where none waits.
+        """
+        with self._lock:
+            if self._most_threads > 1 or stream not in self.streams:
+                return ""
+            now_s = time.monotonic()
+            due = [entry for entry in self._due if entry[0] <= now_s and not entry[2].once]
+            if due:
+                return min(due)[2].what
+            return self._ready[0][0] if self._ready else ""
+
+    def end(self) -> None:
+        """Run no further callbacks, and end the lookups that the current ones wait in."""
+        with self._lock:
             self._closed = True
-            self._waiting.clear()
-            self._changed.notify_all()
-            thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
-            thread.join(_LAST_CALLBACK_S)
-            if thread.is_alive():
-                self._log.warning("Closed while a callback still runs: %s", self._running)
+            self._ready.clear()
+            while self._asleep:
+                self._asleep.pop().ring()
+        self._closing.begin()
 
-    def _count_waiting(self, what: str) -> int:
-        return sum(name == what for name, _ in self._waiting)
+    def close(self) -> None:
+        """Run no further callbacks; the current ones have 2 s to finish. Lookups end at once, and
+        coroutines are cancelled.
+        """
+        self.end()
+        deadline_s = time.monotonic() + _LAST_CALLBACK_S
+        for thread in [*self._threads]:
+            if thread is not threading.current_thread():
+                thread.join(max(deadline_s - time.monotonic(), 0.0))
+        for worker in [*self._workers]:
+            if worker.what and worker.thread is not threading.current_thread():
+                self._log.warning("Closed while a callback still runs: %s", worker.what)
 
-    def _start(self, timer: Timer) -> Timer:
-        with self._changed:
-            self._schedule(time.monotonic() + timer.period_s, timer)
-            self._wake()
-        return timer
+    # For its event loop
+
+    def begin_step(self, what: str) -> None:
+        """A step of a coroutine begins."""
+        worker = self._workers[0]
+        worker.what, worker.began_s = what, time.monotonic()
+
+    def end_step(self) -> None:
+        """A step of a coroutine has ended."""
+        worker = self._workers[0]
+        self._note(worker, time.monotonic())
+        worker.what = ""
+
+    def note_failure(self, what: str) -> None:
+        """Count the exception that is being handled, and log it unless it is one of many."""
+        self._failures[what] += 1
+        count = self._failures[what]
+        if str(count).strip("0") == "1":  # a power of ten
+            self._log.exception("A callback failed, %s so far (%s)", counted(count, "time"), what)
+
+    # What waits, with the lock held
+
+    def _count_waiting(self, what: str, group: CallbackGroup | None) -> int:
+        waiting: list[_Task] = [
+            *self._ready,
+            *(group.admission.waiting() if group is not None else ()),
+        ]
+        loop = self._home._loop
+        awaited = 0 if loop is None else loop.living[what]
+        return sum(task[0] == what for task in waiting) + awaited
+
+    def _enqueue(self, task: _Task) -> None:
+        group = task[2]
+        if group is None or (task := group.admission.enter(task)) is not None:
+            self._ready.append(task)
 
     def _wake(self) -> None:
-        if self._thread is None and not self._closed:
-            self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
-            self._thread.start()
-        self._changed.notify_all()
+        """Let a thread look what there is to do, if one is idle or may be started."""
+        if self._asleep:
+            self._asleep.pop().ring()
+        elif len(self._threads) < self._most_threads and not self._closed:
+            thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+            self._threads.append(thread)
+            thread.start()
 
-    def _schedule(self, when: float, timer: Timer) -> None:
-        heapq.heappush(self._due, (when, next(self._order), timer))
+    def _keep_time(self) -> None:
+        """Let a thread look when the next timer is due, as one was added."""
+        if self._timekeeper is None:
+            self._wake()
+        elif self._timekeeper in self._asleep:
+            self._asleep.remove(self._timekeeper)
+            self._timekeeper.ring()
+
+    def _needs_another(self) -> bool:
+        """Whether there is more to do while one thread runs a callback."""
+        return bool(self._ready or (self._due and self._timekeeper is None))
+
+    def _schedule(self, when_s: float, timer: Timer) -> None:
+        heapq.heappush(self._due, (when_s, next(self._order), timer))
+
+    def _queue_due_timers(self, now_s: float) -> None:
+        # Behind what waits already: a timer slower than its period does not hold up the rest.
+        while self._due and self._due[0][0] <= now_s:
+            when_s, _, timer = heapq.heappop(self._due)
+            self._enqueue((timer.what, partial(self._tick, when_s, timer), timer.group))
+
+    # On its threads
 
     def _run(self) -> None:
-        while (task := self._next()) is not None:
-            self._call(*task)
+        worker = _Worker()
+        self._workers.append(worker)
+        here.closing, here.held_up = self._closing, self._held_up
+        while (task := self._next(worker)) is not None:
+            self._call(task)
+        worker.what = ""
+        if self._loop is not None:
+            self._loop.close()
 
-    def _next(self) -> tuple[str, Callback] | None:
+    def _next(self, worker: _Worker) -> _Task | None:
         """Wait for the next callback to run; None when closed."""
-        with self._changed:
-            while not self._closed:
-                now = time.monotonic()
-                self._queue_due_timers(now)
-                if self._waiting:
-                    return self._waiting.popleft()
-                self._changed.wait(self._due[0][0] - now if self._due else None)
-            return None
+        now_s = time.monotonic()
+        if now_s - worker.began_s >= SLOW_S:
+            self._note(worker, now_s)
+        if self._loop is not None and self._loop.living:
+            worker.what = ""
+            self._loop.turn()
+            now_s = time.monotonic()
+        while True:
+            with self._lock:
+                if self._closed:
+                    return None
+                if self._due and self._due[0][0] <= now_s:
+                    self._queue_due_timers(now_s)
+                if self._ready:
+                    task = self._ready.popleft()
+                    worker.what, worker.began_s = task[0], now_s
+                    if self._most_threads > 1 and self._needs_another():
+                        self._wake()
+                    return task
+                worker.what = ""
+                timeout_s = self._begin_sleep(worker, now_s)
+            if self._loop is not None and worker.ring == self._loop.ring:
+                self._loop.run(timeout_s)
+            else:
+                worker.bell.wait(timeout_s)
+            if worker is self._timekeeper or worker in self._asleep:
+                with self._lock:
+                    self._end_sleep(worker)
+            now_s = time.monotonic()
 
-    def _queue_due_timers(self, now: float) -> None:
-        # Behind what waits already: a timer slower than its period does not hold up the rest.
-        while self._due and self._due[0][0] <= now:
-            when, _, timer = heapq.heappop(self._due)
-            self._waiting.append((_name(timer), partial(self._tick, when, timer)))
+    def _begin_sleep(self, worker: _Worker, now_s: float) -> float | None:
+        """Be found by `_wake`; for how long to sleep at most."""
+        has_coroutines = self._loop is not None and self._loop.living
+        worker.ring = self._loop.ring if self._loop and has_coroutines else worker.bell.ring
+        self._asleep.append(worker)
+        if not self._due or self._timekeeper is not None:
+            return None
+        self._timekeeper = worker
+        return self._due[0][0] - now_s
+
+    def _end_sleep(self, worker: _Worker) -> None:
+        if worker in self._asleep:
+            self._asleep.remove(worker)
+        if self._timekeeper is worker:
+            self._timekeeper = None
+
+    def _call(self, task: _Task) -> None:
+        what, callback, group = task
+        try:
+            answer = callback()
+            if answer is not None and isinstance(answer, Coroutine):
+                self._home._start_coroutine(what, answer)
+        except Exception as error:
+            # What the end of the node makes impossible is no failure.
+            if not (self._closed and isinstance(error, TfbusError)):
+                self.note_failure(what)
+        if group is not None:
+            with self._lock:
+                if (task_of_group := group.admission.leave()) is not None and not self._closed:
+                    self._ready.append(task_of_group)
+
+    def _start_coroutine(self, what: str, coroutine: Coroutine[Any, Any, Any]) -> None:
+        if here.closing is not self._closing:
+            self.submit(what, lambda: coroutine)
+            return
+        if self._loop is None:
+            from tfbus.runtime.event_loop import EventLoop
+
+            self._loop = EventLoop(self)
+        self._loop.start(what, coroutine)
+
+    def _note(self, worker: _Worker, now_s: float) -> None:
+        if self.delays is not None and worker.what and now_s - worker.began_s >= SLOW_S:
+            self.delays.ran(worker.what, worker.began_s, now_s)
+
+    def _running(self) -> list[Ran]:
+        now_s = time.monotonic()
+        return [
+            Ran(worker.what, worker.began_s, now_s)
+            for worker in [*self._workers]
+            if worker.what and worker.thread is not threading.current_thread()
+        ]
+
+    # Timers
+
+    def _start(self, timer: Timer) -> Timer:
+        with self._lock:
+            self._schedule(time.monotonic() + timer.period_s, timer)
+            self._keep_time()
+        return timer
 
     def _set_alarm(self, clock: SimulatedClock, when_ns: int, timer: Timer) -> None:
-        tick = partial(self._tick_simulated, clock, when_ns, timer)
-        clock.call_at(when_ns, lambda: self.submit(_name(timer), tick))
+        def ring() -> None:
+            tick = partial(self._tick_simulated, clock, when_ns, time.monotonic(), timer)
+            self.submit(timer.what, tick, group=timer.group)
 
-    def _tick_simulated(self, clock: SimulatedClock, when_ns: int, timer: Timer) -> None:
-        if not timer.cancelled:
-            late_periods = (clock.elapsed_ns() - when_ns) // timer.period_ns
-            self._set_alarm(clock, when_ns + (late_periods + 1) * timer.period_ns, timer)
-            timer.callback()
+        clock.call_at(when_ns, ring)
 
-    def _tick(self, when: float, timer: Timer) -> None:
+    def _tick_simulated(
+        self, clock: SimulatedClock, when_ns: int, rang_s: float, timer: Timer
+    ) -> Any:
         if timer.cancelled:
-            return
+            return None
+        late_periods = (clock.elapsed_ns() - when_ns) // timer.period_ns
+        self._set_alarm(clock, when_ns + (late_periods + 1) * timer.period_ns, timer)
+        return self._fire(timer, rang_s, late_periods)
+
+    def _tick(self, when_s: float, timer: Timer) -> Any:
+        if timer.cancelled:
+            return None
+        late_periods = 0
         if timer.once:
             timer.cancel()
         else:
-            late_periods = int((time.monotonic() - when) / timer.period_s)
-            with self._changed:
-                self._schedule(when + (late_periods + 1) * timer.period_s, timer)
-        timer.callback()
+            late_periods = int((time.monotonic() - when_s) / timer.period_s)
+            with self._lock:
+                self._schedule(when_s + (late_periods + 1) * timer.period_s, timer)
+                if self._most_threads > 1:
+                    self._keep_time()
+        return self._fire(timer, when_s, late_periods)
 
-    def _call(self, what: str, callback: Callback) -> None:
-        self._running = what
-        try:
-            callback()
-        except Exception:
-            self._failures[what] += 1
-            count = self._failures[what]
-            if str(count).strip("0") == "1":  # a power of ten
-                self._log.exception(
-                    "A callback failed, %s so far (%s)", counted(count, "time"), what
-                )
+    def _fire(self, timer: Timer, due_s: float, late_periods: int) -> Any:
+        """Run a timer's callback, `late_periods` after its tick was due; without it, where the
+        coroutine of a former tick has not ended.
+        """
+        if late_periods and self.delays is not None:
+            self.delays.late(timer.what, due_s, late_periods, self._running())
+        if timer.is_awaited:
+            return None
+        answer = timer.callback()
+        if answer is not None and isinstance(answer, Coroutine):
+            timer.is_awaited = True
+            return _until_ended(timer, answer)
+        return answer
 
 
-def _name(timer: Timer) -> str:
-    callback = getattr(timer.callback, "__qualname__", repr(timer.callback))
-    return f"timer of {timer.period_s:g} s, {callback}"
+async def _until_ended(timer: Timer, coroutine: Coroutine[Any, Any, Any]) -> None:
+    try:
+        await coroutine
+    finally:
+        timer.is_awaited = False
+
+
+def timer_name(period_s: float, callback: Callback) -> str:
+    """What a timer is called in the log: `timer of 50 ms (broadcast)`."""
+    period = f"{period_s:g} s" if period_s >= 1.0 else f"{period_s * 1e3:g} ms"
+    return f"timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"

@@ -107,6 +107,7 @@ Columns
   jitter    how irregularly samples come
   missed    messages that were sent and never came
   clock     how far the publisher's clock is ahead of ours
+  lost      ticks of timers and messages that a slow callback made a node lose
 
 States
   stale: silent for longer than its rate allows; gone: its publisher has

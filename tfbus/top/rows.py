@@ -127,10 +127,19 @@ def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
             Cell.of(len(node.subscribes), "d"),
             Cell.of(len(node.serves), "d"),
             Cell.of(len(node.parameters), "d"),
+            _held_up(node),
         )
         rows.append(Row(f"{node.name} {node.session}", cells))
-    headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params")
+    headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params", "lost")
     return Table("nodes", headings, tuple(rows))
+
+
+def _held_up(node: NodeDescription) -> Cell:
+    """How many ticks and messages it lost, and the callback that held up the most of them."""
+    if not node.delays:
+        return Cell.of(None, "")
+    lost = sum(delay.lost for delay in node.delays)
+    return Cell(cut(f"{lost} by {node.delays[0].by}", _LONGEST_CELL), lost)
 
 
 def topics_table(graph: Graph, rates_hz: Mapping[str, float] = MappingProxyType({})) -> Table:

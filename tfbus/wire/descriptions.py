@@ -5,7 +5,7 @@ from typing import Any
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.codec import decode_message
-from tfbus.wording import printable
+from tfbus.wording import counted, duration, printable
 
 
 class ParameterDescription(Struct):
@@ -39,14 +39,34 @@ class BufferDescription(Struct):
     dropped: int = 0
 
 
+class DelayDescription(Struct):
+    """A callback of a node that held up another: `what`, a timer or a topic of the node, left out
+    `lost` ticks or messages, as the callback of `by` took up to `took_s`.
+    """
+
+    what: str
+    lost: int
+    by: str
+    took_s: float
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "what", "by")
+
+    def __str__(self) -> str:
+        """What was lost by whom, as a sentence without its end."""
+        lost = counted(self.lost, "tick" if self.what.startswith("timer") else "message")
+        callback = "its own callback" if self.by == self.what else f"the callback of {self.by}"
+        return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
+
+
 class NodeDescription(Struct):
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
     `retained` those of the topics that it publishes whose last message reaches late subscribers.
-    All names come as they can be printed. On a closed bus `identity` is that of the node, and
-    `rights` a digest of the rights that it enforces.
+    `delays` are its callbacks that held up others. All names come as they can be printed. On a
+    closed bus `identity` is that of the node, and `rights` a digest of the rights that it enforces.
     """
 
     name: str
@@ -66,6 +86,7 @@ class NodeDescription(Struct):
     retained: tuple[str, ...] = ()
     identity: str = ""
     rights: str = ""
+    delays: tuple[DelayDescription, ...] = ()
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")

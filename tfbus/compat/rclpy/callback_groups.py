@@ -1,15 +1,9 @@
-"""ROS's rclpy.callback_groups: accepted, as callbacks run one at a time whatever their group."""
+"""ROS's rclpy.callback_groups: those of tfbus."""
+
+from tfbus.runtime.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
 
 __all__ = ["CallbackGroup", "MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup"]
-
-
-class CallbackGroup:
-    """A group of callbacks."""
-
-
-class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """A group of callbacks that run one at a time, as all do."""
-
-
-class ReentrantCallbackGroup(CallbackGroup):
-    """A group of callbacks that may run at once in ROS; here they run one at a time."""

@@ -1,27 +1,28 @@
 """What a node publishes, subscribes to, serves and calls, and its timers, with ROS's methods."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future as Answer
-from concurrent.futures import TimeoutError as NotYet
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import BusType
-from tfbus.compat.rclpy.executors import Work
-from tfbus.compat.rclpy.task import Future, Task
+from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.work import Work
 from tfbus.errors import ServiceError
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
+from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.executor import Timer as TfbusTimer
+from tfbus.runtime.executor import timer_name
 
 if TYPE_CHECKING:
     from tfbus.compat.transform_topics import TransformsPublisher
 
-# How often a service that waits for its callback looks whether the node still lives, and a call
-# that waits for its service, whether the client is still open.
+# How often a call that waits for its service looks whether the client is still open.
 _LOOKS_EVERY_S = 0.5
 
 
@@ -57,11 +58,19 @@ class Subscription:
     """Keeps the last messages of a topic, `depth` of them, until the node is spun."""
 
     def __init__(
-        self, work: Work, on_bus: BusType, callback: Callable[[Any], Any], depth: int
+        self,
+        work: Work,
+        on_bus: BusType,
+        callback: Callable[[Any], Any],
+        depth: int,
+        group: CallbackGroup | None = None,
+        topic: str = "",
     ) -> None:
         self.endpoint: Endpoint | None = None
         self.callback = callback
+        self.callback_group = group
         self._work = work
+        self._what = f"topic {topic}"
         self._on_bus = on_bus
         # Each message in it has its call of `_deliver`: both change together, also where
         # a signal handler ends it.
@@ -75,7 +84,9 @@ class Subscription:
             is_full = len(self._messages) == self._messages.maxlen
             self._messages.append(received)
         if not is_full:
-            self._work.submit(self._deliver)
+            self._work.submit(self._deliver, self.callback_group, self._what)
+        elif self._messages.maxlen != 1:  # otherwise only the newest is wanted
+            self._work.dropped(self._what, len(self._messages))
 
     def destroy(self) -> None:
         """End it, also for messages that wait."""
@@ -84,25 +95,33 @@ class Subscription:
         with self._lock:
             self._messages.clear()
 
-    def _deliver(self) -> None:
+    def _deliver(self) -> Any:
         with self._lock:
             if not self._messages:
-                return
+                return None
             message = self._messages.popleft()
-        self._work.call(self.callback, message)
+        return self.callback(message)
 
 
 class Timer:
     """Calls back every `period_s` seconds of the node's clock, while the node is spun."""
 
     def __init__(
-        self, node: TfbusNode, work: Work, period_s: float, callback: Callable[[], Any]
+        self,
+        node: TfbusNode,
+        work: Work,
+        period_s: float,
+        callback: Callable[[], Any],
+        group: CallbackGroup | None = None,
     ) -> None:
         self.callback = callback
+        self.callback_group = group
         self._node = node
         self._work = work
         self._period_s = period_s
         self._is_pending = False
+        self._due_s = 0.0
+        self._what = timer_name(period_s, callback)
         self._timer = self._start()
 
     @property
@@ -134,12 +153,15 @@ class Timer:
         # One call waits at most: ticks that a long callback held up are not made up for.
         if not self._is_pending:
             self._is_pending = True
-            self._work.submit(self._run)
+            self._due_s = time.monotonic()
+            self._work.submit(self._run, self.callback_group, self._what)
 
-    def _run(self) -> None:
+    def _run(self) -> Any:
+        late_periods = int((time.monotonic() - self._due_s) / self._period_s)
+        if late_periods and not self._node.clock.is_simulated:
+            self._work.late(self._what, self._due_s, late_periods)
         self._is_pending = False
-        if not self._timer.cancelled:
-            self._work.call(self.callback)
+        return None if self._timer.cancelled else self.callback()
 
 
 class Rate:
@@ -162,42 +184,41 @@ class Service:
     """Answers requests by `callback(request, response)`, while the node is spun."""
 
     def __init__(
-        self, node: TfbusNode, work: Work, type_: Any, callback: Callable[[Any, Any], Any]
+        self,
+        work: Work,
+        type_: Any,
+        callback: Callable[[Any, Any], Any],
+        group: CallbackGroup | None = None,
+        name: str = "",
     ) -> None:
         self.endpoint: Endpoint | None = None
         self.callback = callback
-        self._node = node
+        self.callback_group = group
         self._work = work
         self._type = type_
+        self._what = f"service {name}"
 
-    def handle(self, request: Any) -> Any:
-        """The response, from the thread that spins the node."""
+    async def handle(self, request: Any) -> Any:
+        """The response, from a thread that spins the node."""
+        import asyncio  # slow, and it runs already
+
         answer: Answer[Any] = Answer()
-        self._work.submit(lambda: self._answer(request, answer))
-        while True:
-            try:
-                return answer.result(_LOOKS_EVERY_S)
-            except NotYet:
-                if not self._node.ok:
-                    raise ServiceError("the node ends") from None
+        answer.set_running_or_notify_cancel()
+        self._work.submit(lambda: self._answer(request, answer), self.callback_group, self._what)
+        return await asyncio.wrap_future(answer)
 
     def destroy(self) -> None:
         """End it."""
         if self.endpoint is not None:
             self.endpoint.close()
 
-    def _answer(self, request: Any, answer: "Answer[Any]") -> None:
+    async def _answer(self, request: Any, answer: "Answer[Any]") -> None:
         try:
             response = self.callback(request, self._type.Response())
+            answer.set_result(await response if hasattr(response, "send") else response)
         except BaseException as error:
             answer.set_exception(ServiceError(f"{type(error).__name__}: {error}"))
             raise
-        if not hasattr(response, "send"):
-            answer.set_result(response)
-            return
-        task = Task(response, self._work.submit)
-        task.when_ended(lambda: answer.set_result(task.result()))
-        task.step()
 
 
 class Client:

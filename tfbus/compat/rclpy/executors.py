@@ -1,13 +1,17 @@
-"""ROS's rclpy.executors: they run the callbacks of nodes, one at a time, in the calling thread."""
+"""ROS's rclpy.executors: they run the callbacks of nodes while a thread spins them."""
 
+import logging
 import math
+import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.rclpy import context
-from tfbus.compat.rclpy.task import Future, Task
+from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.work import Job, Work
+from tfbus.runtime.executor import Executor as Threads
 from tfbus.runtime.signals import Wakeup
 
 if TYPE_CHECKING:
@@ -31,60 +35,16 @@ class ExternalShutdownException(Exception):
         super().__init__("rclpy.shutdown() was called while spinning")
 
 
-class Work:
-    """The callbacks of a node that are ready to run, in the order in which they became so."""
-
-    def __init__(self) -> None:
-        # How many messages of transforms each listener of the node has received, and how many each
-        # had when that was asked last.
-        self.listeners: list[Callable[[], int]] = []
-        self._heard: dict[Callable[[], int], int] = {}
-        # Both are changed by single operations, which threads and signal handlers may mix.
-        self._ready: deque[Callable[[], object]] = deque()
-        self._wakes: dict[int, Callable[[], None]] = {}
-
-    def submit(self, callback: Callable[[], object]) -> None:
-        """Run `callback()` in the thread that spins the node."""
-        self._ready.append(callback)
-        for wake in list(self._wakes.values()):
-            wake()
-
-    def call(self, callback: Callable[..., Any], *arguments: object) -> None:
-        """Call it now; what it returns is run to its end, where it is a coroutine."""
-        answer = callback(*arguments)
-        if hasattr(answer, "send"):
-            Task(answer, self.submit).step()
-
-    def take(self) -> Callable[[], object] | None:
-        """The next callback, if one is ready."""
-        try:
-            return self._ready.popleft()
-        except IndexError:
-            return None
-
-    def has_heard(self) -> bool:
-        """Whether transforms have come since the last call."""
-        before, self._heard = self._heard, {count: count() for count in [*self.listeners]}
-        return any(heard != before.get(count, 0) for count, heard in self._heard.items())
-
-    def wake_by(self, wakeup: Wakeup) -> None:
-        """Wake it at each submit, until `no_longer_wake`."""
-        self._wakes[id(wakeup)] = wakeup.wake
-
-    def no_longer_wake(self, wakeup: Wakeup) -> None:
-        """Take it back."""
-        self._wakes.pop(id(wakeup), None)
-
-
 class Executor:
     """Runs callbacks of its nodes one at a time, in the thread that spins it.
 
     Lookups, services and sleeps in a callback hold up other callbacks, but not the transforms and
-    answers that they wait for.
+    answers of other processes that they wait for.
     """
 
     def __init__(self, **_: Any) -> None:
         self._nodes: list[Node] = []
+        self._work = Work()  # of the executor itself
         self._is_shut_down = False
 
     def add_node(self, node: "Node") -> bool:
@@ -135,21 +95,39 @@ class Executor:
         """Run callbacks until the future has ended, at most `timeout_sec` s (None: for ever)."""
         here = self._begin()
         deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
-        for node in self._nodes:
-            future.when_ended(_poke(node.work))
+        future.when_ended(self.wake)
         while here.ok() and not future.done() and not self._is_shut_down:
             left_s = None if deadline is None else deadline - time.monotonic()
             if left_s is not None and left_s <= 0:
                 return
             self._run_one(here, left_s)
 
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Future:
+        """Run a function, or a coroutine to its end, while it spins: a future of the result."""
+        future = Future(run=self._work.submit)
+
+        async def run() -> None:
+            try:
+                answer = callback(*args, **kwargs) if callable(callback) else callback
+                future.set_result(await answer if hasattr(answer, "send") else answer)
+            except Exception as error:
+                future.set_exception(error)
+
+        self._work.submit(run)
+        return future
+
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """End `spin` in another thread, and forget the nodes."""
         self._is_shut_down = True
-        for node in self._nodes:
-            node.work.submit(lambda: None)
+        self.wake()
         self._nodes = []
         return True
+
+    def wake(self) -> None:
+        """Let the thread that spins look again what there is to do."""
+        self._work.submit(_nothing)
 
     def _begin(self) -> context.Context:
         here = context.current()
@@ -159,60 +137,86 @@ class Executor:
 
     def _run_one(self, here: context.Context, timeout_s: float | None) -> bool:
         """Run the next callback; whether there was one in time."""
-        callback = self._next(here, timeout_s)
-        if callback is not None:
-            callback()
-        return callback is not None
+        taken = self._next(here, timeout_s)
+        if taken is not None:
+            self._run(*taken)
+        return taken is not None
 
-    def _next(self, here: context.Context, timeout_s: float | None) -> Callable[[], object] | None:
-        callback = self._take()
-        if callback is not None or timeout_s == 0.0:
-            return callback
-        works = [node.work for node in self._nodes]
+    def _run(self, work: Work, job: Job) -> None:
+        work.run(job)
+
+    def _next(self, here: context.Context, timeout_s: float | None) -> tuple[Work, Job] | None:
+        taken = self._take()
+        if taken is not None or timeout_s == 0.0:
+            return taken
+        works = self._works()
         with Wakeup() as wakeup:
             for work in works:
                 work.wake_by(wakeup)
             try:
-                callback = self._take()
-                if callback is None and here.signals.wait(timeout_s, wakeup):
+                taken = self._take()
+                if taken is None and here.signals.wait(timeout_s, wakeup):
                     raise ExternalShutdownException if here.is_shut_down else KeyboardInterrupt
             finally:
                 for work in works:
                     work.no_longer_wake(wakeup)
-        return callback or self._take()
+        return taken or self._take()
 
-    def _take(self) -> Callable[[], object] | None:
-        for node in self._nodes:
-            callback = node.work.take()
-            if callback is not None:
-                # Others come first next time.
-                self._nodes = [*(each for each in self._nodes if each is not node), node]
-                return callback
+    def _works(self) -> list[Work]:
+        return [self._work, *(node.work for node in self._nodes)]
+
+    def _take(self) -> tuple[Work, Job] | None:
+        for work in self._works():
+            job = work.take()
+            if job is not None:
+                # The nodes behind it come first next time.
+                for number, node in enumerate(self._nodes):
+                    if node.work is work:
+                        self._nodes = [*self._nodes[:number], *self._nodes[number + 1 :], node]
+                        break
+                return work, job
         return None
 
 
 class SingleThreadedExecutor(Executor):
-    """The executor."""
+    """Runs callbacks one at a time, in the thread that spins it."""
 
 
 class MultiThreadedExecutor(Executor):
-    """The same executor: callbacks run one at a time, which the log says once.
+    """Runs callbacks in `num_threads` threads, by default as many as there are processors, and at
+    least two; those of a mutually exclusive group one at a time.
 
-    In ROS a lookup that waits needs several threads; here it does not. A callback that waits for
-    another callback of this executor waits for ever.
+    A callback without a group is in its node's default group, which is mutually exclusive. What
+    a callback raises ends `spin` in the thread that spins.
     """
 
     def __init__(self, num_threads: int | None = None, **_: Any) -> None:
         super().__init__()
-
-    def add_node(self, node: "Node") -> bool:
-        """Run the callbacks of this node too; whether it is new here."""
-        node.say_once(
-            "A MultiThreadedExecutor of tfbus.compat runs callbacks one at a time: none may wait "
-            "for another one; lookups and services may be waited for",
+        if num_threads is None:
+            num_threads = max(2, os.cpu_count() or 2)
+        self._raised: deque[BaseException] = deque()
+        self._threads = Threads(
+            "MultiThreadedExecutor", logging.getLogger(__name__), threads=num_threads
         )
-        return super().add_node(node)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """End `spin` in another thread, and forget the nodes; callbacks that run have 2 s."""
+        super().shutdown(timeout_sec)
+        self._threads.close()
+        return True
+
+    def _run(self, work: Work, job: Job) -> None:
+        self._threads.submit("callback", lambda: self._run_in_thread(work, job))
+        if self._raised:
+            raise self._raised.popleft()
+
+    def _run_in_thread(self, work: Work, job: Job) -> None:
+        try:
+            work.run(job)
+        except BaseException as error:
+            self._raised.append(error)
+            self.wake()
 
 
-def _poke(work: Work) -> Callable[[], None]:
-    return lambda: work.submit(lambda: None)
+def _nothing() -> None:
+    """For a spin that is to look again."""

@@ -5,21 +5,23 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import bus_type_of
 from tfbus.compat.rclpy import context as contexts
+from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from tfbus.compat.rclpy.clock import Clock
 from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subscription, Timer
 from tfbus.compat.rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
     ParameterNotDeclaredException,
 )
-from tfbus.compat.rclpy.executors import Work
 from tfbus.compat.rclpy.logging import RosLogger
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.time import ClockType
+from tfbus.compat.rclpy.work import Work
 from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
+from tfbus.runtime.callback_groups import join
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 __all__ = ["Node"]
@@ -39,8 +41,9 @@ _INSTEAD = {
 class Node:
     """A node with ROS's methods.
 
-    `tfbus_node` is the node of tfbus that it is. Its callbacks run one at a time, while it is spun
-    and in the thread that spins it, as in ROS. Of the arguments of the process those after
+    `tfbus_node` is the node of tfbus that it is. Its callbacks run while it is spun, as in ROS: in
+    the thread that spins it, or the threads of a MultiThreadedExecutor, where those of
+    `default_callback_group` run one at a time. Of the arguments of the process those after
     `--ros-args` count, and those of `tfbus launch`; and the environment (`TFBUS_...`).
 
     Raises NotInitializedException before `rclpy.init()`; ends the process with the reason where the
@@ -76,7 +79,8 @@ class Node:
             arguments += ["--param", f"{each.name}={each.value}"]
         arguments += given
         self.tfbus_node = TfbusNode.from_args(node_name, arguments)
-        self.work = Work()
+        self.work = Work(self.tfbus_node.executor.delays)
+        self.default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._said: set[str] = set()
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
         self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
@@ -159,6 +163,7 @@ class Node:
         callback: Callable[[Any], Any],
         qos_profile: Any,
         *,
+        callback_group: CallbackGroup | None = None,
         raw: bool = False,
         **_: Any,
     ) -> Subscription:
@@ -174,39 +179,59 @@ class Node:
         if kind := _transforms_topic(msg_type, topic):
             from tfbus.compat import transform_topics as of  # it imports this package
 
-            subscription = Subscription(self.work, of.ON_TRANSFORM_TOPICS, callback, depth)
+            on_bus, group = of.ON_TRANSFORM_TOPICS, self._group(callback_group)
+            subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
             subscription.endpoint = of.TransformsSubscription(
                 self.tfbus_node, kind, subscription.receive
             )
             return subscription
         on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
-        subscription = Subscription(self.work, on_bus, callback, depth)
+        group = self._group(callback_group)
+        subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
         subscription.endpoint = self.tfbus_node.create_subscription(
             on_bus.type, topic, subscription.receive, retained=retained
         )
         return subscription
 
     def create_timer(
-        self, timer_period_sec: float, callback: Callable[[], Any], *_: Any, **__: Any
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], Any],
+        callback_group: CallbackGroup | None = None,
+        *_: Any,
+        **__: Any,
     ) -> Timer:
         """Call `callback()` every `timer_period_sec` seconds, the first time after one period."""
-        return Timer(self.tfbus_node, self.work, timer_period_sec, callback)
+        group = self._group(callback_group)
+        return Timer(self.tfbus_node, self.work, timer_period_sec, callback, group)
 
     def create_rate(self, frequency: float, *_: Any) -> Rate:
         """A rate whose `sleep()` makes a loop of `frequency` Hz."""
         return Rate(self.tfbus_node, 1.0 / frequency)
 
     def create_service(
-        self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **_: Any
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        callback_group: CallbackGroup | None = None,
+        **_: Any,
     ) -> Service:
         """Serve requests: `callback(request, response)` returns the response."""
-        service = Service(self.tfbus_node, self.work, srv_type, callback)
+        group = self._group(callback_group)
+        service = Service(self.work, srv_type, callback, group, srv_name)
         service.endpoint = self.tfbus_node.create_service(srv_type, srv_name, service.handle)
         return service
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
         """A client of a service."""
         return Client(self.tfbus_node.create_client(srv_type, srv_name), self.work)
+
+    def _group(self, given: CallbackGroup | None) -> CallbackGroup:
+        group = self.default_callback_group if given is None else given
+        join(group, self.get_fully_qualified_name())
+        return group
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
         """End it."""

@@ -1,0 +1,147 @@
+"""Delays: late timers and full queues are told, with the culprit."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.live_bus import eventually
+from tfbus.runtime.clock import SimulatedClock
+from tfbus.runtime.delays import Delays
+from tfbus.runtime.executor import Executor
+
+DEADLINE_S = 10.0
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def delays() -> Delays:
+    return Delays(logging.getLogger("test"))
+
+
+@pytest.fixture
+def executor(delays: Delays) -> Iterator[Executor]:
+    executor = Executor("test", logging.getLogger("test"), delays=delays)
+    yield executor
+    executor.close()
+
+
+def tick() -> None:
+    """The callback of a timer."""
+
+
+def spend(seconds: float) -> None:
+    """Be busy for this time."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+
+
+def test_a_late_timer_names_the_callback_that_held_it_up(
+    executor: Executor, delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once, with how late it was and how long that took; all are counted."""
+    executor.every(0.01, tick)
+    for _ in range(3):
+        executor.submit("topic scan", lambda: spend(0.1))
+    eventually(lambda: delays.described() and delays.described()[0]["lost"] >= 10)
+    lines = [record.getMessage() for record in caplog.records]
+    assert len(lines) == 1
+    assert lines[0].startswith("Timer of 10 ms (tick) was late by ")
+    assert ": the callback of topic scan took " in lines[0]
+    assert "callback_group=..." in lines[0]
+    (described,) = delays.described()
+    assert (described["what"], described["by"]) == ("timer of 10 ms (tick)", "topic scan")
+    assert described["took_s"] >= 0.1
+
+
+def test_a_timer_that_takes_longer_than_its_period_names_itself(
+    executor: Executor, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its own callback is the culprit."""
+    executor.every(0.01, lambda: spend(0.05))
+    eventually(lambda: caplog.records)
+    assert ": its own callback took " in caplog.records[0].getMessage()
+
+
+def test_many_short_callbacks_are_one_culprit(delays: Delays) -> None:
+    """Their times are added up by their name."""
+    now_s = time.monotonic()
+    for at in range(10):
+        delays.ran("topic scan", now_s - 0.1 + at / 100, now_s - 0.09 + at / 100)
+    delays.ran("topic image", now_s - 0.2, now_s - 0.17)
+    delays.late("timer of 50 ms (tick)", now_s - 0.1, 2)
+    (described,) = delays.described()
+    assert (described["by"], described["lost"]) == ("topic scan", 2)
+    assert described["took_s"] == pytest.approx(0.01)
+
+
+def test_a_busy_machine_is_no_culprit(
+    executor: Executor, delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where the node's callbacks were quick, nothing is said of them."""
+    delays.ran("topic scan", time.monotonic() - 0.011, time.monotonic() - 0.001)
+    delays.late("timer of 50 ms (tick)", time.monotonic() - 1.0, 20)
+    assert not delays.described()
+    assert not caplog.records
+
+
+def test_a_simulated_timer_is_late_in_the_time_that_passed_meanwhile(
+    executor: Executor, delays: Delays
+) -> None:
+    """A jump of the clock alone holds nothing up."""
+    clock = SimulatedClock()
+    clock.set(0)
+    ticked = threading.Event()
+    executor.every_simulated(clock, 1.0, ticked.set)
+    clock.set(10 * SECOND)
+    assert ticked.wait(DEADLINE_S)
+    assert not delays.described()
+    ticked.clear()
+    executor.submit(
+        "topic scan", lambda: (clock.set(11 * SECOND), spend(0.05), clock.set(20 * SECOND))
+    )
+    assert ticked.wait(DEADLINE_S)
+    (described,) = delays.described()
+    assert (described["by"], described["lost"]) == ("topic scan", 9)
+
+
+def test_a_full_queue_names_the_callback_that_runs(
+    executor: Executor, delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A message that is dropped is told once for each culprit, and counted."""
+    entered, go_on = threading.Event(), threading.Event()
+    executor.submit("topic image", lambda: (entered.set(), go_on.wait(DEADLINE_S)))
+    assert entered.wait(DEADLINE_S)
+    spend(0.002)
+    for _ in range(3):
+        executor.dropped("topic scan", 10)
+    go_on.set()
+    (record,) = caplog.records
+    assert record.getMessage().startswith(
+        "Topic scan dropped a message, as 10 wait already: the callback of topic image took "
+    )
+    (described,) = delays.described()
+    assert (described["what"], described["by"], described["lost"]) == (
+        "topic scan",
+        "topic image",
+        3,
+    )
+
+
+def test_messages_that_come_too_fast_have_no_culprit(
+    delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is the topic itself."""
+    delays.dropped("topic scan", 10)
+    assert "they come faster than its callback returns" in caplog.text
+    assert delays.described()[0]["by"] == "topic scan"
+
+
+def test_the_pairs_are_bounded(delays: Delays) -> None:
+    """Whatever a program subscribes to."""
+    for number in range(1000):
+        delays.dropped(f"topic {number}", 10)
+    assert len(delays.described()) == 100

@@ -15,7 +15,7 @@ import pytest
 
 from tests.builders import S, at, x_of
 from tests.fakes import Clock as FakeClock
-from tests.fakes import InAThread
+from tests.fakes import InAThread, Lines
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Buffer,

@@ -294,6 +294,39 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     assert counts.failed == {"/pose": 1}
 
 
+@pytest.mark.parametrize(
+    "statements",
+    [
+        "CREATE VIEW schema AS WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r)"
+        " SELECT x AS schema_version FROM r WHERE x < 0",
+        "ALTER TABLE messages ADD COLUMN more AS (zeroblob(900000000))",
+        "CREATE TRIGGER t AFTER INSERT ON messages BEGIN SELECT 1; END",
+    ],
+)
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_a_database_that_computes_what_it_holds_is_refused(
+    tmp_path: Path, statements: str, is_folder: bool
+) -> None:
+    """rosbag2 writes plain tables: a view could be read for ever, and not be interrupted."""
+    folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3")
+    file = next(folder.glob("*.db3"))
+    with sqlite3.connect(file) as database:
+        if "VIEW schema" in statements:
+            database.execute("DROP TABLE schema")
+        database.execute(statements)
+    database.close()
+    with pytest.raises(DecodeError, match="is computed"), opened(folder if is_folder else file):
+        pass
+
+
+def test_metadata_that_is_nested_too_deeply_is_told(tmp_path: Path) -> None:
+    """At once, whichever files are beside it."""
+    folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3")
+    (folder / "metadata.yaml").write_text("[" * 20_000)
+    with pytest.raises(DecodeError, match="nested too deeply"), opened(folder):
+        pass
+
+
 def test_a_stamp_that_a_recording_cannot_hold_is_told(tmp_path: Path) -> None:
     """ROS 1 and Foxglove count seconds to 2106 at least, ROS 2 and recordings to 2038."""
     late_ns = 3_000_000_000 * S

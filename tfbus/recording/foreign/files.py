@@ -18,6 +18,7 @@ from tfbus.wording import printable
 ENDINGS = (".bag", ".db3", ".mcap")
 
 _METADATA = "metadata.yaml"
+_MOST_METADATA = 10_000_000
 
 
 class ForeignFiles:
@@ -66,8 +67,10 @@ def _files_of(path: Path) -> list[Path]:
         (each for each in path.iterdir() if each.suffix in ENDINGS and each.is_file()),
         key=lambda each: _with_numbers(each.name),
     )
-    if (path / _METADATA).is_file() and not _is_plain_mcap(path, found):
-        return [path]
+    if (path / _METADATA).is_file():
+        _metadata(path)
+        if not _is_plain_mcap(path, found):
+            return [path]
     if not found:
         raise DecodeError(
             f"{printable(str(path))} holds no recording: no {_METADATA} of rosbag2, and no file "
@@ -81,14 +84,25 @@ def _is_plain_mcap(folder: Path, found: list[Path]) -> bool:
     if not found or any(each.suffix != ".mcap" for each in found):
         return False
     try:
-        said: Any = yaml.safe_load((folder / _METADATA).read_text())
-        mode = said["rosbag2_bagfile_information"].get("compression_mode", "")
-    except (
-        *(yaml.YAMLError, RecursionError, UnicodeDecodeError),
-        *(KeyError, TypeError, AttributeError),
-    ):
+        mode = _metadata(folder)["rosbag2_bagfile_information"].get("compression_mode", "")
+    except (KeyError, TypeError, AttributeError):
         return True
     return str(mode).lower() in ("", "none")
+
+
+def _metadata(folder: Path) -> Any:
+    """What rosbag2's metadata says; None where it is not YAML, which rosbags says better. Raises
+    DecodeError for one of more than 10 MB, or nested so deeply that rosbags would read for hours.
+    """
+    path = folder / _METADATA
+    if path.stat().st_size > _MOST_METADATA:
+        raise DecodeError(f"{printable(str(path))} has more than {_MOST_METADATA // 10**6} MB")
+    try:
+        return yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, ValueError):
+        return None
+    except RecursionError:
+        raise DecodeError(f"{printable(str(path))} is nested too deeply") from None
 
 
 def _with_numbers(name: str) -> list[tuple[int, str]]:

@@ -1,5 +1,6 @@
 """Files of rosbag1 and rosbag2, read by the library rosbags."""
 
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,9 @@ from typing import Any
 from tfbus.errors import DecodeError
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
 from tfbus.wording import printable
+
+# How a database of SQLite begins.
+_SQLITE = b"SQLite format 3\0"
 
 # As rosbags names the formats of definitions.
 _DEFINITION_FORMATS = {1: "msg", 2: "idl"}
@@ -24,6 +28,9 @@ class RosbagsFile:
         self._path = path
         # A recording of rosbag2 is a folder, whatever its name is.
         self._is_ros1 = path.suffix == ".bag" and not path.is_dir()
+        for each in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if mistake := _mistake_in_database(each):
+                raise DecodeError(f"{printable(str(each))} cannot be read: {mistake}")
         if self._is_ros1:
             from rosbags.rosbag1 import Reader
         else:
@@ -91,6 +98,38 @@ class RosbagsFile:
         if "not indexed" in said:
             said = "it was not closed: `rosbag reindex` of ROS 1 repairs it"
         return DecodeError(f"{self.name} cannot be read: {said}")
+
+
+def _mistake_in_database(path: Path) -> str:
+    """Why a database is not one that rosbag2 wrote, "" where it may be.
+
+    A view, a trigger, a virtual table or a computed column is a program: it can have a query go on
+    for ever, which no signal ends. Its metadata may give it any name.
+    """
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        if file.read(len(_SQLITE)) != _SQLITE:
+            return ""
+    try:
+        database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    except sqlite3.Error:
+        return ""  # rosbags says why
+    try:
+        for kind, name, sql in database.execute("SELECT type, name, sql FROM sqlite_master"):
+            is_plain = kind in ("table", "index") and "VIRTUAL" not in str(sql).upper().split()
+            if is_plain and kind == "table":
+                query = "SELECT count(*) FROM pragma_table_xinfo(?) WHERE hidden != 0"
+                is_plain = database.execute(query, (name,)).fetchone() == (0,)
+            if not is_plain:
+                return (
+                    f"{printable(str(name), 60)!r} in it is computed, which rosbag2 does not write"
+                )
+    except (sqlite3.Error, UnicodeDecodeError):
+        return ""
+    finally:
+        database.close()
+    return ""
 
 
 def _known_definition(type_name: str) -> str:

@@ -13,6 +13,10 @@ def main() -> None:
     or node takes the signal for itself. Python's own handler would print where in which import
     Ctrl-C struck.
     """
+    # Python drops a signal that comes in the instant in which its handler is replaced by the
+    # system's: it waits until that is done.
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     # Where a shell started it in the background, SIGINT is ignored and stays so.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -16,7 +16,7 @@ from tfbus.foxglove.client import Requests
 from tfbus.foxglove.connection import BACKLOG
 from tfbus.foxglove.front import Front
 from tfbus.foxglove.graph import Connections
-from tfbus.foxglove.protocol import Capability, Parameter
+from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, PlaybackStatus
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 
@@ -123,6 +123,20 @@ def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) ->
             channel.send(b"last", 0)
             eventually(lambda: b"last" in client.of("/topic"))
         assert front.clients == 1
+
+
+def test_the_state_of_a_recording_comes_after_its_messages(server: Server, front: Front) -> None:
+    """A client that learns of the end has all that was sent before."""
+    channel = server.open_channel("/topic", "json")
+    with Client(front.port) as client:
+        client.subscribe("/topic")
+        eventually(lambda: channel.is_watched)
+        for number in range(50):
+            for _ in range(20):
+                channel.send(b"{}", number)
+            server.tell_playback(PlaybackState(PlaybackStatus.ENDED, number, 1.0))
+            eventually(lambda number=number: len(client.playback) > number)  # type: ignore[misc]
+            assert len(client.of("/topic")) == 20 * (number + 1)
 
 
 def _masked(text: bytes) -> bytes:

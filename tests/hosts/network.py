@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,16 +17,28 @@ ROUTER_HOST = "hub"
 
 _TESTS = Path(__file__).parents[1]
 
+_SHARED_MEMORY = "/dev/shm"
+
+# The command after it, with shared memory of its own in the place of the machine's.
+_WITH_SHARED_MEMORY = 'mount --bind "$0" /dev/shm && exec "$@"'
+
 
 class Hosts:
     """Some hosts on one network, which nothing else is on; `offline` are those of them whose
     interface is down and without an address at first.
+
+    Each has a shared memory of its own: in that of the machine Fast DDS shares ports with the nodes
+    of other networks, and waits for the locks of those that were killed.
     """
 
     def __init__(self, *names: str, offline: Sequence[str] = ()):
         self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
         self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
         self._interface = dict.fromkeys(names, "eth0")
+        self._memory = {
+            name: tempfile.mkdtemp(prefix=f"{self._space[name]}-", dir=_SHARED_MEMORY)
+            for name in names
+        }
         for space in self._space.values():
             _ip("netns", "add", space)
         bridge = self._space[BRIDGE]
@@ -42,7 +56,8 @@ class Hosts:
 
     def command(self, host: str, *command: str) -> Sequence[str]:
         """The command as it runs on the host."""
-        return ["ip", "netns", "exec", self._space[host], *command]
+        enter = ["ip", "netns", "exec", self._space[host]]
+        return [*enter, "sh", "-c", _WITH_SHARED_MEMORY, self._memory[host], *command]
 
     def set_link(self, host: str, *, up: bool) -> None:
         """Plug the host's cable in, or pull it out."""
@@ -99,6 +114,8 @@ class Hosts:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():
             _ip("netns", "del", space)
+        for folder in self._memory.values():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class Network:

@@ -44,6 +44,9 @@ _COMMANDS = (
 # The codes of a clean end, of one before the answer, and of one while Python or the tool loads.
 _FINE = (0, 130, -SIGINT, -SIGTERM)
 
+# What Python prints that is interrupted before it runs any of ours.
+_PYTHON_STARTS = ("Fatal Python error: init_", "Could not import runpy module")
+
 # Until each has begun its work, on a busy machine.
 _LATEST_S = 4.0
 
@@ -67,7 +70,7 @@ def end_at_random(bus: Bus, chance: random.Random) -> str:
     except subprocess.TimeoutExpired:
         raise Failure(f"{what}: not gone after {DEADLINE_S:g} s (pid {process.pid})") from None
     is_fine = code in _FINE or (code == 1 and "doctor" in command)
-    if any("init_import_site" in line for line in process.err):
+    if any(start in line for line in process.err for start in _PYTHON_STARTS):
         return "while Python itself starts"
     if not is_fine or not_known(process.err):
         raise Failure(f"{what}: code {code}, {process.err}")

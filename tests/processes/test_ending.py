@@ -112,6 +112,18 @@ main()
 """
 
 
+SIGNAL_AS_IT_BEGINS = """
+import os, signal
+replace = signal.signal
+def replace_late(*given):
+    os.kill(os.getpid(), signal.SIGINT)
+    return replace(*given)
+signal.signal = replace_late
+from tfbus.__main__ import main
+main()
+"""
+
+
 class Prompt:
     """Python's prompt, in a terminal of its own, where Ctrl-C is a key."""
 
@@ -162,6 +174,14 @@ def test_what_is_interrupted_while_it_loads_ends_without_a_word(
     """Ctrl-C while a tool or a node is imported ends it at once, and nothing is printed."""
     command = [sys.executable, "-c", SIGNAL_WHILE_IT_LOADS, *tool.split(), module]
     process = bus.start_command(command)
+    assert process.wait() == -SIGINT
+    assert process.out == []
+    assert process.err == []
+
+
+def test_a_signal_as_a_tool_begins_is_neither_lost_nor_shown(bus: Bus) -> None:
+    """Ctrl-C in the instant in which Python's handler is replaced ends it without a word."""
+    process = bus.start_command([sys.executable, "-c", SIGNAL_AS_IT_BEGINS, "frames"])
     assert process.wait() == -SIGINT
     assert process.out == []
     assert process.err == []

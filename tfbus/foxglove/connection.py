@@ -1,6 +1,7 @@
 """A client's WebSocket: messages in, and messages out from any thread, which never wait."""
 
 import asyncio
+import itertools
 from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import suppress
@@ -37,8 +38,10 @@ class Connection:
         """Answer the request with the head `head`, for the subprotocol `name`."""
         self._reader, self._writer = reader, writer
         self._loop = asyncio.get_running_loop()
-        self._told: deque[str | bytes] = deque()
-        self._sent: deque[bytes] = deque(maxlen=BACKLOG)
+        self._order = itertools.count(1)
+        # With the place in the order that it has to keep, 0 where it may overtake.
+        self._told: deque[tuple[int, str | bytes]] = deque()
+        self._sent: deque[tuple[int, bytes]] = deque(maxlen=BACKLOG)
         self._wake = asyncio.Event()
         self._is_woken = False
         self._protocol = ServerProtocol(subprotocols=[Subprotocol(name)], max_size=_LONGEST_MESSAGE)
@@ -55,19 +58,19 @@ class Connection:
 
     # On any thread
 
-    def tell(self, message: str | bytes) -> None:
+    def tell(self, message: str | bytes, *, in_order: bool = False) -> None:
         """Send a message that is never left out: a client that reads none of them is
-        disconnected.
+        disconnected. It overtakes what was sent before, unless it is to come `in_order`.
         """
         if len(self._told) >= BACKLOG:
             self._call(self._writer.transport.abort)
             return
-        self._told.append(message)
+        self._told.append((next(self._order) if in_order else 0, message))
         self._wake_up()
 
     def send(self, message: bytes) -> None:
         """Send a message; it is left out where the client falls behind."""
-        self._sent.append(message)
+        self._sent.append((next(self._order), message))
         self._wake_up()
 
     def _wake_up(self) -> None:
@@ -91,11 +94,11 @@ class Connection:
                 await self._writer.drain()
 
     def _write_some(self) -> bool:
-        """Write some messages, those that must not be left out first; whether there were any."""
+        """Write some messages; whether there were any."""
         some = 0
         with suppress(IndexError, InvalidState):
             while some < _AT_A_TIME:
-                message = self._told.popleft() if self._told else self._sent.popleft()
+                message = self._next()
                 if isinstance(message, str):
                     self._protocol.send_text(message.encode())
                 else:
@@ -103,6 +106,17 @@ class Connection:
                 some += 1
         self._flush()
         return some > 0
+
+    def _next(self) -> str | bytes:
+        """Take the next message: one that must not be left out, where none of before has to come
+        first. Raises IndexError where there is none.
+        """
+        if not self._told:
+            return self._sent.popleft()[1]
+        with suppress(IndexError):
+            if self._sent[0][0] < self._told[0][0]:
+                return self._sent.popleft()[1]
+        return self._told.popleft()[1]
 
     async def messages(self) -> AsyncIterator[str | bytes]:
         """Iterate over the messages of the client, until it ends."""

@@ -248,9 +248,9 @@ class Server:
 
     # What all clients get
 
-    def _tell_all(self, message: str | bytes) -> None:
+    def _tell_all(self, message: str | bytes, *, in_order: bool = False) -> None:
         for client in self._clients:
-            client.tell(message)
+            client.tell(message, in_order=in_order)
 
     def say(self, reason: str) -> None:
         """Show an error in all clients; more than 20 in a second are left out."""
@@ -269,15 +269,15 @@ class Server:
                 client.connection.send(message)
 
     def tell_playback(self, state: PlaybackState) -> None:
-        """Tell how the recording plays."""
+        """Tell how the recording plays, after what was sent of it."""
         with self._lock:
-            self._tell_all(state.as_bytes())
+            self._tell_all(state.as_bytes(), in_order=True)
 
     def forget_the_past(self) -> None:
         """Make all clients drop what they have: time went back."""
         with self._lock:
             self._session = _new_session()
-            self._tell_all(self._info())
+            self._tell_all(self._info(), in_order=True)
 
     # Parameters, and the graph
 

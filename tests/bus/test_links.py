@@ -58,3 +58,10 @@ def test_a_process_that_comes_back_is_whole() -> None:
     tell(links, ("+", "a", None), ("+", "a", NEW))
     changes = links.take()
     assert (changes.half, changes.lost) == (set(), {})
+
+
+def test_a_link_that_is_told_after_its_connection_ended_is_none() -> None:
+    """Events may come late: a process whose connection has ended is not linked."""
+    links = told(("+", "a", None), ("-", "a", None), ("+", "a", OLD))
+    links.take()
+    assert "a" not in links

@@ -178,6 +178,11 @@ TROUBLES = {
         "warn",
         "eclipse-zenoh 2.0.0; tfbus is tested with 1.10",
     ),
+    "alone": (
+        with_host(scouts={42: "python"}),
+        "warn",
+        "programs of this host scout, and none of them is on this bus: python (pid 42)",
+    ),
     "scouting": (
         with_host(scouted=False, interfaces=(DOWN,)),
         "fail",
@@ -374,7 +379,7 @@ def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
     empty = replace(healthy, nodes=(tool,), tree=nothing, flows=(), largest={})
     verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
     well = {name for name, verdict in verdicts.items() if verdict == "ok"}
-    of_the_host = {"install", "kernel", "zenoh", "scouting", "routers"}
+    of_the_host = {"install", "kernel", "zenoh", "scouting", "alone", "routers"}
     assert well == of_the_host | {"encryption", "certificate", "rights", "clock", "ros"}
 
 

@@ -85,6 +85,11 @@ class Links:
         """The links that are open."""
         return {link for each in self._connections.values() for link in each.links}
 
+    def keep_only(self, zids: set[str]) -> None:
+        """Forget connections other than these, which are those that Zenoh has."""
+        for zid in self._connections.keys() - zids:
+            del self._connections[zid]
+
     def take(self) -> Changes:
         """Take what was noted."""
         lost: dict[str, str] = {}
@@ -108,13 +113,14 @@ class Links:
             connection = self._connections.pop(zid, None)
             if connection is not None:
                 lost[zid] = connection.dst
+        elif (connection := self._connections.get(zid)) is None:
+            pass  # it has ended: events of links may come after that of their connection
         elif has_come:
-            connection = self._connections.setdefault(zid, _Connection())
             connection.links.add(link)
             connection.dst = link.dst
             if connection.has_had_first:
                 connection.added_s = at_s
             connection.has_had_first = True
-        elif (connection := self._connections.get(zid)) is not None:
+        else:
             connection.links.discard(link)
             connection.removed_s = at_s

@@ -359,6 +359,8 @@ class Neighbours:
 
     def _scout(self) -> None:
         assert self._scouting is not None
+        info = self._session.info
+        self._links.keep_only({str(zid) for zid in (*info.peers_zid(), *info.routers_zid())})
         self._ask_on({address for *_, address in self._places})
         for asking in self._asking.values():
             with suppress(OSError):  # no route yet: again after the next pause

@@ -21,6 +21,7 @@ CHECKS: dict[str, Check] = {
     "kernel": host_checks.check_kernel,
     "zenoh": host_checks.check_zenoh,
     "scouting": host_checks.check_scouting,
+    "alone": host_checks.check_alone,
     "routers": host_checks.check_routers,
     "encryption": secure_checks.check_encryption,
     "certificate": secure_checks.check_certificate,

@@ -19,7 +19,8 @@ class Host:
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, where it did.
+    compiler failed, where it did. `scouts` are other processes of this host that take part in
+    scouting, by their pids.
     """
 
     versions: Mapping[str, str]
@@ -30,6 +31,7 @@ class Host:
     unreachable: Mapping[str, str] = field(default_factory=dict)
     listens_beyond: tuple[str, ...] = ()
     why_interpreted: str = ""
+    scouts: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.doctor.examination import Host
+from tfbus.doctor.local_scouts import local_scouts
 from tfbus.runtime.interpreted import why_interpreted
 from tfbus.runtime.version import version_and_origin
 
@@ -36,6 +37,7 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
+        scouts=local_scouts(),
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
 

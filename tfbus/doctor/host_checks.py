@@ -3,7 +3,7 @@
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.runtime.interpreted import SLOWER
-from tfbus.wording import counted
+from tfbus.wording import counted, listed
 
 _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 
@@ -46,7 +46,11 @@ def check_scouting(seen: Examination) -> Finding:
     """Processes find each other by multicast."""
     if seen.host.scouted is None:
         return skipped("scouting is off, by the mode or the configuration")
-    carriers = [each.name for each in seen.host.interfaces if each.is_up and each.has_multicast]
+    carriers = [
+        each.name
+        for each in seen.host.interfaces
+        if each.is_up and each.has_carrier and each.has_multicast
+    ]
     if seen.host.scouted:
         where = f"on {', '.join(carriers)}" if carriers else "on this host alone: it has no network"
         return ok(f"a session of this host was found by multicast {where}")
@@ -58,6 +62,26 @@ def check_scouting(seen: Examination) -> Finding:
         evidence.append(f"{', '.join(carriers)} should carry it: a firewall may block it")
         remedy = "open UDP port 7446 to 224.0.0.224 in the firewall, or give --connect ENDPOINT"
     return Finding("fail", tuple(evidence), remedy)
+
+
+def check_alone(seen: Examination) -> Finding:
+    """The processes of this host that scout are on the bus."""
+    if seen.host.scouted is None:
+        return skipped("scouting is off, by the mode or the configuration")
+    scouts = seen.host.scouts
+    scouts = seen.host.scouts
+    if not scouts:
+        return ok("no other program of this host scouts")
+    met = {node.pid for node in seen.nodes} & scouts.keys()
+    if met:
+        return ok(f"{len(met)} of {counted(len(scouts), 'program')} of this host that scout: met")
+    names = listed([f"{name} (pid {pid})" for pid, name in sorted(scouts.items())])
+    return Finding(
+        "warn",
+        (f"programs of this host scout, and none of them is on this bus: {names}",),
+        "if they should be: restart those that began before the network was there, and give all "
+        "the same --secure and --config",
+    )
 
 
 def check_routers(seen: Examination) -> Finding:

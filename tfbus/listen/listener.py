@@ -35,6 +35,7 @@ from tfbus.listen.reception import (
 )
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
+from tfbus.listen.still_sending import StillSending
 from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
@@ -152,6 +153,7 @@ class TransformListener:
             log=node.log,
             executor=self._executor,
         )
+        self._still_sending = StillSending(self._registry, self._watch, self._executor)
         self._executor.every(_TIDY_EVERY_S, self._forget_strangers)
         self._forget_close = node.session.at_close(self.close)
 
@@ -416,6 +418,7 @@ class TransformListener:
             stream.is_lost = True
             stream.reception.vanish()
             self._warn_gone(state)
+            self._still_sending.note_gone(stream.reception.name)
         elif state.alive and not former.alive:
             stream.reception.arrive()
             if stream.is_lost:

@@ -87,6 +87,8 @@ class StreamWatch:
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
+        # The tokens that are there.
+        self._living: set[str] = set()
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -119,6 +121,22 @@ class StreamWatch:
             "a disputed epoch", lambda: self._ask_for_epoch(name, epoch_ns), limit=_MOST_CLAIMS
         )
 
+    def has_token(self, key: str) -> bool:
+        """Whether this token is there now."""
+        return key in self._living
+
+    def take_for_alive(self, key: str) -> None:
+        """Take a stream that sends for alive, as if its token had come. Call it on the executor's
+        thread.
+        """
+        if not self._closed:
+            self._take_token(key, True)
+
+    def take_for_gone(self, key: str) -> None:
+        """Take a stream without a token for gone. Call it on the executor's thread."""
+        if not self._closed and key not in self._living:
+            self._take_token(key, False)
+
     def forget(self, key: str) -> None:
         """Forget the description of the stream of this token, until another comes. Call it on the
         executor's thread.
@@ -140,7 +158,7 @@ class StreamWatch:
 
     def _on_token(self, key: str, alive: bool) -> None:
         if self._is_name(key):
-            self._do(lambda: self._take_token(key, alive))
+            self._do(lambda: self._note_token(key, alive))
 
     def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
         if self._is_name(key) and self._mailbox.put(Letter(key, payload, sender)):
@@ -191,6 +209,10 @@ class StreamWatch:
                 mistake,
             )
         return allowed
+
+    def _note_token(self, key: str, alive: bool) -> None:
+        (self._living.add if alive else self._living.discard)(key)
+        self._take_token(key, alive)
 
     def _take_token(self, key: str, alive: bool) -> None:
         former = self._state(key)

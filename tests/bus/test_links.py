@@ -1,0 +1,67 @@
+"""Links as Zenoh tells of them: who is lost, and who is half linked."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import zenoh
+
+from tfbus.bus.links import Link, Links
+
+OLD = Link("tcp/10.0.0.1:4000", "tcp/10.0.0.2:7447")
+NEW = Link("tcp/10.0.0.1:7447", "tcp/10.0.0.2:5000")
+
+
+def told(*steps: tuple[str, str, Link | None]) -> Links:
+    """Links after events: "+" or "-", an id, and a link, or None for the connection."""
+    links = Links()
+    tell(links, *steps)
+    return links
+
+
+def tell(links: Links, *steps: tuple[str, str, Link | None]) -> None:
+    """Tell of further events."""
+    for sign, zid, link in steps:
+        kind = zenoh.SampleKind.PUT if sign == "+" else zenoh.SampleKind.DELETE
+        one: Any = SimpleNamespace(zid=zid, src=link and link.src, dst=link and link.dst)
+        event: Any = SimpleNamespace(kind=kind, transport=one, link=one)
+        (links.note_transport if link is None else links.note_link)(event)
+
+
+def test_a_process_is_linked_until_its_connection_ends() -> None:
+    """A connection with its link comes and goes: the process is lost, at its endpoint."""
+    links = told(("+", "a", None), ("+", "a", OLD))
+    assert links.take().new == {OLD}
+    assert "a" in links
+    tell(links, ("-", "a", None))
+    assert links.take().lost == {"a": OLD.dst}
+    assert not links
+
+
+def test_a_link_that_joins_one_that_is_lost_is_half() -> None:
+    """A link added to a connection whose former link is lost knows nothing of what was declared."""
+    links = told(("+", "a", None), ("+", "a", OLD))
+    links.take()
+    tell(links, ("+", "a", NEW), ("-", "a", OLD))
+    assert links.take().half == {NEW}
+
+
+def test_two_links_of_two_that_connect_at_once_are_whole() -> None:
+    """Two processes that connect to each other at once have two links, and both count."""
+    links = told(("+", "a", None), ("+", "a", OLD), ("+", "a", NEW))
+    changes = links.take()
+    assert (changes.half, changes.new) == (set(), {OLD, NEW})
+
+
+def test_a_process_that_comes_back_is_whole() -> None:
+    """A connection that ended and began anew is a whole one."""
+    links = told(("+", "a", None), ("+", "a", OLD), ("-", "a", OLD), ("-", "a", None))
+    tell(links, ("+", "a", None), ("+", "a", NEW))
+    changes = links.take()
+    assert (changes.half, changes.lost) == (set(), {})
+
+
+def test_a_link_that_is_told_after_its_connection_ended_is_none() -> None:
+    """Events may come late: a process whose connection has ended is not linked."""
+    links = told(("+", "a", None), ("-", "a", None), ("+", "a", OLD))
+    links.take()
+    assert "a" not in links

@@ -1,0 +1,43 @@
+"""Publishers whose token is lost, and that go on to send."""
+
+from tests.live_bus import Bus, eventually, keep_sending
+from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
+from tfbus.wire.keys import stream_key
+
+
+def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:
+    """A stream whose token is lost is back once its messages have gone on for a while."""
+    publisher, buffer = bus.node("sim"), Buffer()
+    keep_sending(publisher, "world", "robot")
+    with TransformListener(buffer, bus.node("listener")) as listener:
+        eventually(lambda: [each.name for each in listener.streams() if each.alive] == ["sim"])
+        eventually(lambda: "robot" in buffer.frames())
+        # Half a link: the token ends here alone.
+        listener._watch._on_token(stream_key("sim"), False)
+        eventually(lambda: buffer.frame("robot").gone)
+        eventually(lambda: not buffer.frame("robot").gone)
+        assert [each.name for each in listener.streams() if each.alive] == ["sim"]
+        # And it is gone for good once it no longer sends.
+        publisher.close()
+        eventually(lambda: buffer.frame("robot").gone)
+
+
+def test_a_publisher_without_a_token_is_gone_once_it_is_silent(bus: Bus) -> None:
+    """A stream that was back for its messages alone is gone after the last of them."""
+    publisher, buffer = bus.node("sim"), Buffer()
+    broadcaster = TransformBroadcaster(publisher)
+
+    def send() -> None:
+        pose = Transform.identity()
+        broadcaster.send_transform(TransformStamped(publisher.now_ns(), "world", "robot", pose))
+
+    sending = publisher.create_timer(0.05, send)
+    with TransformListener(buffer, bus.node("listener")) as listener:
+        eventually(lambda: "robot" in buffer.frames())
+        eventually(lambda: [each.alive for each in listener.streams()] == [True])
+        listener._watch._on_token(stream_key("sim"), False)
+        eventually(lambda: buffer.frame("robot").gone)
+        eventually(lambda: not buffer.frame("robot").gone)
+        # Its token does not end here, as it was not there.
+        sending.cancel()
+        eventually(lambda: buffer.frame("robot").gone)

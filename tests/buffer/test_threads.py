@@ -8,12 +8,14 @@ a stamp and the pose of another, does not.
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
 import pytest
 
+from tests.builders import S, moved
+from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.geometry.batch import TransformBatch
@@ -186,3 +188,27 @@ def test_lookups_go_on_beside_thousands_of_new_frames() -> None:
         inserted.append(buffer.count_sent_by("flood"))
     assert any(0 < each < count for each in inserted)
     assert buffer.count_sent_by("flood") == count
+
+
+@pytest.mark.parametrize("name", ["forget", "remove_sent", "mark_gone", "senders_of"])
+def test_lookups_go_on_while_many_frames_of_a_stream_change(name: str) -> None:
+    """The lock is held for a few frames at a time."""
+    buffer = Buffer()
+    frames = [f"frame_{i}" for i in range(1000)]
+    buffer.set_transforms([moved(S, "map", frame) for frame in frames], authority="sim")
+
+    def names() -> Iterator[str]:
+        for i, frame in enumerate(frames):
+            if i == 900:
+                assert InAThread(lambda: buffer.frame("map").name).result() == "map"
+            yield frame
+
+    calls: dict[str, Callable[[], object]] = {
+        "forget": lambda: buffer.forget("sim", names()),
+        "remove_sent": lambda: buffer.remove_sent(names(), "sim"),
+        "mark_gone": lambda: buffer.mark_gone(names(), True, "sim"),
+        "senders_of": lambda: buffer.senders_of(names()),
+    }
+    calls[name]()
+    count = 0 if name == "remove_sent" else 1000
+    assert len(buffer.sent_by("sim")) == count

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -282,8 +282,11 @@ class Buffer:
         held, of a static one 0.
         """
         authority = _text(authority, "authority")
-        with self._store.lock:
-            return self._store.tree.sent_by(authority)
+        held: dict[str, int] = {}
+        for some in self._in_slices(self._frames_of(authority)):
+            with self._store.lock:
+                held |= self._store.tree.sent_by(authority, some)
+        return held
 
     def count_sent_by(self, authority: str) -> int:
         """How many frames this authority sent last."""
@@ -292,8 +295,7 @@ class Buffer:
     def senders_of(self, frames: Iterable[str]) -> dict[str, set[str]]:
         """These frames by the authority that sent each last; unknown ones are left out."""
         senders: dict[str, set[str]] = {}
-        left = iter(frames)
-        while some := list(islice(left, _FRAMES_AT_A_TIME)):
+        for some in self._in_slices(frames):
             with self._store.lock:
                 for frame in some:
                     history = self._store.tree.frames.get(frame)
@@ -308,8 +310,9 @@ class Buffer:
         authority = _text(authority, "authority")
         if self._store.lock.later(self.forget, authority, frames):
             return
-        with self._store.lock:
-            self._store.tree.forget(authority, frames)
+        for some in self._in_slices(self._frames_of(authority) if frames is None else frames):
+            with self._store.lock:
+                self._store.tree.forget(authority, some)
         self._store.waiters.wake_all()
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
@@ -317,25 +320,35 @@ class Buffer:
         authority = _text(authority, "authority")
         if self._store.lock.later(self.mark_gone, frames, gone, authority):
             return
-        with self._store.lock:
-            self._store.tree.mark_gone(frames, gone, authority)
-        self._store.notify()
+        for some in self._in_slices(frames):
+            with self._store.lock:
+                self._store.tree.mark_gone(some, gone, authority)
+            self._store.notify()
 
     def remove_sent(self, frames: Iterable[str], authority: str) -> None:
         """Remove those of the frames that this authority sent last, as `remove` does."""
         authority = _text(authority, "authority")
         if self._store.lock.later(self.remove_sent, frames, authority):
             return
-        left = iter(frames)
-        while some := list(islice(left, _FRAMES_AT_A_TIME)):
+        for some in self._in_slices(frames):
             with self._store.lock:
                 for frame in some:
                     self._store.tree.remove_sent(_text(frame, "frame"), authority)
+            self._store.notify()
+        self._store.waiters.wake_all()
+
+    def _frames_of(self, authority: str) -> list[str]:
+        with self._store.lock:
+            return list(self._store.tree.senders.get(authority, ()))
+
+    def _in_slices(self, frames: Iterable[str]) -> Iterator[list[str]]:
+        """The frames, a few at a time: other threads look up between them."""
+        left = iter(frames)
+        while some := list(islice(left, _FRAMES_AT_A_TIME)):
+            yield some
             # Other threads run meanwhile, even where no listener is called.
             with cython.nogil:
                 pass
-            self._store.notify()
-        self._store.waiters.wake_all()
 
     def expect_past(self, authority: str) -> Callable[[], None]:
         """Let lookups with a timeout wait for times before the first sample of a frame that this

@@ -497,21 +497,20 @@ class Tree:
         for history in self.frames.values():
             history.forget_after(stamp_ns)
 
-    def sent_by(self, authority: str) -> dict[str, int]:
-        """The frames that an authority sent last, and how many samples of each are held, of a
-        static one 0.
-        """
-        return {
-            name: 0 if history.static else history.count()
-            for name, history in self.senders.get(authority, {}).items()
-        }
-
-    def forget(self, authority: str, frames: Iterable[str] | None) -> None:
-        """Forget the samples of the frames that an authority sent last, or of these of them; static
-        poses stay.
+    def sent_by(self, authority: str, frames: Iterable[str]) -> dict[str, int]:
+        """Those of the frames that an authority sent last, and how many samples of each are held,
+        of a static one 0.
         """
         sent = self.senders.get(authority, {})
-        for frame in sent if frames is None else frames:
+        found = [sent[frame] for frame in frames if frame in sent]
+        return {history.name: 0 if history.static else history.count() for history in found}
+
+    def forget(self, authority: str, frames: Iterable[str]) -> None:
+        """Forget the samples of those of the frames that an authority sent last; static poses
+        stay.
+        """
+        sent = self.senders.get(authority, {})
+        for frame in frames:
             history = sent.get(frame)
             if history is not None:
                 history.forget_samples()

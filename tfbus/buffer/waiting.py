@@ -162,5 +162,7 @@ class Waiters:
 
 def _alarms(history: History) -> Alarms:
     if not isinstance(history.alarms, Alarms):
+        # They lead to those who wait, and these perhaps back to the buffer.
+        history.track()
         history.alarms = Alarms()
     return history.alarms

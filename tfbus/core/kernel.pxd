@@ -4,6 +4,23 @@ cimport libc.math as math
 from tfbus.core cimport packed
 from tfbus.core.packed cimport octets_t, pose_t
 
+cdef extern from *:
+    """
+    #define tfbus_untrack(object) PyObject_GC_UnTrack((PyObject*) (object))
+    #define tfbus_track(object) PyObject_GC_Track((PyObject*) (object))
+    #define tfbus_is_tracked(object) PyObject_GC_IsTracked((PyObject*) (object))
+    /* Numbers, which refer to nothing: the memoryview and its array. */
+    #define tfbus_untrack_view(view) do { \\
+        PyObject_GC_UnTrack((view).memview); \\
+        PyObject_GC_UnTrack((view).memview->obj); \\
+    } while (0)
+    """
+    void tfbus_untrack(object each) noexcept
+    void tfbus_track(object each) noexcept
+    bint tfbus_is_tracked(object each) noexcept
+    void tfbus_untrack_view "tfbus_untrack_view" (long long[::1] view) noexcept
+    void tfbus_untrack_poses "tfbus_untrack_view" (double[::1] view) noexcept
+
 ctypedef (double, double, double, double, double, double) twist_t
 
 cdef double _SERIES_BELOW
@@ -125,6 +142,8 @@ cdef class History:
     cdef dict paths
     cdef public object alarms
 
+    @cython.locals(history=History)
+    cpdef track(self)
     cdef bint seek(self, long long stamp_ns) noexcept
     @cython.locals(samples=samples_ptr, at=Py_ssize_t)
     cdef bint seek_nearest(self, long long stamp_ns, long long tolerance_ns) noexcept
@@ -174,6 +193,7 @@ cdef class History:
     cdef void _set_newest(self) noexcept
     cdef _change_parent(self, History parent)
     cdef _track_parents(self, long long until_ns)
+    @cython.locals(parent=History)
     cdef _set_parents(self, list parents)
     @cython.locals(samples=samples_ptr, alive=Py_ssize_t, more=Py_ssize_t)
     cdef bint _make_room(self, Py_ssize_t max_samples) except -1

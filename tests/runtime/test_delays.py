@@ -47,6 +47,7 @@ def test_a_late_timer_names_the_callback_that_held_it_up(
     for _ in range(3):
         executor.submit("topic scan", lambda: spend(0.1))
     eventually(lambda: delays.described() and delays.described()[0]["lost"] >= 10)
+    eventually(lambda: caplog.records)  # the line follows the count
     lines = [record.getMessage() for record in caplog.records]
     assert len(lines) == 1
     assert lines[0].startswith("Timer of 10 ms (tick) was late by ")

@@ -101,12 +101,6 @@ MESSAGES = [
 
 # The modules with ROS's names, and those that each has.
 COMPAT = {
-    "builtin_interfaces.msg": "Duration Time",
-    "geometry_msgs.msg": (
-        "Point Point32 PointStamped Polygon PolygonStamped Pose PoseStamped "
-        "PoseWithCovariance PoseWithCovarianceStamped Quaternion Transform "
-        "TransformStamped Twist Vector3 Vector3Stamped"
-    ),
     "rclpy": (
         "callback_groups clock create_node duration exceptions executors init logging "
         "node ok parameter qos shutdown spin spin_once spin_until_future_complete task "
@@ -136,11 +130,6 @@ COMPAT = {
     "rclpy.task": "Future",
     "rclpy.time": "ClockType Duration Time",
     "rclpy.utilities": "ok remove_ros_args",
-    "sensor_msgs.msg": "JointState",
-    "std_msgs.msg": "Header String",
-    "std_srvs.srv": "Empty",
-    "tf2_msgs.msg": "TFMessage",
-    "tf2_msgs.srv": "FrameGraph",
     "tf2_geometry_msgs": (
         "do_transform_point do_transform_polygon_stamped do_transform_pose "
         "do_transform_pose_stamped do_transform_pose_with_covariance_stamped "
@@ -165,8 +154,6 @@ COMPAT = {
     "tf2_ros.static_transform_broadcaster": "StaticTransformBroadcaster",
     "tf2_ros.transform_broadcaster": "TransformBroadcaster",
     "tf2_ros.transform_listener": "TransformListener",
-    "turtlesim.msg": "Color Pose",
-    "turtlesim.srv": "Kill SetPen Spawn TeleportAbsolute TeleportRelative",
 }
 
 

@@ -285,7 +285,7 @@ def test_what_is_missing_says_what_to_do(name: str) -> None:
     [
         ("rclpy", "action", "create_goal_server"),
         ("rclpy", "nonsense", "tfbus.Node"),
-        ("geometry_msgs.msg", "Wrench", "dataclass"),
+        ("geometry_msgs.msg", "Wrenches", "did you mean Wrench. it has Accel, .*dataclass"),
         ("turtlesim.srv", "Nonsense", "dataclass"),
     ],
 )

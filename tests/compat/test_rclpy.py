@@ -212,7 +212,11 @@ def test_messages_arrive_in_ros_layout(rclpy: ModuleType, bus: Bus) -> None:
     joints = own.create_publisher(messages.JointState, "joints")
     publish_until(node, joints, state, lambda: any(isinstance(it, JointState) for it in got))
     [joint, *_] = [it for it in got if isinstance(it, JointState)]
-    assert (joint.name, joint.position, joint.header.stamp.nanosec) == (["a"], [0.5], 500_000_000)
+    assert (joint.name, [*joint.position], joint.header.stamp.nanosec) == (
+        ["a"],
+        [0.5],
+        500_000_000,
+    )
     read.clear()
     publisher = node.create_publisher(JointState, "joints2", 1)
     publish_until(node, publisher, joint, lambda: state in read)
@@ -240,7 +244,9 @@ def test_every_message_of_ros_goes_over_the_bus(rclpy: ModuleType) -> None:
 def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
     """The newest; each is delivered once."""
     work, got = Work(), []
-    subscription = Subscription(work, bus_type_of(String, SYSTEM_CLOCK), got.append, depth=2)
+    subscription = Subscription(
+        work, bus_type_of(String, "text", SYSTEM_CLOCK), got.append, depth=2
+    )
     for word in "abcd":
         subscription.receive(String(data=word))
     while job := work.take():
@@ -250,7 +256,7 @@ def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
 
 def test_a_message_that_comes_while_another_is_delivered_is_delivered_too() -> None:
     """Also where the subscription was full a moment before."""
-    work, got, string = Work(), [], bus_type_of(String, SYSTEM_CLOCK)
+    work, got, string = Work(), [], bus_type_of(String, "text", SYSTEM_CLOCK)
 
     def from_bus(message: String) -> String:
         # The thread that spins takes the message before, just now.

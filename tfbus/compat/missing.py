@@ -1,7 +1,7 @@
 """What a module with ROS's names says of names that it has not."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import NoReturn
 
 
 def missing_names(
@@ -12,16 +12,14 @@ def missing_names(
     """
 
     def missing(name: str) -> NoReturn:
-        if name.startswith("_"):  # what the import system and inspect ask of any module
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        # Of an AttributeError `from ... import` would not show the sentence.
-        raise ImportError(f"{module} has no {name}: {instead.get(name, otherwise)}", name=name)
+        raise_missing(module, name, instead.get(name, otherwise))
 
     return missing
 
 
-def missing_messages(module: str) -> Callable[[str], Any]:
-    """The same for a module of messages."""
-    return missing_names(
-        module, {}, "write it as a dataclass with ROS's fields, which goes over the bus as it is"
-    )
+def raise_missing(module: str, name: str, instead: str) -> NoReturn:
+    """Raise the error for a name that a module has not."""
+    if name.startswith("_"):  # what the import system and inspect ask of any module
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+    # Of an AttributeError `from ... import` would not show the sentence.
+    raise ImportError(f"{module} has no {name}: {instead}", name=name)

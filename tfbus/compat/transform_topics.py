@@ -1,15 +1,13 @@
 """ROS's topics /tf and /tf_static of messages: on the bus they are the streams of transforms."""
 
 from collections.abc import Callable
+from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.compat.builtin_interfaces.msg import Time
 from tfbus.compat.bus_types import BusType
-from tfbus.compat.fields import stamped_of
-from tfbus.compat.geometry_msgs import msg as ros
-from tfbus.compat.std_msgs.msg import Header
-from tfbus.compat.tf2_msgs.msg import TFMessage
+from tfbus.compat.fields import message_with, stamped_of
+from tfbus.compat.used_messages import TFMessage
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import Endpoint
@@ -18,8 +16,6 @@ from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.keys import STATIC_TRANSFORMS, is_foreign
 from tfbus.wire.scan import TransformMessage
 from tfbus.wire.transforms import decode_transforms
-
-_SECOND_NS = 1_000_000_000
 
 
 class TransformsPublisher(Endpoint):
@@ -66,35 +62,23 @@ class TransformsSubscription(Endpoint):
         self._callback(message)
 
 
-def _to_bus(message: TFMessage) -> list[TransformStamped]:
+def _to_bus(message: Any) -> list[TransformStamped]:
     return [stamped_of(each) for each in message.transforms]
 
 
-def _from_bus(message: TransformMessage) -> TFMessage:
+def _from_bus(message: TransformMessage) -> Any:
     """The transforms as they were sent, with those that a buffer refuses."""
     rows = message.rows
     named = ((rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs())
     poses = rows.as_batch().poses.tolist()
     return TFMessage(
         transforms=[
-            ros.TransformStamped(
-                header=Header(stamp=_time(stamp_ns), frame_id=parent),
-                child_frame_id=child,
-                transform=ros.Transform(
-                    translation=ros.Vector3(x=x, y=y, z=z),
-                    rotation=ros.Quaternion(x=qx, y=qy, z=qz, w=qw),
-                ),
-            )
-            for (parent, child), stamp_ns, (x, y, z, qx, qy, qz, qw) in zip(
+            message_with(stamp_ns, parent, child, pose)
+            for (parent, child), stamp_ns, pose in zip(
                 named, rows.stamps_as_ints(), poses, strict=True
             )
         ]
     )
-
-
-def _time(stamp_ns: int) -> Time:
-    sec, nanosec = divmod(stamp_ns, _SECOND_NS)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 ON_TRANSFORM_TOPICS = BusType(TFMessage, _to_bus, _from_bus)

@@ -17,7 +17,7 @@ from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.compat.rclpy.work import Work
-from tfbus.compat.tf2_msgs.msg import TFMessage
+from tfbus.compat.used_messages import TFMessage
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
@@ -152,7 +152,7 @@ class Node:
 
             sender = of.TransformsPublisher(self.tfbus_node, kind)
             return Publisher(sender, of.ON_TRANSFORM_TOPICS, msg_type)
-        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
+        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
         return Publisher(publisher, on_bus, msg_type)
 
@@ -185,7 +185,7 @@ class Node:
                 self.tfbus_node, kind, subscription.receive
             )
             return subscription
-        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
+        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
         group = self._group(callback_group)
         subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
         subscription.endpoint = self.tfbus_node.create_subscription(

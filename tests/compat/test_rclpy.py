@@ -38,7 +38,6 @@ from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
-from tfbus.errors import ParameterError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
@@ -394,8 +393,8 @@ def test_parameters_have_values_of_their_type(rclpy: ModuleType) -> None:
     assert node.get_parameter_or("none", 5) == 5 and not node.has_parameter("none")
     assert node.get_parameter("use_sim_time").value is False
     node.set_parameters([Parameter("use_sim_time", Parameter.Type.BOOL, False)])  # as it is
-    with pytest.raises(ParameterError, match="TFBUS_SIM_TIME=1"):
-        node.set_parameters([Parameter("use_sim_time", Parameter.Type.BOOL, True)])
+    [refused] = node.set_parameters([Parameter("use_sim_time", Parameter.Type.BOOL, True)])
+    assert not refused.successful and "TFBUS_SIM_TIME=1" in refused.reason
 
 
 def test_mistakes_with_parameters_are_errors(rclpy: ModuleType) -> None:
@@ -406,8 +405,10 @@ def test_mistakes_with_parameters_are_errors(rclpy: ModuleType) -> None:
         node.get_parameter("b")
     with pytest.raises(ParameterAlreadyDeclaredException):
         node.declare_parameter("a", 1)
-    with pytest.raises(TypeError, match="has a default"):
-        node.declare_parameter("b")
+    with pytest.raises(TypeError, match="ignore_override"):
+        rclpy.create_node("given", cli_args=["--ros-args", "-p", "a:=2"]).declare_parameter(
+            "a", 1, ignore_override=True
+        )
     with pytest.raises(TypeError, match="must be a bool"):
         Parameter("b", None, object())
     with pytest.raises(ValueError, match="INTEGER and not STRING"):
@@ -505,14 +506,14 @@ def test_lines_of_a_log_can_be_left_out(
 def test_what_a_node_lacks_says_what_to_use(rclpy: ModuleType) -> None:
     """Names of rclpy's, and any other."""
     node = rclpy.create_node("lacks")
-    with pytest.raises(AttributeError, match=r"on_change="):
-        node.add_on_set_parameters_callback(print)
+    with pytest.raises(AttributeError, match=r"work\.submit"):
+        node.create_guard_condition(print)
     with pytest.raises(AttributeError, match=r"node\.tfbus_node is a tfbus\.Node"):
         node.nonsense  # noqa: B018  # the access is the test
-    with pytest.raises(TypeError, match="does not take allow_undeclared_parameters"):
-        Node("lacks2", allow_undeclared_parameters=True)
-    with pytest.raises(TypeError, match="does not take domain_id"):
-        rclpy.init(domain_id=5)
+    with pytest.raises(TypeError, match="does not take parameters_by_magic"):
+        Node("lacks2", parameters_by_magic=True)
+    with pytest.raises(TypeError, match="does not take domain"):
+        rclpy.init(domain=5)
     with pytest.raises(NotImplementedError, match="jump"):
         node.get_clock().create_jump_callback(None)
 

@@ -1,5 +1,6 @@
 """Packages of ROS's interfaces as modules: `tfbus.compat.nav_msgs.msg` has the class Odometry."""
 
+import importlib
 import sys
 from collections.abc import Sequence
 from importlib.abc import Loader, MetaPathFinder
@@ -23,6 +24,18 @@ _INSTEAD = {
 }
 
 
+# Modules of ROS whose names are in another one here.
+_SAME = {
+    "rclpy.client": "rclpy.endpoints",
+    "rclpy.publisher": "rclpy.endpoints",
+    "rclpy.service": "rclpy.endpoints",
+    "rclpy.subscription": "rclpy.endpoints",
+    "rclpy.timer": "rclpy.endpoints",
+    "tf2_py._tf2_py": "tf2_py",
+    "transformations": "tf_transformations",
+}
+
+
 class _Packages(MetaPathFinder, Loader):
     """Finds packages of interfaces below tfbus.compat, and the modules in them."""
 
@@ -31,7 +44,10 @@ class _Packages(MetaPathFinder, Loader):
     ) -> ModuleSpec | None:
         if not fullname.startswith(f"{PACKAGE}."):
             return None
-        package, _, kind = fullname.removeprefix(f"{PACKAGE}.").partition(".")
+        below = fullname.removeprefix(f"{PACKAGE}.")
+        if below in _SAME:
+            return ModuleSpec(fullname, self)
+        package, _, kind = below.partition(".")
         kinds = interfaces_of(package)
         if kind in kinds or (kinds and not kind):
             return ModuleSpec(fullname, self, is_package=not kind)
@@ -40,13 +56,40 @@ class _Packages(MetaPathFinder, Loader):
         return None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        package, _, kind = spec.name.removeprefix(f"{PACKAGE}.").partition(".")
+        below = spec.name.removeprefix(f"{PACKAGE}.")
+        if below in _SAME:
+            return _Same(spec.name, importlib.import_module(f"{PACKAGE}.{_SAME[below]}"))
+        package, _, kind = below.partition(".")
         if not kind:
-            return ModuleType(spec.name, f"ROS's package {package}.")
+            return _Package(spec.name, package)
         return _Interfaces(spec.name, package, kind)
 
     def exec_module(self, module: ModuleType) -> None:
         """Nothing: its classes are made when they are used."""
+
+
+class _Same(ModuleType):
+    """A module with the names of another one."""
+
+    def __init__(self, name: str, other: ModuleType) -> None:
+        super().__init__(name, other.__doc__)
+        self._other = other
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._other, name)
+
+
+class _Package(ModuleType):
+    """A package whose modules msg, srv and action are there without an import of their own."""
+
+    def __init__(self, name: str, package: str) -> None:
+        super().__init__(name, f"ROS's package {package}.")
+        self._kinds = [*interfaces_of(package)]
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self._kinds:
+            return importlib.import_module(f"{self.__name__}.{name}")
+        raise_missing(self.__name__, name, f"it has {listed(self._kinds)}")
 
 
 class _Interfaces(ModuleType):

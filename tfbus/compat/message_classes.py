@@ -101,7 +101,8 @@ def interface_class(name: str) -> type[Any]:
     """
     package, kind, leaf = name.split("/")
     if kind == "msg":
-        return message_class(name)
+        made: type[Any] = message_class(name)
+        return made
     holder = type(leaf, (), {"__slots__": (), "__module__": f"{PACKAGE}.{package}.{kind}"})
     for part in _SERVICE if kind == "srv" else _ACTION:
         made = message_class(f"{name}_{part}")
@@ -120,7 +121,7 @@ def bus_name(name: str) -> str:
 
 
 @cache
-def message_class(name: str) -> type[RosMessage]:
+def message_class(name: str) -> Any:
     """The class of a message of this full name."""
     message = message_named(name)
     package, kind, leaf = name.split("/")

@@ -1,17 +1,20 @@
 """What a module with ROS's names says of names that it has not."""
 
 from collections.abc import Callable, Mapping
-from typing import NoReturn
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, NoReturn
 
 
-def missing_names(
-    module: str, instead: Mapping[str, str], otherwise: str
-) -> Callable[[str], NoReturn]:
-    """The module's `__getattr__`, whose error says what does the same: `instead` by name, and
-    `otherwise` of all other names that look like ROS's.
+def missing_names(module: str, instead: Mapping[str, str], otherwise: str) -> Callable[[str], Any]:
+    """The module's `__getattr__`: imports a module of a package when it is used first, as ROS's
+    packages do at once. Its error says what does the same: `instead` by name, and `otherwise` of
+    all other names that look like ROS's.
     """
 
-    def missing(name: str) -> NoReturn:
+    def missing(name: str) -> Any:
+        if not name.startswith("_") and _is_module(f"{module}.{name}"):
+            return import_module(f"{module}.{name}")
         raise_missing(module, name, instead.get(name, otherwise))
 
     return missing
@@ -23,3 +26,10 @@ def raise_missing(module: str, name: str, instead: str) -> NoReturn:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     # Of an AttributeError `from ... import` would not show the sentence.
     raise ImportError(f"{module} has no {name}: {instead}", name=name)
+
+
+def _is_module(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:  # what should hold it is no package
+        return False

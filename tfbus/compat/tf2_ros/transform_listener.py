@@ -11,9 +11,12 @@ from tfbus.compat.tf2_ros.buffer import Buffer
 from tfbus.listen.listener import TransformListener as TfbusListener
 from tfbus.runtime.right_form import called_as
 
-__all__ = ["TransformListener"]
+__all__ = ["DEFAULT_STATIC_TF_TOPIC", "DEFAULT_TF_TOPIC", "TransformListener"]
 
-_TOPICS = {"tf_topic": "/tf", "tf_static_topic": "/tf_static"}
+DEFAULT_TF_TOPIC = "/tf"
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
+
+_TOPICS = {"tf_topic": DEFAULT_TF_TOPIC, "tf_static_topic": DEFAULT_STATIC_TF_TOPIC}
 
 
 class TransformListener:

@@ -1,6 +1,7 @@
-"""ROS's topics /tf and /tf_static of messages: on the bus they are the streams of transforms."""
+"""ROS's topics /tf and /tf_static of messages: on the bus they are the streams of a namespace."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
@@ -13,13 +14,46 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.node import Node
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.keys import STATIC_TRANSFORMS, is_foreign
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.scan import TransformMessage
 from tfbus.wire.transforms import decode_transforms
 
 
+@dataclass(frozen=True)
+class TransformsTopic:
+    """The transforms of a namespace, dynamic or static ones: `tf` or `tf_static`."""
+
+    kind: str
+    namespace: str
+
+    def key(self, node: Node) -> str:
+        """Where the streams of it are, as the node's session has it."""
+        return self.kind if self.namespace == node.namespace else self.ros_name
+
+    @property
+    def ros_name(self) -> str:
+        """The topic in ROS."""
+        return f"/{self.namespace}/{self.kind}" if self.namespace else f"/{self.kind}"
+
+
+def transforms_topic(node: Node, topic: str) -> TransformsTopic | None:
+    """Which transforms a topic of TFMessage is, after remapping; None for a topic of another name.
+
+    `/tf` is, as for a TransformListener, that of the node's namespace; `/robot7/tf` is robot7's.
+    """
+    resolved = node._resolve(topic)
+    above, _, kind = resolved.rpartition("/")
+    if kind not in (TRANSFORMS, STATIC_TRANSFORMS):
+        return None
+    if resolved == f"/{kind}" or not above:
+        return TransformsTopic(kind, node.namespace)
+    if resolved.startswith("/"):
+        return TransformsTopic(kind, above[1:])
+    return TransformsTopic(kind, f"{node.namespace}/{above}".lstrip("/"))
+
+
 class TransformsPublisher(Endpoint):
-    """Sends the transforms of messages as a broadcaster of the node does."""
+    """Sends the transforms of messages as a broadcaster of a node in their namespace does."""
 
     def __init__(self, node: Node, kind: str) -> None:
         super().__init__(kind, TFMessage)
@@ -40,13 +74,13 @@ class TransformsSubscription(Endpoint):
     """
 
     def __init__(
-        self, node: Node, kind: str, callback: Callable[[TransformMessage], object]
+        self, node: Node, topic: TransformsTopic, callback: Callable[[TransformMessage], object]
     ) -> None:
-        super().__init__(kind, TFMessage)
+        super().__init__(topic.kind, TFMessage)
         self._callback = callback
         self._once = LogOnce(node.log)
-        key = f"{kind}/**"  # each stream has its own, and each frame of a split one
-        if kind == STATIC_TRANSFORMS:
+        key = f"{topic.key(node)}/**"  # each stream has its own, and each frame of a split one
+        if topic.kind == STATIC_TRANSFORMS:
             self._parts.append(declare_retained_subscriber(node.session, key, self._take))
         else:
             self._parts.append(node.session.subscriber(key, self._take))

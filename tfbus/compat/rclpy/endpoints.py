@@ -218,7 +218,7 @@ class Service:
 def ask_while_spun(
     work: Work, ask: Callable[[], Any], group: Any = None, what: str = ""
 ) -> "Answer[Any]":
-    """What `ask()` returns in a thread that spins the node, of a coroutine its result; the exception
+    """What `ask()` returns in a thread that spins the node, of a coroutine its result; its exception
     is a ServiceError.
     """
     answer: Answer[Any] = Answer()

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from tfbus.compat import transform_topics as of
 from tfbus.compat.bus_types import bus_type_of
 from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy import context as contexts
@@ -24,7 +25,7 @@ from tfbus.compat.rclpy.work import Work
 from tfbus.compat.used_messages import TFMessage
 from tfbus.node.node import Node as TfbusNode
 from tfbus.runtime.callback_groups import join
-from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
+from tfbus.runtime.structs import replace
 
 __all__ = [
     "Client",
@@ -96,6 +97,7 @@ class Node:
         self.work = Work(self.tfbus_node.executor.delays)
         self.default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._said: set[str] = set()
+        self._elsewhere: dict[str, TfbusNode] = {}
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
         self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
         self._parameters = NodeParameters(
@@ -155,21 +157,38 @@ class Node:
             self._said.add(text)
             self.tfbus_node.log.warning("%s", text)
 
+    def node_in(self, namespace: str) -> TfbusNode:
+        """The node of tfbus in a namespace: for another than its own, one of the same name there.
+
+        Who sends or listens to the transforms of a namespace is a node in it.
+        """
+        if namespace == self.tfbus_node.namespace:
+            return self.tfbus_node
+        if namespace not in self._elsewhere:
+            settings = replace(
+                self.tfbus_node.settings,
+                namespace=namespace,
+                listen=(),
+                parameters={},
+                remappings={},
+            )
+            self._elsewhere[namespace] = TfbusNode(settings.name, settings=settings)
+        return self._elsewhere[namespace]
+
     def destroy_node(self) -> None:
         """End it and all that it has created; twice is fine."""
         if self in self._context.nodes:
             self._context.nodes.remove(self)
-        self.tfbus_node.close()
+        for each in (*self._elsewhere.values(), self.tfbus_node):
+            each.close()
 
     # What it publishes, subscribes to and serves
 
     def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""
         retained = applied(qos_profile, topic, self.say_once)[1]
-        if kind := _transforms_topic(msg_type, topic):
-            from tfbus.compat import transform_topics as of  # it imports this package
-
-            sender = of.TransformsPublisher(self.tfbus_node, kind)
+        if msg_type is TFMessage and (found := of.transforms_topic(self.tfbus_node, topic)):
+            sender = of.TransformsPublisher(self.node_in(found.namespace), found.kind)
             return Publisher(sender, of.ON_TRANSFORM_TOPICS, msg_type)
         on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
@@ -195,13 +214,11 @@ class Node:
                 "the bytes of the bus"
             )
         depth, retained = applied(qos_profile, topic, self.say_once)
-        if kind := _transforms_topic(msg_type, topic):
-            from tfbus.compat import transform_topics as of  # it imports this package
-
+        if msg_type is TFMessage and (found := of.transforms_topic(self.tfbus_node, topic)):
             on_bus, group = of.ON_TRANSFORM_TOPICS, self.group_of(callback_group)
             subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
             subscription.endpoint = of.TransformsSubscription(
-                self.tfbus_node, kind, subscription.receive
+                self.tfbus_node, found, subscription.receive
             )
             return subscription
         on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
@@ -351,16 +368,6 @@ class Node:
         self._parameters.callbacks.remove(callback)
 
 
-def _transforms_topic(message_type: type, topic: str) -> str:
-    """The kind of transforms, `tf` or `tf_static`, of such a topic; "" for every other topic.
-
-    As of a TransformListener they are those of the node's namespace.
-    """
-    name = topic.lstrip("/")
-    is_one = message_type is TFMessage and name in (TRANSFORMS, STATIC_TRANSFORMS)
-    return name if is_one else ""
-
-
 def tfbus_node_of(node: Any) -> TfbusNode:
     """tfbus's node of a node of either kind. Raises TypeError for anything else."""
     if isinstance(node, TfbusNode):
@@ -371,3 +378,18 @@ def tfbus_node_of(node: Any) -> TfbusNode:
         "node must be a Node of tfbus.compat.rclpy.node or a tfbus.Node, not a "
         f"{type(node).__name__}: a node of ROS itself is not on the bus"
     )
+
+
+def node_of_transforms(node: Any, topic: str) -> TfbusNode:
+    """tfbus's node in the namespace whose transforms a topic is, `/tf` after remapping.
+
+    Raises TypeError for a topic of another name.
+    """
+    own = tfbus_node_of(node)
+    found = of.transforms_topic(own, topic)
+    if found is None:
+        raise TypeError(
+            f"{topic!r} is no topic of transforms: they are on the topics /tf and /tf_static, and "
+            "those of another namespace on /robot7/tf and /robot7/tf_static"
+        )
+    return node.node_in(found.namespace) if isinstance(node, Node) else own

@@ -218,8 +218,8 @@ class Service:
 def ask_while_spun(
     work: Work, ask: Callable[[], Any], group: Any = None, what: str = ""
 ) -> "Answer[Any]":
-    """What `ask()` returns in a thread that spins the node, of a coroutine its result; its exception
-    is a ServiceError.
+    """A future of what `ask()` returns in a thread that spins the node, of a coroutine its result;
+    its exception is a ServiceError.
     """
     answer: Answer[Any] = Answer()
     answer.set_running_or_notify_cancel()

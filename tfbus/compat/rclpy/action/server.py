@@ -69,7 +69,8 @@ class ServerGoalHandle:
 
     def execute(self, execute_callback: Callable[[Any], Any] | None = None) -> None:
         """Call the callback while the node is spun; what it returns is the result."""
-        self.status = GoalStatus.STATUS_EXECUTING
+        if self.status == GoalStatus.STATUS_ACCEPTED:  # and not to be cancelled already
+            self.status = GoalStatus.STATUS_EXECUTING
         self._server.execute(self, execute_callback)
 
     def publish_feedback(self, feedback: Any) -> None:

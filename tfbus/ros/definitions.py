@@ -5,7 +5,6 @@ The message of a request is called `std_srvs/srv/Trigger_Request` there, that of
 """
 
 import os
-from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -29,10 +28,15 @@ _PARTS = {
 
 
 class _Sections(Mapping[str, list[str]]):
-    """The lines of every message that is known, by its full name; packages are read when needed."""
+    """The lines of every message that is known, by its full name, after those of one's `own`;
+    packages are read when needed.
+    """
+
+    def __init__(self, own: Mapping[str, list[str]] | None = None) -> None:
+        self._own = own or {}
 
     def __getitem__(self, name: str) -> list[str]:
-        return _package(name.partition("/")[0])[name]
+        return self._own[name] if name in self._own else _package(name.partition("/")[0])[name]
 
     def __iter__(self) -> Iterator[str]:
         for package in packages():
@@ -64,7 +68,7 @@ def completed(definition: Definition) -> Definition:
     Raises DecodeError where it is not valid, or needs one that is not known.
     """
     own = sections_in(definition.text, definition.name)
-    message = Definitions(ChainMap(own, _Sections())).message(definition.name)
+    message = Definitions(_Sections(own)).message(definition.name)
     return Definition(definition.name, text_of_ros(message))
 
 

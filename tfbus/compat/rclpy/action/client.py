@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfbus.compat.rclpy.action.status import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
@@ -135,7 +136,7 @@ class ActionClient:
         def on_feedback(feedback: Any) -> None:
             if callback is not None:
                 known = GoalFeedback(ids[0] if ids else None, feedback)
-                work.submit(lambda: work.call(callback, known))
+                work.submit(partial(callback, known))
 
         try:
             sent = self._client.send(goal, on_feedback=on_feedback, timeout_s=None)

@@ -101,16 +101,10 @@ MESSAGES = [
 
 # The modules with ROS's names, and those that each has.
 COMPAT = {
-    "builtin_interfaces.msg": "Duration Time",
-    "geometry_msgs.msg": (
-        "Point Point32 PointStamped Polygon PolygonStamped Pose PoseStamped "
-        "PoseWithCovariance PoseWithCovarianceStamped Quaternion Transform "
-        "TransformStamped Twist Vector3 Vector3Stamped"
-    ),
     "rclpy": (
-        "callback_groups clock create_node duration exceptions executors init logging "
-        "node ok parameter qos shutdown spin spin_once spin_until_future_complete task "
-        "time try_shutdown utilities"
+        "Parameter callback_groups clock constants create_node duration exceptions "
+        "executors get_default_context init logging node ok parameter qos shutdown spin "
+        "spin_once spin_until_future_complete task time try_shutdown utilities"
     ),
     "rclpy.callback_groups": (
         "CallbackGroup MutuallyExclusiveCallbackGroup ReentrantCallbackGroup"
@@ -119,32 +113,69 @@ COMPAT = {
     "rclpy.context": "Context",
     "rclpy.duration": "Duration Infinite",
     "rclpy.exceptions": (
-        "InvalidHandle NotInitializedException ParameterAlreadyDeclaredException "
-        "ParameterNotDeclaredException"
+        "InvalidHandle InvalidParameterTypeException InvalidParameterValueException "
+        "NotInitializedException ParameterAlreadyDeclaredException "
+        "ParameterNotDeclaredException ParameterUninitializedException"
     ),
     "rclpy.executors": (
         "Executor ExternalShutdownException MultiThreadedExecutor SingleThreadedExecutor"
     ),
-    "rclpy.logging": "LoggingSeverity get_logger",
-    "rclpy.node": "Node",
+    "rclpy.logging": (
+        "LoggingSeverity RcutilsLogger get_logger get_logging_severity_from_string set_logger_level"
+    ),
+    "rclpy.node": (
+        "Client Node Parameter ParameterDescriptor ParameterType Publisher Service "
+        "SetParametersResult Subscription Timer"
+    ),
     "rclpy.parameter": "Parameter ParameterValue",
     "rclpy.qos": (
-        "DurabilityPolicy HistoryPolicy QoSDurabilityPolicy QoSHistoryPolicy QoSProfile "
-        "QoSReliabilityPolicy ReliabilityPolicy qos_profile_sensor_data "
-        "qos_profile_system_default"
+        "DurabilityPolicy HistoryPolicy LivelinessPolicy QoSDurabilityPolicy "
+        "QoSHistoryPolicy QoSLivelinessPolicy QoSPresetProfiles QoSProfile "
+        "QoSReliabilityPolicy ReliabilityPolicy qos_profile_action_status_default "
+        "qos_profile_parameter_events qos_profile_parameters qos_profile_sensor_data "
+        "qos_profile_services_default qos_profile_system_default qos_profile_unknown"
     ),
     "rclpy.task": "Future",
     "rclpy.time": "ClockType Duration Time",
-    "rclpy.utilities": "ok remove_ros_args",
-    "sensor_msgs.msg": "JointState",
-    "std_msgs.msg": "Header String",
-    "std_srvs.srv": "Empty",
-    "tf2_msgs.msg": "TFMessage",
-    "tf2_msgs.srv": "FrameGraph",
+    "rclpy.utilities": ("get_default_context ok remove_ros_args"),
     "tf2_geometry_msgs": (
         "do_transform_point do_transform_polygon_stamped do_transform_pose "
         "do_transform_pose_stamped do_transform_pose_with_covariance_stamped "
         "do_transform_vector3 from_msg_msg to_msg_msg transform_covariance"
+    ),
+    "rclpy.action": ("ActionClient ActionServer CancelResponse GoalResponse"),
+    "rclpy.action.client": ("ActionClient ClientGoalHandle"),
+    "rclpy.action.server": (
+        "ActionServer CancelResponse GoalResponse ServerGoalHandle default_cancel_callback "
+        "default_goal_callback default_handle_accepted_callback"
+    ),
+    "rclpy.constants": ("S_TO_NS"),
+    "rclpy.lifecycle": (
+        "LifecycleNode LifecyclePublisher LifecycleState ManagedEntity State "
+        "TransitionCallbackReturn"
+    ),
+    "rclpy.serialization": ("deserialize_message serialize_message"),
+    "rclpy.wait_for_message": ("wait_for_message"),
+    "message_filters": (
+        "ApproximateTimeSynchronizer Cache SimpleFilter Subscriber TimeSynchronizer"
+    ),
+    "sensor_msgs_py": ("point_cloud2"),
+    "sensor_msgs_py.point_cloud2": (
+        "create_cloud create_cloud_xyz32 dtype_from_fields read_points read_points_list "
+        "read_points_numpy"
+    ),
+    "tf2_sensor_msgs": ("do_transform_cloud from_msg_msg to_msg_msg transform_points"),
+    "tf_transformations": (
+        "clip_matrix compose_matrix concatenate_matrices decompose_matrix euler_from_matrix "
+        "euler_from_quaternion euler_matrix identity_matrix inverse_matrix "
+        "is_same_transform orthogonalization_matrix projection_from_matrix "
+        "projection_matrix quaternion_about_axis quaternion_conjugate quaternion_from_euler "
+        "quaternion_from_matrix quaternion_inverse quaternion_matrix quaternion_multiply "
+        "quaternion_slerp random_quaternion random_rotation_matrix random_vector "
+        "reflection_from_matrix reflection_matrix rotation_from_matrix rotation_matrix "
+        "scale_from_matrix scale_matrix shear_from_matrix shear_matrix "
+        "superimposition_matrix translation_from_matrix translation_matrix unit_vector "
+        "vector_norm"
     ),
     "tf2_py": (
         "BufferCore ConnectivityException ExtrapolationException InvalidArgumentException "
@@ -152,10 +183,10 @@ COMPAT = {
     ),
     "tf2_ros": (
         "Buffer BufferCore BufferInterface ConnectivityException ConvertRegistration "
-        "ExtrapolationException InvalidArgumentException LookupException "
-        "NotImplementedException Stamped StaticTransformBroadcaster TimeoutException "
-        "TransformBroadcaster TransformException TransformListener TransformRegistration "
-        "TypeException convert"
+        "Duration ExtrapolationException Header InvalidArgumentException LookupException "
+        "NotImplementedException Stamped StaticTransformBroadcaster TFMessage Time "
+        "TimeoutException TransformBroadcaster TransformException TransformListener "
+        "TransformRegistration TransformStamped TypeException convert"
     ),
     "tf2_ros.buffer": "Buffer",
     "tf2_ros.buffer_interface": (
@@ -164,9 +195,7 @@ COMPAT = {
     ),
     "tf2_ros.static_transform_broadcaster": "StaticTransformBroadcaster",
     "tf2_ros.transform_broadcaster": "TransformBroadcaster",
-    "tf2_ros.transform_listener": "TransformListener",
-    "turtlesim.msg": "Color Pose",
-    "turtlesim.srv": "Kill SetPen Spawn TeleportAbsolute TeleportRelative",
+    "tf2_ros.transform_listener": ("DEFAULT_STATIC_TF_TOPIC DEFAULT_TF_TOPIC TransformListener"),
 }
 
 

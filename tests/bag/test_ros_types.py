@@ -17,9 +17,8 @@ from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
-from tfbus.ros.definitions import Definition
+from tfbus.ros.definitions import Definition, standard_definition
 from tfbus.ros.schema import MessageCodec
-from tfbus.ros.standard import standard_definition
 from tfbus.wire.codec import encode_map, type_name
 
 pytest.importorskip("mcap")

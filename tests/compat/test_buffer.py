@@ -283,9 +283,9 @@ def test_what_is_missing_says_what_to_do(name: str) -> None:
 @pytest.mark.parametrize(
     ("module", "name", "says"),
     [
-        ("rclpy", "action", "create_goal_server"),
+        ("rclpy", "get_global_executor", "SingleThreadedExecutor"),
         ("rclpy", "nonsense", "tfbus.Node"),
-        ("geometry_msgs.msg", "Wrench", "dataclass"),
+        ("geometry_msgs.msg", "Wrenches", "did you mean Wrench. it has Accel, .*dataclass"),
         ("turtlesim.srv", "Nonsense", "dataclass"),
     ],
 )

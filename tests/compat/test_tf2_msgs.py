@@ -8,7 +8,15 @@ import pytest
 from tests.builders import x_of
 from tests.compat.spinning import publish_until
 from tests.live_bus import Bus, eventually, send_static
-from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
+from tfbus import (
+    Buffer,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.compat import tf2_ros
 from tfbus.compat.fields import message_of, stamped_of
 from tfbus.compat.geometry_msgs.msg import TransformStamped as Message
 from tfbus.compat.rclpy.qos import DurabilityPolicy, QoSProfile
@@ -69,6 +77,64 @@ def test_static_transforms_come_to_a_subscription_that_is_late(rclpy: ModuleType
     eventually(lambda: rclpy.spin_once(node, timeout_sec=0.01) or got)
     assert got[0].transforms[0].child_frame_id == "camera"
     node.destroy_subscription(subscription)
+
+
+@pytest.mark.parametrize("kind", ["tf", "tf_static"])
+def test_the_topic_of_a_robot_is_that_of_its_namespace(
+    rclpy: ModuleType, bus: Bus, kind: str
+) -> None:
+    """Heard and sent by a node that is in none."""
+    robot, node, got = bus.node("arm", namespace="robot_1"), rclpy.create_node("relay"), []
+    node.create_subscription(TFMessage, f"/robot_1/{kind}", got.append, 10)
+    send = TransformBroadcaster if kind == "tf" else StaticTransformBroadcaster
+    broadcaster = send(robot)
+
+    def heard() -> bool:
+        broadcaster.send_transform(TransformStamped(5, "odom", "base", Transform.identity()))
+        rclpy.spin_once(node, timeout_sec=0.01)
+        return bool(got)
+
+    eventually(heard)
+    assert got[0].transforms[0].child_frame_id == "base"
+    buffer = Buffer()
+    publisher = node.create_publisher(TFMessage, f"/robot_1/{kind}", 10)
+    with TransformListener(buffer, robot):
+        publish_until(
+            node,
+            publisher,
+            TFMessage(transforms=[edge("base", "cam")]),
+            lambda: buffer.can_transform("base", "cam"),
+        )
+
+
+def test_a_topic_of_transforms_may_be_remapped(rclpy: ModuleType, bus: Bus) -> None:
+    """Of broadcasters, listeners, publishers and subscriptions, by the name and in a namespace."""
+    remapped = ["--ros-args", "-r", "/tf:=/robot_1/tf", "-r", "/tf_static:=/robot_1/tf_static"]
+    node = rclpy.create_node("relay", cli_args=remapped)
+    buffer, ported = Buffer(), tf2_ros.Buffer()
+    listener = tf2_ros.TransformListener(ported, node)
+    broadcaster = tf2_ros.TransformBroadcaster(node)
+    publisher = node.create_publisher(TFMessage, "tf", 10)
+    with TransformListener(buffer, bus.node("arm", namespace="robot_1")):
+
+        def sent() -> bool:
+            broadcaster.sendTransform(edge("map", "odom"))
+            publisher.publish(TFMessage(transforms=[edge("odom", "base")]))
+            return buffer.can_transform("map", "base")
+
+        eventually(sent)
+    eventually(lambda: ported.can_transform("map", "base", Time()))
+    listener.unregister()
+
+
+@pytest.mark.parametrize("topic", ["/other", "/robot_1/other"])
+def test_a_listener_of_another_topic_is_refused(rclpy: ModuleType, topic: str) -> None:
+    """With the topics there are; so are two topics of two namespaces."""
+    node, buffer = rclpy.create_node("a"), tf2_ros.Buffer()
+    with pytest.raises(TypeError, match="/robot7/tf"):
+        tf2_ros.TransformListener(buffer, node, tf_topic=topic)
+    with pytest.raises(TypeError, match="of one namespace"):
+        tf2_ros.TransformListener(buffer, node, tf_topic="/robot_1/tf")
 
 
 def test_what_cannot_be_a_transform_is_refused_by_the_publisher(rclpy: ModuleType) -> None:

@@ -13,14 +13,18 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.bridge.topic_table import DIRECTIONS, TABLE, TopicLine
-from tfbus.command.extras import install_command
 from tfbus.errors import DecodeError
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import message_of
-from tfbus.ros.definitions import STRING, Definition
+from tfbus.ros.definitions import (
+    STRING,
+    Definition,
+    completed,
+    message_names,
+    standard_definition,
+)
 from tfbus.ros.fitted import field_at, plain
 from tfbus.ros.message_type import Message
-from tfbus.ros.standard import standard_definition
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable
@@ -142,7 +146,10 @@ def _definition(
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
             raise place.mistake(f"{file} cannot be read: {reason}") from error
-        definition = _completed(Definition(ros_type, text), place.mistake)
+        try:
+            definition = completed(Definition(ros_type, text))
+        except DecodeError as error:
+            raise place.mistake(f"is no definition of a message: {error}") from error
     elif (known := standard_definition(ros_type)) is not None:
         definition = known
     else:
@@ -155,36 +162,11 @@ def _definition(
 
 def _why_unknown(ros_type: str) -> str:
     """Why the definition of a type is not known."""
-    try:
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        return (
-            f"the definition of {printable(ros_type, 100)} is not known without rosbags: "
-            f"{install_command('bags')}, or give it by `msg: FILE`"
-        )
-    near = did_you_mean(ros_type, list(get_typestore(Stores.ROS2_KILTED).types))
+    near = did_you_mean(ros_type, message_names())
     return (
         f"{printable(ros_type, 100)} is no standard type of ROS 2{near}; give the definition of "
         "another by `msg: FILE`"
     )
-
-
-def _completed(definition: Definition, mistake: Any) -> Definition:
-    """The definition with those of standard types in it, where rosbags knows them."""
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError:
-        return definition
-    store = get_typestore(Stores.ROS2_KILTED)
-    try:
-        found = get_types_from_msg(definition.text, definition.name)
-        own = {name: found[name] for name in found if name not in store.types}
-        own[definition.name] = found[definition.name]
-        store.types.pop(definition.name, None)
-        store.register(own)
-        return Definition(definition.name, store.generate_msgdef(definition.name, ros_version=2)[0])
-    except Exception as error:  # rosbags raises what its parser does
-        raise mistake(f"is no definition of a message: {printable(str(error), 200)}") from error
 
 
 # Fields

@@ -1,1 +1,8 @@
-"""Names of other libraries, for programs that are ported."""
+"""Names of other libraries, for programs that are ported.
+
+Packages of ROS's interfaces, as tfbus.compat.nav_msgs.msg, are made from their definitions.
+"""
+
+from tfbus.compat.interface_modules import install
+
+install()

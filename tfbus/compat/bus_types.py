@@ -1,19 +1,26 @@
-"""What ROS's messages are on the bus: those that tfbus has in another layout are converted.
+"""ROS's messages on the bus: types that tfbus has in another layout are converted.
 
-All others go as they are, by the names of their fields: Twist, and every dataclass of a program.
+All others go by the names of their fields, under their names in ROS, and every dataclass of a
+program as it is.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
 from typing import Any
 
-from tfbus import messages as bus
-from tfbus.compat.rclpy.time import Time, stamp_ns_of
-from tfbus.compat.sensor_msgs.msg import JointState
-from tfbus.compat.std_msgs.msg import Header
-from tfbus.compat.turtlesim.msg import Pose
+from tfbus.compat.message_classes import RosMessage
+from tfbus.errors import DecodeError
+from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
+from tfbus.ros.definitions import STRING, TURTLE_POSE
+from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
+
+_BY_ROS_TYPE = {
+    each.definition.name: each
+    for each in LIVE_COUNTERPARTS.values()
+    if each.definition.name != STRING.name
+}
 
 
 @dataclass(frozen=True)
@@ -25,50 +32,65 @@ class BusType:
     from_bus: Callable[[Any], Any]
 
 
-def bus_type_of(message_type: type, clock: Clock) -> BusType:
+def bus_type_of(message_type: type, topic: str, clock: Clock) -> BusType:
     """How messages of this type go over the bus; `clock` stamps those that have no stamp in ROS."""
-    if message_type is Pose:
-        return BusType(bus.Pose, partial(_pose_to_bus, clock), _pose_from_bus)
-    if message_type is JointState:
-        return BusType(bus.JointState, _joints_to_bus, _joints_from_bus)
-    return BusType(message_type, _as_it_is, _as_it_is)
+    ros_type = getattr(message_type, "__ros_name__", "")
+    counterpart = _BY_ROS_TYPE.get(ros_type)
+    if ros_type == STRING.name and topic.rpartition("/")[2] == "robot_description":
+        counterpart = LIVE_COUNTERPARTS["RobotDescription"]
+    if counterpart is None:
+        return BusType(message_type, _as_it_is, _as_it_is)
+    carried = _carried_type(message_type, counterpart)
+    if ros_type != TURTLE_POSE.name:
+        return BusType(carried, carried, _message_in)
+
+    def stamped(message: Any) -> _Carried:
+        made = carried(message)
+        made.stamp_ns = clock.now_ns()
+        return made
+
+    return BusType(carried, stamped, _message_in)
+
+
+class _Carried:
+    """A message of ROS that is one of tfbus's on the bus; a subclass says which."""
+
+    __slots__ = ("message", "stamp_ns")
+    __msgtype__ = ""
+    __message_type__: type[RosMessage]
+    __counterpart__: Counterpart
+
+    def __init__(self, message: Any) -> None:
+        self.message = message
+        self.stamp_ns: int | None = None
+
+    def __bus_map__(self) -> dict[str, Any]:
+        values = self.__counterpart__.of_ros(self.message.__bus_map__())
+        return values if self.stamp_ns is None else {**values, "stamp_ns": self.stamp_ns}
+
+    @classmethod
+    def __of_bus_map__(cls, values: dict[str, Any], path: str, unknown_fields: bool) -> Any:
+        try:
+            of_ros = cls.__counterpart__.to_ros(values)
+        except UnfitError as error:
+            raise DecodeError(str(error) or "it has other fields") from error
+        return cls(cls.__message_type__.__of_bus_map__(of_ros))
+
+
+@cache
+def _carried_type(message_type: type, counterpart: Counterpart) -> type[_Carried]:
+    contents = {
+        "__slots__": (),
+        "__msgtype__": counterpart.type_name,
+        "__message_type__": message_type,
+        "__counterpart__": counterpart,
+    }
+    return type(counterpart.type_name, (_Carried,), contents)
+
+
+def _message_in(carried: _Carried) -> Any:
+    return carried.message
 
 
 def _as_it_is(message: Any) -> Any:
     return message
-
-
-def _pose_to_bus(clock: Clock, pose: Pose) -> bus.Pose:
-    return bus.Pose(
-        clock.now_ns(), pose.x, pose.y, pose.theta, pose.linear_velocity, pose.angular_velocity
-    )
-
-
-def _pose_from_bus(pose: bus.Pose) -> Pose:
-    return Pose(
-        x=pose.x,
-        y=pose.y,
-        theta=pose.theta,
-        linear_velocity=pose.linear_velocity,
-        angular_velocity=pose.angular_velocity,
-    )
-
-
-def _joints_to_bus(state: JointState) -> bus.JointState:
-    return bus.JointState(
-        stamp_ns_of(state.header.stamp, "header.stamp"),
-        tuple(state.name),
-        tuple(map(float, state.position)),
-        tuple(map(float, state.velocity)),
-        tuple(map(float, state.effort)),
-    )
-
-
-def _joints_from_bus(state: bus.JointState) -> JointState:
-    return JointState(
-        header=Header(stamp=Time(nanoseconds=max(0, state.stamp_ns)).to_msg()),
-        name=list(state.names),
-        position=list(state.positions),
-        velocity=list(state.velocities),
-        effort=list(state.efforts),
-    )

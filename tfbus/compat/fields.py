@@ -1,11 +1,10 @@
 """Transforms of ROS's layout from and to tfbus's; any object with ROS's fields will do."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from tfbus.compat.builtin_interfaces.msg import Time
-from tfbus.compat.geometry_msgs import msg as ros
+from tfbus.compat import used_messages as ros
 from tfbus.compat.rclpy.time import stamp_ns_of
-from tfbus.compat.std_msgs.msg import Header
 from tfbus.geometry.transform import Transform, TransformStamped
 
 _SECOND_NS = 1_000_000_000
@@ -43,13 +42,20 @@ def transform_of(translation: Any, rotation: Any) -> Transform:
     )
 
 
-def message_of(stamped: TransformStamped) -> ros.TransformStamped:
+def message_of(stamped: TransformStamped) -> Any:
     """ROS's TransformStamped of tfbus's."""
-    sec, nanosec = divmod(stamped.stamp_ns, _SECOND_NS)
-    x, y, z, qx, qy, qz, qw = stamped.transform.as_pose()
+    return message_with(
+        stamped.stamp_ns, stamped.frame_id, stamped.child_frame_id, stamped.transform.as_pose()
+    )
+
+
+def message_with(stamp_ns: int, parent: str, child: str, pose: Sequence[float]) -> Any:
+    """ROS's TransformStamped of a pose: x, y, z, and a quaternion x, y, z, w."""
+    sec, nanosec = divmod(stamp_ns, _SECOND_NS)
+    x, y, z, qx, qy, qz, qw = pose
     return ros.TransformStamped(
-        header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=stamped.frame_id),
-        child_frame_id=stamped.child_frame_id,
+        header=ros.Header(stamp=ros.Time(sec=sec, nanosec=nanosec), frame_id=parent),
+        child_frame_id=child,
         transform=ros.Transform(
             translation=ros.Vector3(x=x, y=y, z=z),
             rotation=ros.Quaternion(x=qx, y=qy, z=qz, w=qw),

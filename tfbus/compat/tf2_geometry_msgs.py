@@ -7,13 +7,7 @@ of the transform. Nothing that is given is changed.
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.fields import transform_of
-from tfbus.compat.geometry_msgs.msg import (
-    PointStamped,
-    PolygonStamped,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Vector3Stamped,
-)
+from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy.time import stamp_ns_of
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
 from tfbus.geometry.transform import Transform
@@ -144,14 +138,16 @@ def _with_header(done: Any, transform: Any) -> Any:
     return done
 
 
-for _type, _do_transform in (
-    (PointStamped, do_transform_point),
-    (Vector3Stamped, do_transform_vector3),
-    (PoseStamped, do_transform_pose_stamped),
-    (PoseWithCovarianceStamped, do_transform_pose_with_covariance_stamped),
-    (PolygonStamped, do_transform_polygon_stamped),
+for _name, _do_transform in (
+    ("PointStamped", do_transform_point),
+    ("Vector3Stamped", do_transform_vector3),
+    ("PoseStamped", do_transform_pose_stamped),
+    ("PoseWithCovarianceStamped", do_transform_pose_with_covariance_stamped),
+    ("PolygonStamped", do_transform_polygon_stamped),
 ):
+    _type = message_class(f"geometry_msgs/msg/{_name}")
     TransformRegistration().add(_type, _do_transform)
-for _type in (PointStamped, Vector3Stamped, PoseStamped):
+for _name in ("PointStamped", "Vector3Stamped", "PoseStamped"):
+    _type = message_class(f"geometry_msgs/msg/{_name}")
     ConvertRegistration().add_to_msg(_type, to_msg_msg)
     ConvertRegistration().add_from_msg(_type, from_msg_msg)

@@ -9,7 +9,6 @@ from typing import Any
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import after_waiting
 from tfbus.compat.fields import message_of, stamped_of
-from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.time import Time, stamp_ns_of
 from tfbus.errors import (
@@ -91,9 +90,7 @@ class BufferCore:
 
     # Looking up
 
-    def lookup_transform_core(
-        self, target_frame: str, source_frame: str, time: Any
-    ) -> TransformStamped:
+    def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """The transform that takes data in the source frame into the target frame, at that time.
 
         Raises LookupException, ConnectivityException, ExtrapolationException or
@@ -104,7 +101,7 @@ class BufferCore:
     def lookup_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any,
         fixed_frame: str,
-    ) -> TransformStamped:  # fmt: skip
+    ) -> Any:  # fmt: skip
         """The source as it was at one time, seen from the target at another."""
         return self._look_up_full(
             target_frame, target_time, source_frame, source_time, fixed_frame, 0.0
@@ -208,9 +205,7 @@ class BufferCore:
 
     # With a timeout in seconds
 
-    def _look_up(
-        self, target_frame: str, source_frame: str, time: Any, timeout_s: float
-    ) -> TransformStamped:
+    def _look_up(self, target_frame: str, source_frame: str, time: Any, timeout_s: float) -> Any:
         try:
             return message_of(
                 self._buffer.lookup_transform(
@@ -223,7 +218,7 @@ class BufferCore:
     def _look_up_full(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any,
         fixed_frame: str, timeout_s: float,
-    ) -> TransformStamped:  # fmt: skip
+    ) -> Any:  # fmt: skip
         try:
             return message_of(
                 self._buffer.lookup_transform_full(

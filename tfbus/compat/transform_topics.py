@@ -1,29 +1,59 @@
-"""ROS's topics /tf and /tf_static of messages: on the bus they are the streams of transforms."""
+"""ROS's topics /tf and /tf_static of messages: on the bus they are the streams of a namespace."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.compat.builtin_interfaces.msg import Time
 from tfbus.compat.bus_types import BusType
-from tfbus.compat.fields import stamped_of
-from tfbus.compat.geometry_msgs import msg as ros
-from tfbus.compat.std_msgs.msg import Header
-from tfbus.compat.tf2_msgs.msg import TFMessage
+from tfbus.compat.fields import message_with, stamped_of
+from tfbus.compat.used_messages import TFMessage
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.node import Node
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.keys import STATIC_TRANSFORMS, is_foreign
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.scan import TransformMessage
 from tfbus.wire.transforms import decode_transforms
 
-_SECOND_NS = 1_000_000_000
+
+@dataclass(frozen=True)
+class TransformsTopic:
+    """The transforms of a namespace, dynamic or static ones: `tf` or `tf_static`."""
+
+    kind: str
+    namespace: str
+
+    def key(self, node: Node) -> str:
+        """Where the streams of it are, as the node's session has it."""
+        return self.kind if self.namespace == node.namespace else self.ros_name
+
+    @property
+    def ros_name(self) -> str:
+        """The topic in ROS."""
+        return f"/{self.namespace}/{self.kind}" if self.namespace else f"/{self.kind}"
+
+
+def transforms_topic(node: Node, topic: str) -> TransformsTopic | None:
+    """Which transforms a topic of TFMessage is, after remapping; None for a topic of another name.
+
+    `/tf` is, as for a TransformListener, that of the node's namespace; `/robot7/tf` is robot7's.
+    """
+    resolved = node._resolve(topic)
+    above, _, kind = resolved.rpartition("/")
+    if kind not in (TRANSFORMS, STATIC_TRANSFORMS):
+        return None
+    if resolved == f"/{kind}" or not above:
+        return TransformsTopic(kind, node.namespace)
+    if resolved.startswith("/"):
+        return TransformsTopic(kind, above[1:])
+    return TransformsTopic(kind, f"{node.namespace}/{above}".lstrip("/"))
 
 
 class TransformsPublisher(Endpoint):
-    """Sends the transforms of messages as a broadcaster of the node does."""
+    """Sends the transforms of messages as a broadcaster of a node in their namespace does."""
 
     def __init__(self, node: Node, kind: str) -> None:
         super().__init__(kind, TFMessage)
@@ -44,13 +74,13 @@ class TransformsSubscription(Endpoint):
     """
 
     def __init__(
-        self, node: Node, kind: str, callback: Callable[[TransformMessage], object]
+        self, node: Node, topic: TransformsTopic, callback: Callable[[TransformMessage], object]
     ) -> None:
-        super().__init__(kind, TFMessage)
+        super().__init__(topic.kind, TFMessage)
         self._callback = callback
         self._once = LogOnce(node.log)
-        key = f"{kind}/**"  # each stream has its own, and each frame of a split one
-        if kind == STATIC_TRANSFORMS:
+        key = f"{topic.key(node)}/**"  # each stream has its own, and each frame of a split one
+        if topic.kind == STATIC_TRANSFORMS:
             self._parts.append(declare_retained_subscriber(node.session, key, self._take))
         else:
             self._parts.append(node.session.subscriber(key, self._take))
@@ -66,35 +96,23 @@ class TransformsSubscription(Endpoint):
         self._callback(message)
 
 
-def _to_bus(message: TFMessage) -> list[TransformStamped]:
+def _to_bus(message: Any) -> list[TransformStamped]:
     return [stamped_of(each) for each in message.transforms]
 
 
-def _from_bus(message: TransformMessage) -> TFMessage:
+def _from_bus(message: TransformMessage) -> Any:
     """The transforms as they were sent, with those that a buffer refuses."""
     rows = message.rows
     named = ((rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs())
     poses = rows.as_batch().poses.tolist()
     return TFMessage(
         transforms=[
-            ros.TransformStamped(
-                header=Header(stamp=_time(stamp_ns), frame_id=parent),
-                child_frame_id=child,
-                transform=ros.Transform(
-                    translation=ros.Vector3(x=x, y=y, z=z),
-                    rotation=ros.Quaternion(x=qx, y=qy, z=qz, w=qw),
-                ),
-            )
-            for (parent, child), stamp_ns, (x, y, z, qx, qy, qz, qw) in zip(
+            message_with(stamp_ns, parent, child, pose)
+            for (parent, child), stamp_ns, pose in zip(
                 named, rows.stamps_as_ints(), poses, strict=True
             )
         ]
     )
-
-
-def _time(stamp_ns: int) -> Time:
-    sec, nanosec = divmod(stamp_ns, _SECOND_NS)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 ON_TRANSFORM_TOPICS = BusType(TFMessage, _to_bus, _from_bus)

@@ -3,10 +3,9 @@
 from tfbus.bus.session import Session
 from tfbus.discover.presence import key_beside
 from tfbus.errors import BusError, DecodeError
-from tfbus.ros.definitions import Definition
+from tfbus.ros.definitions import Definition, standard_definition
 from tfbus.ros.ros_names import is_message_type
 from tfbus.ros.schema import MessageCodec
-from tfbus.ros.standard import standard_definition
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDefinitions
 from tfbus.wire.keys import definitions_selector, node_key

@@ -75,13 +75,25 @@ class GoalHandle:
         self.active = True
         self._name = name
         self._query = query
-        self._on_cancel: Callable[[], None] = lambda: None
+        self._on_cancel: Callable[[], object] = lambda: None
+        self._is_accepted = False
+        # Guards the query: one thread may answer while another one ends it.
+        self._lock = threading.RLock()
         self._on_end = on_end
 
-    def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`."""
+    def on_cancel(self, callback: Callable[[], object]) -> None:
+        """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. Where
+        it returns False, the goal goes on.
+        """
         check_plain("on_cancel(callback)", callback)
         self._on_cancel = callback
+
+    def accept(self) -> None:
+        """Tell the client that the goal is accepted, for a server whose handler `decides`."""
+        with self._lock:
+            if not self._is_accepted:
+                self._is_accepted = True
+                self._answer({"accepted": self.id})
 
     def feedback(self, message: Any) -> None:
         """Send the client a Feedback."""
@@ -100,16 +112,18 @@ class GoalHandle:
         self._end("aborted", result, reason)
 
     def _end(self, status: GoalStatus, result: Any, reason: str = "") -> None:
-        if self.active:
-            ending = {"status": status, "result": as_map(result)}
-            self._answer(ending | ({"reason": reason} if reason else {}))
-            self._leave()
+        ending = {"status": status, "result": as_map(result)}
+        with self._lock:
+            if self.active:
+                self._answer(ending | ({"reason": reason} if reason else {}))
+                self._leave()
 
     def _refuse(self, reason: str) -> None:
-        if self.active:
-            with suppress(BusError):
-                self._query.refuse(reason)
-            self._leave()
+        with self._lock:
+            if self.active:
+                with suppress(BusError):
+                    self._query.refuse(reason)
+                self._leave()
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:
@@ -128,9 +142,12 @@ class GoalHandle:
         self._query.close()
 
     def _answer(self, answer: dict[str, Any]) -> None:
-        # If the client is gone or has given up, the goal itself continues.
-        with suppress(BusError):
-            self._query.answer(self._name, encode_map(answer))
+        with self._lock:
+            self.accept()
+            # If the client is gone or has given up, the goal itself continues.
+            if self.active:
+                with suppress(BusError):
+                    self._query.answer(self._name, encode_map(answer))
 
 
 class GoalServer(Endpoint):
@@ -139,7 +156,8 @@ class GoalServer(Endpoint):
 
     The handler raises ServiceError to refuse a goal. Otherwise it returns soon, and any callback
     of the node ends the handle later; or it is an `async def`, or in a ReentrantCallbackGroup, and
-    ends the handle itself.
+    ends the handle itself. A goal is accepted before, unless the handler `decides`: then by
+    `handle.accept()`.
     """
 
     def __init__(
@@ -149,11 +167,14 @@ class GoalServer(Endpoint):
         goal_type: type[GoalType],
         name: str,
         handler: Callable[[GoalHandle], Any],
+        *,
+        decides: bool = False,
     ):
         super().__init__(name, goal_type)
         self.goal_type = goal_type
         self._lane = lane
         self._handler = handler
+        self._decides = decides
         self._accept = self._accept_async if is_async(handler) else self._accept_now
         self._active: dict[str, GoalHandle] = {}
         self._parts = [
@@ -184,7 +205,8 @@ class GoalServer(Endpoint):
             return None
         handle = GoalHandle(self.name, request, query, self._forget)
         self._active[handle.id] = handle
-        handle._answer({"accepted": handle.id})
+        if not self._decides:
+            handle.accept()
         return handle
 
     def _forget(self, handle: GoalHandle) -> None:
@@ -192,9 +214,7 @@ class GoalServer(Endpoint):
 
     def _cancel(self, request: CancelGoal.Request) -> CancelGoal.Response:
         handles = [h for h in [*self._active.values()] if request.id in ("", h.id)]
-        for handle in handles:
-            handle._on_cancel()
-        return CancelGoal.Response(len(handles))
+        return CancelGoal.Response(sum(handle._on_cancel() is not False for handle in handles))
 
 
 class SentGoal:
@@ -222,12 +242,28 @@ class SentGoal:
             name, encode_message(goal), self._on_answer, self._on_end, timeout_s=GOAL_TIMEOUT_S
         )
 
-    def cancel(self, *, timeout_s: float = 1.0) -> None:
-        """Ask the server to cancel this goal; its result then has how far it came."""
-        if self._accepted.wait(seconds_to_wait(timeout_s)) and not self._ended.is_set():
-            request = encode_message(CancelGoal.Request(self._id))
-            for _ in self._session.ask(f"{self._name}/cancel", request, timeout_s=timeout_s):
-                pass
+    @property
+    def id(self) -> str:
+        """Its id at the server; "" before it is accepted."""
+        return self._id
+
+    def accepted(self, *, timeout_s: float | None = None) -> bool:
+        """Wait until the server has accepted or refused it, at most `timeout_s` (None: for ever);
+        whether it is accepted.
+        """
+        return self._accepted.wait(seconds_to_wait(timeout_s)) and self._id != ""
+
+    def cancel(self, *, timeout_s: float = 1.0) -> bool:
+        """Ask the server to cancel this goal; its result then has how far it came. Whether the
+        server does.
+        """
+        if not self.accepted(timeout_s=timeout_s) or self._ended.is_set():
+            return False
+        request = encode_message(CancelGoal.Request(self._id))
+        for answer in self._session.ask(f"{self._name}/cancel", request, timeout_s=timeout_s):
+            if answer.refusal is None:
+                return decode_message(CancelGoal.Response, answer.payload).canceled > 0
+        return False
 
     @property
     def ended(self) -> bool:

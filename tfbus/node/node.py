@@ -423,8 +423,11 @@ class Node:
         handler: "Callable[[GoalHandle], Any]",
         *,
         callback_group: CallbackGroup | None = None,
+        decides: bool = False,
     ) -> "GoalServer":
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later.
+
+        The goal is accepted before that; where the handler `decides`, by `handle.accept()`.
 
         It may be an `async def`; one that blocks is to be in a ReentrantCallbackGroup, as the
         cancellations come in the same group.
@@ -437,7 +440,10 @@ class Node:
         lane = self._lanes.of(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
-        return self._info.add("serves", GoalServer(self.session, lane, goal_type, name, handler))
+        return self._info.add(
+            "serves",
+            GoalServer(self.session, lane, goal_type, name, handler, decides=decides),
+        )
 
     def create_goal_client(self, goal_type: "type[GoalType]", name: str) -> "GoalClient":
         """A client that sends goals to an action server."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import (
+    CLOCK,
     JOINT_STATE,
     ODOMETRY,
     POSE_STAMPED,
@@ -166,6 +167,21 @@ def _twist_of_ros(values: dict[str, Any]) -> dict[str, Any]:
     return {"linear": values["linear"], "angular": values["angular"]}
 
 
+# The simulated time: its rate, and whether it is paused, stay here.
+
+
+def _clock_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(values.get("stamp_ns"), int):
+        raise UnfitError("stamp_ns must be an integer")
+    seconds, nanoseconds = divmod(values["stamp_ns"], _SECOND_NS)
+    return {"clock": {"sec": seconds, "nanosec": nanoseconds}}
+
+
+def _clock_of_ros(values: dict[str, Any]) -> dict[str, Any]:
+    time = values["clock"]
+    return {"stamp_ns": time["sec"] * _SECOND_NS + time["nanosec"]}
+
+
 # Descriptions: the prefix and source stand behind the description, in a comment of XML.
 
 _BEFORE, _AFTER = "\n<!-- tfbus: ", " -->"
@@ -234,6 +250,7 @@ LIVE_COUNTERPARTS: Mapping[str, Counterpart] = {
     **_counterparts(
         ("Pose", TURTLE_POSE, _turtle_pose_to_ros, _turtle_pose_of_ros),
         ("Twist", TWIST, _twist_to_ros, _twist_of_ros),
+        ("Clock", CLOCK, _clock_to_ros, _clock_of_ros),
     ),
 }
 

@@ -6,16 +6,20 @@ the names of fields in ROS 1 that ROS 2 does not allow: `uint32 i_tow # tfbus: "
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as Items
 from dataclasses import replace
+from typing import Any
 
 from tfbus.errors import DecodeError
-from tfbus.ros.definitions import SEPARATOR, Definition
 from tfbus.ros.message_type import (
     MSGPACK,
     PACKAGE,
     PLACEHOLDER,
     SCALARS,
+    SEPARATOR,
+    Constant,
+    Definition,
     Field,
     Message,
     Scalar,
@@ -72,11 +76,35 @@ def message_of(definition: Definition) -> Message:
     if len(definition.text) > _LONGEST_TEXT:
         raise DecodeError(f"a definition of {len(definition.text)} letters: at most a million")
     name = _full(definition.name)
-    return _Definitions(name, _sections(name, definition.text)).message(name, ())
+    return Definitions(_EVERYWHERE | sections_in(definition.text, name)).message(name)
+
+
+def text_of_ros(message: Message) -> str:
+    """The text of a message of ROS with its constants and all messages in it, each behind the one
+    that has it first.
+    """
+    found: dict[str, Message] = {}
+    _add_depth_first(message, found)
+    first, *others = found.values()
+    parts = [_section(first)]
+    parts += [f"{SEPARATOR}\nMSG: {_short(each.name)}\n{_section(each)}" for each in others]
+    return "".join(parts)
+
+
+def _add_depth_first(message: Message, found: dict[str, Message]) -> None:
+    if message.name not in found:
+        found[message.name] = message
+        for field in message.fields:
+            type_ = field.type.item if isinstance(field.type, Sequence) else field.type
+            if isinstance(type_, Message):
+                _add_depth_first(type_, found)
 
 
 def _section(message: Message) -> str:
     lines = [f"{_REMARK}{message.kind}"] if message.kind in _KINDS else []
+    lines += [
+        f"{_type_text(each.type)} {each.name}={_constant_text(each)}" for each in message.constants
+    ]
     lines += [_line(field) for field in message.fields] or [f"uint8 {PLACEHOLDER}"]
     return "".join(f"{line}\n" for line in lines)
 
@@ -84,6 +112,11 @@ def _section(message: Message) -> str:
 def _line(field: Field) -> str:
     line = f"{_type_text(field.type)} {field.name}"
     return line if field.name == field.key else f"{line} {_REMARK}{json.dumps(field.key)}"
+
+
+def _constant_text(constant: Constant) -> str:
+    value = constant.value
+    return str(int(value)) if isinstance(value, bool) else str(value)
 
 
 def _type_text(type_: Type) -> str:
@@ -107,10 +140,10 @@ def _full(name: str) -> str:
     return name if "/" in package or not package else f"{package}/msg/{leaf}"
 
 
-def _sections(name: str, text: str) -> dict[str, list[str]]:
-    """The lines of each message by its full name."""
+def sections_in(text: str, name: str = "") -> dict[str, list[str]]:
+    """The lines of each message of a text by its full name; `name` is that of the first."""
     lines: list[str] = []
-    sections = {name: lines}
+    sections = {name: lines} if name else {}
     after_separator = False
     for line in text.splitlines():
         if after_separator and (found := _MSG.fullmatch(line)):
@@ -168,16 +201,18 @@ def _snake(name: str) -> str:
     return "_".join(filter(None, re.findall(r"[a-z0-9]+", words)))
 
 
-class _Definitions:
-    """Makes the messages of one definition."""
+class Definitions:
+    """Makes messages of the lines that define them, by their full names."""
 
-    def __init__(self, name: str, sections: dict[str, list[str]]) -> None:
-        self._sections = _EVERYWHERE | sections
+    def __init__(self, sections: Mapping[str, Items[str]]) -> None:
+        self._sections = sections
         self._made: dict[str, Message] = {}
-        self._package = name.rpartition("/")[0]
 
-    def message(self, name: str, inside: tuple[str, ...]) -> Message:
-        """The message of this full name, in those `inside` of which it is."""
+    def message(self, name: str, inside: tuple[str, ...] = ()) -> Message:
+        """The message of this full name, in those `inside` of which it is.
+
+        Raises DecodeError, with the line, where its definition is not valid.
+        """
         if name in self._made:
             return self._made[name]
         if name == MSGPACK.name:
@@ -187,20 +222,27 @@ class _Definitions:
             raise DecodeError(f"the definition of {shown} contains itself, or too many others")
         if name not in self._sections:
             raise DecodeError(f"the definition of {shown} is missing")
-        fields, kind = [], "fields"
+        fields: list[Field] = []
+        constants: list[Constant] = []
+        kind = "fields"
         for line in self._sections[name]:
             remark = line.removeprefix(_REMARK) if _is_ours(name) else ""
             if remark in _KINDS:
                 kind = remark
-            elif field := self._field(line, name, (*inside, name)):
-                fields.append(field)
+                continue
+            found = self._line(line, name, (*inside, name))
+            if isinstance(found, Field):
+                fields.append(found)
+            elif found is not None:
+                constants.append(found)
         if [field.name for field in fields] == [PLACEHOLDER]:
             fields = []
-        message = self._made[name] = _checked(Message(name, tuple(fields)), kind)
+        message = Message(name, tuple(fields), constants=tuple(constants))
+        message = self._made[name] = _checked(message, kind)
         return message
 
-    def _field(self, line: str, name: str, inside: tuple[str, ...]) -> Field | None:
-        """The field that a line defines; None for a constant and for a line without a field."""
+    def _line(self, line: str, name: str, inside: tuple[str, ...]) -> Field | Constant | None:
+        """What a line defines; None for a line without a field, and a constant that is not read."""
         if not (stripped := line.strip()) or stripped[0] in "#@":
             return None
         found = _FIELD.fullmatch(line)
@@ -209,8 +251,9 @@ class _Definitions:
                 f"'{printable(stripped, 60)}' in the definition of {printable(name, 100)} is no "
                 "field"
             )
-        if found["rest"].startswith("="):
-            return None
+        rest = found["rest"]
+        if rest.startswith("="):
+            return _constant(found["type"], found["name"], rest[1:].strip())
         type_ = self._type(found["type"], int((found["bound"] or "<=0")[2:]), inside)
         if found["array"]:
             size = found["array"][1:-1]
@@ -221,7 +264,8 @@ class _Definitions:
         key = _key(found["rest"])
         if key is not None and not _is_ours(name) and not _is_renamed(found["name"], key):
             key = None  # a comment of others
-        return Field(found["name"], type_, found["name"] if key is None else key)
+        default = _default(type_, rest)
+        return Field(found["name"], type_, found["name"] if key is None else key, default)
 
     def _type(self, name: str, bound: int, inside: tuple[str, ...]) -> Type:
         if name in SCALARS:
@@ -231,10 +275,44 @@ class _Definitions:
         if name == "wstring":
             raise DecodeError(f"{printable(inside[-1], 100)} has a wstring, which is not read")
         if "/" not in name:
-            package = inside[-1].rpartition("/")[0]
-            own = f"{package}/{name}"
+            package = inside[-1].partition("/")[0]
+            own = f"{package}/msg/{name}"
             name = own if own in self._sections else _SHORT_NAMES.get(name, own)
         return self.message(_full(name), inside)
+
+
+def _constant(type_name: str, name: str, text: str) -> Constant | None:
+    type_ = Text() if type_name == "string" else Scalar(type_name)
+    value = _value(type_, text) if type_name == "string" or type_name in SCALARS else None
+    return None if value is None else Constant(name, type_, value)
+
+
+def _default(type_: Type, text: str) -> Any:
+    """The default that stands behind a field; None for none, and for one that is not read."""
+    if not text or text.startswith("#"):
+        return None
+    if isinstance(type_, Sequence):
+        text = text.partition("#")[0].strip()
+        if not (text.startswith("[") and text.endswith("]")):
+            return None
+        items = [_value(type_.item, item.strip()) for item in text[1:-1].split(",") if item.strip()]
+        return None if None in items else items
+    return _value(type_, text)
+
+
+def _value(type_: Type, text: str) -> Any:
+    """The value that a text stands for; None where it is none of this type."""
+    if isinstance(type_, Text):
+        return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'" else text
+    text = text.partition("#")[0].strip()
+    try:
+        if not isinstance(type_, Scalar):
+            return None
+        if type_.name == "bool":
+            return {"true": True, "false": False, "1": True, "0": False}.get(text.lower())
+        return float(text) if type_.name.startswith("float") else int(text, 0)
+    except ValueError:
+        return None
 
 
 def _is_ours(name: str) -> bool:

@@ -1,166 +1,151 @@
-"""Definitions of messages as ROS 2 writes them in .msg files, and MCAP as `ros2msg`."""
+"""Definitions of ROS 2's messages: one table, the files of `interfaces/`, written like .msg files.
 
-from dataclasses import dataclass
+The message of a request is called `std_srvs/srv/Trigger_Request` there, that of a goal
+`example_interfaces/action/Fibonacci_Goal`, as ROS does.
+"""
 
-# Between a definition and those of the messages in it.
-SEPARATOR = "=" * 80
+import os
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+
+from tfbus.ros.definition_text import Definitions, sections_in, text_of_ros
+from tfbus.ros.message_type import SEPARATOR as SEPARATOR
+from tfbus.ros.message_type import Definition as Definition
+from tfbus.ros.message_type import Message
+
+# Folders with packages of one's own, my_msgs/msg/Weight.msg in each, separated as in PATH.
+FOLDERS_VARIABLE = "TFBUS_INTERFACES"
+
+_TABLE = Path(__file__).parent / "interfaces"
+
+# The parts of a file, separated by ---, and what the message of each is called behind its name.
+_PARTS = {
+    "msg": ("",),
+    "srv": ("_Request", "_Response"),
+    "action": ("_Goal", "_Result", "_Feedback"),
+}
 
 
-@dataclass(frozen=True)
-class Definition:
-    """The name of a message type, `tf2_msgs/msg/TFMessage`, and its text with all in it."""
+class _Sections(Mapping[str, list[str]]):
+    """The lines of every message that is known, by its full name, after those of one's `own`;
+    packages are read when needed.
+    """
 
-    name: str
-    text: str
+    def __init__(self, own: Mapping[str, list[str]] | None = None) -> None:
+        self._own = own or {}
+
+    def __getitem__(self, name: str) -> list[str]:
+        return self._own[name] if name in self._own else _package(name.partition("/")[0])[name]
+
+    def __iter__(self) -> Iterator[str]:
+        for package in packages():
+            yield from _package(package)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
-TF_MESSAGE = Definition(
-    "tf2_msgs/msg/TFMessage",
-    f"""\
-geometry_msgs/TransformStamped[] transforms
-{SEPARATOR}
-MSG: geometry_msgs/TransformStamped
-std_msgs/Header header
-string child_frame_id
-geometry_msgs/Transform transform
-{SEPARATOR}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{SEPARATOR}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-{SEPARATOR}
-MSG: geometry_msgs/Transform
-geometry_msgs/Vector3 translation
-geometry_msgs/Quaternion rotation
-{SEPARATOR}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-{SEPARATOR}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-""",
-)
+_definitions = Definitions(_Sections())
+
+
+def message_named(name: str) -> Message:
+    """The message of this full name. Raises DecodeError where it is not known, or not valid."""
+    return _definitions.message(name)
+
+
+@cache
+def standard_definition(name: str) -> Definition | None:
+    """The definition of `sensor_msgs/msg/Imu`; None for a type that is not in the table."""
+    if name not in _package(name.partition("/")[0]):
+        return None
+    return Definition(name, text_of_ros(message_named(name)))
+
+
+def completed(definition: Definition) -> Definition:
+    """A definition as people write it, with those of the table that it needs in it.
+
+    Raises DecodeError where it is not valid, or needs one that is not known.
+    """
+    own = sections_in(definition.text, definition.name)
+    message = Definitions(_Sections(own)).message(definition.name)
+    return Definition(definition.name, text_of_ros(message))
+
+
+def message_names() -> list[str]:
+    """The full names of all messages that are known, those of services and actions too."""
+    return [*_Sections()]
+
+
+def packages() -> list[str]:
+    """The packages that are known, by name."""
+    own = {path.name for folder in _own_folders() for path in folder.iterdir() if _has_any(path)}
+    return sorted(own | {path.stem for path in _TABLE.glob("*.msgs")})
+
+
+def interfaces_of(package: str) -> dict[str, list[str]]:
+    """The names of a package's interfaces by kind, msg, srv and action; {} for an unknown one."""
+    found: dict[str, list[str]] = {}
+    for name in _package(package):
+        _, kind, leaf = name.split("/")
+        last = _PARTS[kind][-1]
+        if leaf.endswith(last):
+            found.setdefault(kind, []).append(leaf.removesuffix(last))
+    return found
+
+
+@cache
+def _package(name: str) -> dict[str, list[str]]:
+    """The lines of the messages of a package by full name; of one that is not known, none."""
+    if not name.isidentifier():
+        return {}
+    file = _TABLE / f"{name}.msgs"
+    found = sections_in(file.read_text("utf-8")) if file.is_file() else {}
+    for folder in _own_folders():
+        for path in sorted((folder / name).glob("*/*")):
+            if path.suffix[1:] == path.parent.name in _PARTS:
+                found |= _sections_of_file(name, path)
+    return found
+
+
+def _sections_of_file(package: str, path: Path) -> dict[str, list[str]]:
+    """The messages of a file as people write them."""
+    pieces: list[list[str]] = [[]]
+    for line in path.read_text("utf-8").splitlines():
+        if line.startswith("---"):
+            pieces.append([])
+        else:
+            pieces[-1].append(line)
+    kind = path.parent.name
+    names = [f"{package}/{kind}/{path.stem}{part}" for part in _PARTS[kind]]
+    pieces += [[] for _ in names[len(pieces) :]]
+    return dict(zip(names, pieces, strict=False))
+
+
+def _own_folders() -> list[Path]:
+    said = os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)
+    return [path for text in said if text and (path := Path(text)).is_dir()]
+
+
+def _has_any(path: Path) -> bool:
+    return any((path / kind).is_dir() for kind in _PARTS)
+
+
+def _known(name: str) -> Definition:
+    definition = standard_definition(name)
+    assert definition is not None, name
+    return definition
+
 
 # Any value, in MessagePack: what a ROS message cannot express otherwise.
 MSGPACK = Definition("tfbus_msgs/msg/Msgpack", "uint8[] data\n")
 
-JOINT_STATE = Definition(
-    "sensor_msgs/msg/JointState",
-    f"""\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-{SEPARATOR}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{SEPARATOR}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-""",
-)
-
-_HEADER = f"""\
-{SEPARATOR}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{SEPARATOR}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-
-_POSE = f"""\
-{SEPARATOR}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{SEPARATOR}
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-{SEPARATOR}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
-
-_VECTOR3 = f"""\
-{SEPARATOR}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
-
-TWIST = Definition(
-    "geometry_msgs/msg/Twist",
-    f"geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n{_VECTOR3}",
-)
-
-POSE_STAMPED = Definition(
-    "geometry_msgs/msg/PoseStamped",
-    f"std_msgs/Header header\ngeometry_msgs/Pose pose\n{_HEADER}{_POSE}",
-)
-
-ODOMETRY = Definition(
-    "nav_msgs/msg/Odometry",
-    f"""\
-std_msgs/Header header
-string child_frame_id
-geometry_msgs/PoseWithCovariance pose
-geometry_msgs/TwistWithCovariance twist
-{_HEADER}{SEPARATOR}
-MSG: geometry_msgs/PoseWithCovariance
-geometry_msgs/Pose pose
-float64[36] covariance
-{_POSE}{SEPARATOR}
-MSG: geometry_msgs/TwistWithCovariance
-geometry_msgs/Twist twist
-float64[36] covariance
-{SEPARATOR}
-MSG: geometry_msgs/Twist
-geometry_msgs/Vector3 linear
-geometry_msgs/Vector3 angular
-{_VECTOR3}""",
-)
-
+TF_MESSAGE = _known("tf2_msgs/msg/TFMessage")
+JOINT_STATE = _known("sensor_msgs/msg/JointState")
+TWIST = _known("geometry_msgs/msg/Twist")
+POSE_STAMPED = _known("geometry_msgs/msg/PoseStamped")
+ODOMETRY = _known("nav_msgs/msg/Odometry")
 # Of turtlesim. It has no stamp.
-TURTLE_POSE = Definition(
-    "turtlesim/msg/Pose",
-    """\
-float32 x
-float32 y
-float32 theta
-float32 linear_velocity
-float32 angular_velocity
-""",
-)
-
-STRING = Definition("std_msgs/msg/String", "string data\n")
-
-CLOCK = Definition(
-    "rosgraph_msgs/msg/Clock",
-    f"""\
-builtin_interfaces/Time clock
-{SEPARATOR}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-""",
-)
+TURTLE_POSE = _known("turtlesim/msg/Pose")
+STRING = _known("std_msgs/msg/String")
+CLOCK = _known("rosgraph_msgs/msg/Clock")

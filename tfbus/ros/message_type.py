@@ -1,8 +1,12 @@
 """Types of the fields of a message, as ROS 2 has them, and what their values are in a map."""
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
+
+# Between a definition and those of the messages in it.
+SEPARATOR = "=" * 80
 
 # As struct has them, by the names in ROS.
 SCALARS = {
@@ -26,6 +30,14 @@ OCTETS = frozenset(("byte", "char", "uint8"))
 
 # What ROS 2 puts into a message without fields.
 PLACEHOLDER = "structure_needs_at_least_one_member"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """The name of a message type, `tf2_msgs/msg/TFMessage`, and its text with all in it."""
+
+    name: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -65,11 +77,23 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Field:
-    """A field by its name in ROS; `key` is its name in the map."""
+    """A field by its name in ROS; `key` is its name in the map, and `default` the value of a new
+    message where that is not zero.
+    """
 
     name: str
     type: "Type"
     key: str
+    default: Any = dataclasses.field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A value that a message type has a name for."""
+
+    name: str
+    type: Scalar | Text
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -85,6 +109,7 @@ class Message:
     name: str
     fields: tuple[Field, ...]
     kind: Literal["fields", "map", "list", "value", "msgpack", "unknown"] = "fields"
+    constants: tuple[Constant, ...] = dataclasses.field(default=(), compare=False)
 
 
 Type = Scalar | Text | Sequence | Message

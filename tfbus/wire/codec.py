@@ -76,6 +76,8 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
 
 def as_map(message: Any) -> dict[str, Any]:
     """The fields of a message by name, nested messages included."""
+    if hasattr(message, "__bus_map__"):
+        return cast(dict[str, Any], message.__bus_map__())
     return {name: _plain(getattr(message, name)) for name in _shape(message.__class__)}
 
 
@@ -109,9 +111,12 @@ def _shape(message_type: type) -> dict[str, _Field]:
 
 
 def is_message_type(type_: object) -> bool:
-    """Whether it is a dataclass, or a Struct, which need not become one for that."""
-    return isinstance(type_, type) and any(
-        "__dataclass_fields__" in vars(base) for base in type_.__mro__
+    """Whether it is a dataclass, or a Struct, which need not become one for that; or has a map of
+    its own, as messages of ROS have.
+    """
+    return isinstance(type_, type) and (
+        hasattr(type_, "__bus_map__")
+        or any("__dataclass_fields__" in vars(base) for base in type_.__mro__)
     )
 
 
@@ -136,6 +141,8 @@ def _plain(value: Any) -> Any:
 def _read_fields(
     message_type: type, values: Mapping[Any, Any], path: str, unknown_fields: bool
 ) -> Any:
+    if hasattr(message_type, "__of_bus_map__"):
+        return message_type.__of_bus_map__(values, path, unknown_fields)
     shape = _shape(message_type)
     if not unknown_fields:
         for name in values:

@@ -7,6 +7,7 @@ from tfbus.compat.missing import missing_names
 from tfbus.compat.rclpy import (
     callback_groups,
     clock,
+    constants,
     context,
     duration,
     exceptions,
@@ -21,12 +22,15 @@ from tfbus.compat.rclpy import (
 )
 
 __all__ = [
+    "Parameter",
     "callback_groups",
     "clock",
+    "constants",
     "create_node",
     "duration",
     "exceptions",
     "executors",
+    "get_default_context",
     "init",
     "logging",
     "node",
@@ -45,20 +49,25 @@ __all__ = [
 
 # What rclpy has, is not here, and what does the same.
 _INSTEAD = {
-    "action": "node.tfbus_node.create_goal_server and create_goal_client",
-    "lifecycle": "nothing: a node of tfbus works from its construction on",
-    "get_default_context": "what rclpy.init() returns",
     "get_global_executor": "rclpy.executors.SingleThreadedExecutor()",
-    "serialization": "tfbus.Node.create_raw_subscription, for the bytes of the bus",
 }
 
+Parameter = parameter.Parameter
+get_default_context = context.current
 
 if not TYPE_CHECKING:  # type checkers find what is missing themselves
     __getattr__ = missing_names(__name__, _INSTEAD, "node.tfbus_node is a tfbus.Node")
 
 
-def init(*, args: Sequence[str] | None = None, **unknown: Any) -> context.Context:
-    """Begin; of the arguments of the process, or `args`, those after `--ros-args` count.
+def init(
+    *,
+    args: Sequence[str] | None = None,
+    signal_handler_options: Any = None,
+    domain_id: int | None = None,
+    **unknown: Any,
+) -> context.Context:
+    """Begin; of the arguments of the process, or `args`, those after `--ros-args` count. The bus
+    has no domains.
 
     What it returns ends in a `with`, too. Raises RuntimeError where it was called before.
     """

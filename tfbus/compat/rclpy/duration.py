@@ -4,7 +4,7 @@ from functools import total_ordering
 from math import isnan
 from typing import Any
 
-from tfbus.compat.builtin_interfaces import msg as builtin
+from tfbus.compat.used_messages import Duration as DurationMessage
 
 __all__ = ["Duration", "Infinite"]
 
@@ -33,10 +33,10 @@ class Duration:
         """The whole span, in nanoseconds."""
         return self._nanoseconds
 
-    def to_msg(self) -> builtin.Duration:
+    def to_msg(self) -> Any:
         """As a message holds it."""
         sec, nanosec = divmod(self._nanoseconds, _SECOND_NS)
-        return builtin.Duration(sec=sec, nanosec=nanosec)
+        return DurationMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: Any) -> "Duration":

@@ -1,10 +1,12 @@
 """What a node publishes, subscribes to, serves and calls, and its timers, with ROS's methods."""
 
+import asyncio
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future as Answer
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import BusType
@@ -200,11 +202,8 @@ class Service:
 
     async def handle(self, request: Any) -> Any:
         """The response, from a thread that spins the node."""
-        import asyncio  # slow, and it runs already
-
-        answer: Answer[Any] = Answer()
-        answer.set_running_or_notify_cancel()
-        self._work.submit(lambda: self._answer(request, answer), self.callback_group, self._what)
+        ask = partial(self._respond, request)
+        answer = ask_while_spun(self._work, ask, self.callback_group, self._what)
         return await asyncio.wrap_future(answer)
 
     def destroy(self) -> None:
@@ -212,13 +211,29 @@ class Service:
         if self.endpoint is not None:
             self.endpoint.close()
 
-    async def _answer(self, request: Any, answer: "Answer[Any]") -> None:
+    def _respond(self, request: Any) -> Any:
+        return self.callback(request, self._type.Response())
+
+
+def ask_while_spun(
+    work: Work, ask: Callable[[], Any], group: Any = None, what: str = ""
+) -> "Answer[Any]":
+    """A future of what `ask()` returns in a thread that spins the node, of a coroutine its result;
+    its exception is a ServiceError.
+    """
+    answer: Answer[Any] = Answer()
+    answer.set_running_or_notify_cancel()
+
+    async def run() -> None:
         try:
-            response = self.callback(request, self._type.Response())
-            answer.set_result(await response if hasattr(response, "send") else response)
+            found = ask()
+            answer.set_result(await found if hasattr(found, "send") else found)
         except BaseException as error:
             answer.set_exception(ServiceError(f"{type(error).__name__}: {error}"))
             raise
+
+    work.submit(run, group, what)
+    return answer
 
 
 class Client:

@@ -8,7 +8,13 @@ from typing import Any
 
 from tfbus.runtime.log import open_log
 
-__all__ = ["LoggingSeverity", "get_logger"]
+__all__ = [
+    "LoggingSeverity",
+    "RcutilsLogger",
+    "get_logger",
+    "get_logging_severity_from_string",
+    "set_logger_level",
+]
 
 
 class LoggingSeverity(IntEnum):
@@ -101,6 +107,23 @@ class RosLogger:
         )
         self._calls[place] = count + 1, now_s if is_due else last_s
         return is_due
+
+
+RcutilsLogger = RosLogger
+
+
+def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
+    """The level of this name. Raises RuntimeError where there is none."""
+    try:
+        return LoggingSeverity[log_severity.upper()]
+    except KeyError:
+        known = ", ".join(LoggingSeverity.__members__)
+        raise RuntimeError(f"{log_severity!r} is no level: they are {known}") from None
+
+
+def set_logger_level(name: str, level: int) -> None:
+    """Log lines of this level and above, of a log without a node."""
+    get_logger(name).set_level(level)
 
 
 def get_logger(name: str) -> RosLogger:

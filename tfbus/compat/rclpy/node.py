@@ -3,32 +3,47 @@
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from tfbus.compat import transform_topics as of
 from tfbus.compat.bus_types import bus_type_of
+from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy import context as contexts
 from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from tfbus.compat.rclpy.clock import Clock
 from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subscription, Timer
-from tfbus.compat.rclpy.exceptions import (
-    ParameterAlreadyDeclaredException,
-    ParameterNotDeclaredException,
-)
 from tfbus.compat.rclpy.logging import RosLogger
+from tfbus.compat.rclpy.node_parameters import (
+    NodeParameters,
+    OnSet,
+    ParameterDescriptor,
+    SetParametersResult,
+    names_in,
+)
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.compat.rclpy.work import Work
-from tfbus.compat.tf2_msgs.msg import TFMessage
-from tfbus.errors import ParameterError
+from tfbus.compat.used_messages import TFMessage
 from tfbus.node.node import Node as TfbusNode
-from tfbus.node.parameters import Parameter as TfbusParameter
 from tfbus.runtime.callback_groups import join
-from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
+from tfbus.runtime.structs import replace
 
-__all__ = ["Node"]
+__all__ = [
+    "Client",
+    "Node",
+    "Parameter",
+    "ParameterDescriptor",
+    "ParameterType",
+    "Publisher",
+    "Service",
+    "SetParametersResult",
+    "Subscription",
+    "Timer",
+]
+
+ParameterType: Any = message_class("rcl_interfaces/msg/ParameterType")
 
 # What a node of rclpy has, is not here, and what does the same.
 _INSTEAD = {
-    "add_on_set_parameters_callback": "node.tfbus_node.declare_parameter(..., on_change=...)",
     "create_guard_condition": "node.work.submit(callback)",
     "get_node_names": "`tfbus node list`",
     "get_service_names_and_types": "`tfbus service list`",
@@ -61,13 +76,13 @@ class Node:
         enable_rosout: bool = True,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
+        allow_undeclared_parameters: bool = False,
+        automatically_declare_parameters_from_overrides: bool = False,
+        enable_logger_service: bool = False,
         **unknown: Any,
     ) -> None:
         if unknown:
-            raise TypeError(
-                f"a Node of tfbus.compat does not take {', '.join(unknown)}: declare each "
-                "parameter by declare_parameter(name, default)"
-            )
+            raise TypeError(f"a Node of tfbus.compat does not take {', '.join(unknown)}")
         self._context = context or contexts.current()
         given = self._context.node_arguments if use_global_arguments else []
         given = [*given, *contexts.split_arguments(cli_args or ())[1]]
@@ -82,9 +97,15 @@ class Node:
         self.work = Work(self.tfbus_node.executor.delays)
         self.default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._said: set[str] = set()
+        self._elsewhere: dict[str, TfbusNode] = {}
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
         self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
-        self._declared: dict[str, TfbusParameter] = {}
+        self._parameters = NodeParameters(
+            self.tfbus_node, self.work, allow_undeclared=allow_undeclared_parameters
+        )
+        if automatically_declare_parameters_from_overrides:
+            for name in self.tfbus_node.settings.parameters:
+                self.declare_parameter(name)
         self._context.nodes.append(self)
 
     def __enter__(self) -> "Node":
@@ -136,23 +157,40 @@ class Node:
             self._said.add(text)
             self.tfbus_node.log.warning("%s", text)
 
+    def node_in(self, namespace: str) -> TfbusNode:
+        """The node of tfbus in a namespace: for another than its own, one of the same name there.
+
+        Who sends or listens to the transforms of a namespace is a node in it.
+        """
+        if namespace == self.tfbus_node.namespace:
+            return self.tfbus_node
+        if namespace not in self._elsewhere:
+            settings = replace(
+                self.tfbus_node.settings,
+                namespace=namespace,
+                listen=(),
+                parameters={},
+                remappings={},
+            )
+            self._elsewhere[namespace] = TfbusNode(settings.name, settings=settings)
+        return self._elsewhere[namespace]
+
     def destroy_node(self) -> None:
         """End it and all that it has created; twice is fine."""
         if self in self._context.nodes:
             self._context.nodes.remove(self)
-        self.tfbus_node.close()
+        for each in (*self._elsewhere.values(), self.tfbus_node):
+            each.close()
 
     # What it publishes, subscribes to and serves
 
     def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""
         retained = applied(qos_profile, topic, self.say_once)[1]
-        if kind := _transforms_topic(msg_type, topic):
-            from tfbus.compat import transform_topics as of  # it imports this package
-
-            sender = of.TransformsPublisher(self.tfbus_node, kind)
+        if msg_type is TFMessage and (found := of.transforms_topic(self.tfbus_node, topic)):
+            sender = of.TransformsPublisher(self.node_in(found.namespace), found.kind)
             return Publisher(sender, of.ON_TRANSFORM_TOPICS, msg_type)
-        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
+        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
         return Publisher(publisher, on_bus, msg_type)
 
@@ -176,17 +214,15 @@ class Node:
                 "the bytes of the bus"
             )
         depth, retained = applied(qos_profile, topic, self.say_once)
-        if kind := _transforms_topic(msg_type, topic):
-            from tfbus.compat import transform_topics as of  # it imports this package
-
-            on_bus, group = of.ON_TRANSFORM_TOPICS, self._group(callback_group)
+        if msg_type is TFMessage and (found := of.transforms_topic(self.tfbus_node, topic)):
+            on_bus, group = of.ON_TRANSFORM_TOPICS, self.group_of(callback_group)
             subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
             subscription.endpoint = of.TransformsSubscription(
-                self.tfbus_node, kind, subscription.receive
+                self.tfbus_node, found, subscription.receive
             )
             return subscription
-        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
-        group = self._group(callback_group)
+        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
+        group = self.group_of(callback_group)
         subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
         subscription.endpoint = self.tfbus_node.create_subscription(
             on_bus.type, topic, subscription.receive, retained=retained
@@ -202,7 +238,7 @@ class Node:
         **__: Any,
     ) -> Timer:
         """Call `callback()` every `timer_period_sec` seconds, the first time after one period."""
-        group = self._group(callback_group)
+        group = self.group_of(callback_group)
         return Timer(self.tfbus_node, self.work, timer_period_sec, callback, group)
 
     def create_rate(self, frequency: float, *_: Any) -> Rate:
@@ -219,7 +255,7 @@ class Node:
         **_: Any,
     ) -> Service:
         """Serve requests: `callback(request, response)` returns the response."""
-        group = self._group(callback_group)
+        group = self.group_of(callback_group)
         service = Service(self.work, srv_type, callback, group, srv_name)
         service.endpoint = self.tfbus_node.create_service(srv_type, srv_name, service.handle)
         return service
@@ -228,7 +264,8 @@ class Node:
         """A client of a service."""
         return Client(self.tfbus_node.create_client(srv_type, srv_name), self.work)
 
-    def _group(self, given: CallbackGroup | None) -> CallbackGroup:
+    def group_of(self, given: CallbackGroup | None) -> CallbackGroup:
+        """The group itself, or that of the node, of which it is then."""
         group = self.default_callback_group if given is None else given
         join(group, self.get_fully_qualified_name())
         return group
@@ -263,72 +300,72 @@ class Node:
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
-        """A parameter of the type of `value`, its default; returns it as it is now.
+        """A parameter with a default, or with a `Parameter.Type` only; returns it as it is now.
 
-        Raises ParameterAlreadyDeclaredException; TypeError without a default.
+        Raises ParameterAlreadyDeclaredException.
         """
-        if name in self._declared:
-            raise ParameterAlreadyDeclaredException(f"{name!r} is declared already")
-        if value is None or ignore_override:
-            raise TypeError(
-                f"declare_parameter({name!r}, value): a parameter of tfbus has a default, whose "
-                "type is that of the parameter, and a value given at the start counts"
-            )
-        value = list(value) if isinstance(value, tuple) else value
-        description = getattr(descriptor, "description", "") or ""
-        declared = self.tfbus_node.declare_parameter(name, value, description=description)
-        self._declared[name] = declared
-        return self.get_parameter(name)
+        return self._parameters.declare(name, value, descriptor, ignore_override=ignore_override)
 
     def declare_parameters(
-        self, namespace: str, parameters: Iterable[tuple[Any, ...]], **_: Any
+        self, namespace: str, parameters: Iterable[tuple[Any, ...]], ignore_override: bool = False
     ) -> list[Parameter]:
-        """Several parameters, each a tuple of its name and default."""
-        prefix = f"{namespace}." if namespace else ""
-        return [self.declare_parameter(f"{prefix}{name}", *rest) for name, *rest in parameters]
+        """Several parameters, each a tuple of its name, and maybe a default and a descriptor."""
+        return [self.declare_parameter(*each) for each in names_in(parameters, namespace)]
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget it. Raises ParameterNotDeclaredException."""
+        self._parameters.undeclare(name)
 
     def has_parameter(self, name: str) -> bool:
         """Whether it is declared."""
-        return name in self._declared
+        return self._parameters.has(name)
 
     def get_parameter(self, name: str) -> Parameter:
-        """The parameter as it is now. Raises ParameterNotDeclaredException."""
-        if name == "use_sim_time":
-            return Parameter(name, None, self.tfbus_node.clock.is_simulated)
-        if name not in self._declared:
-            raise ParameterNotDeclaredException(f"{name!r} is not declared")
-        return Parameter(name, None, self._declared[name].value)
+        """The parameter as it is now. Raises ParameterNotDeclaredException, or
+        ParameterUninitializedException where it has no value.
+        """
+        return self._parameters.get(name)
 
     def get_parameters(self, names: Iterable[str]) -> list[Parameter]:
         """The parameters as they are now."""
         return [self.get_parameter(name) for name in names]
 
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
+        """The parameters whose names begin with the prefix and a dot, by the rest of the name."""
+        return self._parameters.with_prefix(prefix)
+
     def get_parameter_or(self, name: str, alternative_value: Any = None) -> Any:
         """The parameter as it is now, or the alternative where it is not declared."""
-        return self.get_parameter(name) if name in self._declared else alternative_value
+        return self.get_parameter(name) if self.has_parameter(name) else alternative_value
 
-    def set_parameters(self, parameter_list: Iterable[Parameter]) -> None:
-        """Change parameters. Raises ParameterError where one is not as it must be."""
+    def get_parameter_type(self, name: str) -> Any:
+        """Its type. Raises ParameterNotDeclaredException."""
+        return self.get_parameter(name).type_
+
+    def describe_parameter(self, name: str) -> Any:
+        """Its descriptor. Raises ParameterNotDeclaredException."""
+        return self._parameters.describe(name)
+
+    def set_parameters(self, parameter_list: Iterable[Parameter]) -> list[Any]:
+        """Change parameters: of each a SetParametersResult, whether it was and why not."""
+        return [self._parameters.set(each) for each in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: Iterable[Parameter]) -> Any:
+        """The same, up to the first that is refused."""
+        result: Any = None
         for each in parameter_list:
-            if each.name == "use_sim_time":
-                if each.value is self.tfbus_node.clock.is_simulated:
-                    continue
-                raise ParameterError(
-                    "use_sim_time is set when the node starts: --sim-time, TFBUS_SIM_TIME=1, or "
-                    "--ros-args -p use_sim_time:=true"
-                )
-            self.get_parameter(each.name)
-            self._declared[each.name].set(each.value)
+            result = self._parameters.set(each)
+            if not result.successful:
+                break
+        return result
 
+    def add_on_set_parameters_callback(self, callback: OnSet) -> None:
+        """Call `callback(parameters)` before they change; it returns a SetParametersResult."""
+        self._parameters.callbacks.insert(0, callback)
 
-def _transforms_topic(message_type: type, topic: str) -> str:
-    """The kind of transforms, `tf` or `tf_static`, of such a topic; "" for every other topic.
-
-    As of a TransformListener they are those of the node's namespace.
-    """
-    name = topic.lstrip("/")
-    is_one = message_type is TFMessage and name in (TRANSFORMS, STATIC_TRANSFORMS)
-    return name if is_one else ""
+    def remove_on_set_parameters_callback(self, callback: OnSet) -> None:
+        """Call it no longer."""
+        self._parameters.callbacks.remove(callback)
 
 
 def tfbus_node_of(node: Any) -> TfbusNode:
@@ -341,3 +378,18 @@ def tfbus_node_of(node: Any) -> TfbusNode:
         "node must be a Node of tfbus.compat.rclpy.node or a tfbus.Node, not a "
         f"{type(node).__name__}: a node of ROS itself is not on the bus"
     )
+
+
+def node_of_transforms(node: Any, topic: str) -> TfbusNode:
+    """tfbus's node in the namespace whose transforms a topic is, `/tf` after remapping.
+
+    Raises TypeError for a topic of another name.
+    """
+    own = tfbus_node_of(node)
+    found = of.transforms_topic(own, topic)
+    if found is None:
+        raise TypeError(
+            f"{topic!r} is no topic of transforms: they are on the topics /tf and /tf_static, and "
+            "those of another namespace on /robot7/tf and /robot7/tf_static"
+        )
+    return node.node_in(found.namespace) if isinstance(node, Node) else own

@@ -3,6 +3,8 @@
 from enum import IntEnum
 from typing import Any
 
+from tfbus.compat.message_classes import message_class
+
 __all__ = ["Parameter", "ParameterValue"]
 
 
@@ -26,6 +28,17 @@ _SCALARS: dict[type, tuple[_Type, str]] = {
     int: (_Type.INTEGER, "integer"),
     float: (_Type.DOUBLE, "double"),
     str: (_Type.STRING, "string"),
+}
+
+
+# A value of each type that a value can be read as.
+ZEROS: dict[_Type, Any] = {
+    _Type.NOT_SET: None,
+    _Type.BOOL: False,
+    _Type.INTEGER: 0,
+    _Type.DOUBLE: 0.0,
+    _Type.STRING: "",
+    **{kind: [] for kind in _Type if kind.name.endswith("ARRAY")},
 }
 
 
@@ -55,11 +68,29 @@ class Parameter:
 
     def __init__(self, name: str, type_: "_Type | None" = None, value: Any = None) -> None:
         found = type_of(value)
+        if type_ is not None and value is not None and _Type(type_) == _Type.DOUBLE_ARRAY:
+            value, found = [float(each) for each in value], _Type.DOUBLE_ARRAY
         if type_ not in (None, found):
             raise ValueError(f"parameter {name!r} is {found.name} and not {_Type(type_).name}")
         self.name = name
         self.value = value
         self.type_ = found
+
+    @staticmethod
+    def from_parameter_msg(param_msg: Any) -> "Parameter":
+        """The parameter of a rcl_interfaces.msg.Parameter."""
+        type_ = _Type(param_msg.value.type)
+        if type_ == _Type.NOT_SET:
+            return Parameter(param_msg.name)
+        value = getattr(param_msg.value, f"{type_.name.lower()}_value")
+        return Parameter(param_msg.name, None, list(value) if type_ > _Type.STRING else value)
+
+    def to_parameter_msg(self) -> Any:
+        """It as a rcl_interfaces.msg.Parameter."""
+        value = message_class("rcl_interfaces/msg/ParameterValue")(type=int(self.type_))
+        if self.type_ != _Type.NOT_SET:
+            setattr(value, f"{self.type_.name.lower()}_value", self.value)
+        return message_class("rcl_interfaces/msg/Parameter")(name=self.name, value=value)
 
     def get_parameter_value(self) -> ParameterValue:
         """Its value by type, such as `.string_value`."""

@@ -2,19 +2,27 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import Any
 
 __all__ = [
     "DurabilityPolicy",
     "HistoryPolicy",
+    "LivelinessPolicy",
     "QoSDurabilityPolicy",
     "QoSHistoryPolicy",
+    "QoSLivelinessPolicy",
+    "QoSPresetProfiles",
     "QoSProfile",
     "QoSReliabilityPolicy",
     "ReliabilityPolicy",
+    "qos_profile_action_status_default",
+    "qos_profile_parameter_events",
+    "qos_profile_parameters",
     "qos_profile_sensor_data",
+    "qos_profile_services_default",
     "qos_profile_system_default",
+    "qos_profile_unknown",
 ]
 
 
@@ -24,6 +32,7 @@ class HistoryPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
     KEEP_ALL = 2
+    UNKNOWN = 3
 
 
 class ReliabilityPolicy(IntEnum):
@@ -32,6 +41,8 @@ class ReliabilityPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
     BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
 
 
 class DurabilityPolicy(IntEnum):
@@ -40,11 +51,24 @@ class DurabilityPolicy(IntEnum):
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class LivelinessPolicy(IntEnum):
+    """Who says that a publisher lives; on the bus its session does."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
 
 
 QoSHistoryPolicy = HistoryPolicy
 QoSReliabilityPolicy = ReliabilityPolicy
 QoSDurabilityPolicy = DurabilityPolicy
+QoSLivelinessPolicy = LivelinessPolicy
 
 
 @dataclass(kw_only=True)
@@ -62,8 +86,36 @@ class QoSProfile:
     avoid_ros_namespace_conventions: bool = False
 
 
-qos_profile_system_default = QoSProfile(depth=10)
+qos_profile_unknown = qos_profile_system_default = QoSProfile(depth=10)
 qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+qos_profile_services_default = QoSProfile(depth=10)
+qos_profile_parameters = qos_profile_parameter_events = QoSProfile(depth=1000)
+qos_profile_action_status_default = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class QoSPresetProfiles(Enum):
+    """The profiles that have names."""
+
+    UNKNOWN = qos_profile_unknown
+    DEFAULT = QoSProfile(depth=10)
+    SYSTEM_DEFAULT = qos_profile_system_default
+    SENSOR_DATA = qos_profile_sensor_data
+    SERVICES_DEFAULT = qos_profile_services_default
+    PARAMETERS = qos_profile_parameters
+    PARAMETER_EVENTS = qos_profile_parameter_events
+    ACTION_STATUS_DEFAULT = qos_profile_action_status_default
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """Their names in small letters."""
+        return [name.lower() for name in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> QoSProfile:
+        """The profile of this name. Raises KeyError where there is none."""
+        profile: QoSProfile = cls[name.upper()].value
+        return profile
+
 
 _NOT_APPLIED = ("lifespan", "deadline", "liveliness", "liveliness_lease_duration")
 

@@ -4,8 +4,8 @@ from enum import IntEnum
 from functools import total_ordering
 from typing import Any
 
-from tfbus.compat.builtin_interfaces import msg as builtin
 from tfbus.compat.rclpy.duration import Duration
+from tfbus.compat.used_messages import Time as TimeMessage
 
 __all__ = ["ClockType", "Duration", "Time"]
 
@@ -65,10 +65,10 @@ class Time:
         """Whole seconds, and the nanoseconds after them."""
         return divmod(self._nanoseconds, _SECOND_NS)
 
-    def to_msg(self) -> builtin.Time:
+    def to_msg(self) -> Any:
         """As a message's stamp holds it."""
         sec, nanosec = divmod(self._nanoseconds, _SECOND_NS)
-        return builtin.Time(sec=sec, nanosec=nanosec)
+        return TimeMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: Any, clock_type: ClockType = ClockType.ROS_TIME) -> "Time":
@@ -129,7 +129,7 @@ def stamp_ns_of(time: Any, what: str = "time") -> int:
     """
     if type(time) is Time:
         return time._nanoseconds
-    if type(time) is builtin.Time or hasattr(time, "nanosec"):
+    if type(time) is TimeMessage or hasattr(time, "nanosec"):
         return int(time.sec) * _SECOND_NS + int(time.nanosec)
     if hasattr(time, "nanoseconds") and not isinstance(time, Duration):
         return int(time.nanoseconds)

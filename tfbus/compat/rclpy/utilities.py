@@ -3,10 +3,11 @@
 import sys
 from collections.abc import Sequence
 
+from tfbus.compat.rclpy.context import current as get_default_context
 from tfbus.compat.rclpy.context import is_ok as ok
 from tfbus.compat.rclpy.context import split_arguments
 
-__all__ = ["ok", "remove_ros_args"]
+__all__ = ["get_default_context", "ok", "remove_ros_args"]
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:

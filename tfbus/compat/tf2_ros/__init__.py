@@ -3,6 +3,8 @@
 from typing import TYPE_CHECKING
 
 from tfbus.compat.missing import missing_names
+from tfbus.compat.rclpy.duration import Duration
+from tfbus.compat.rclpy.time import Time
 from tfbus.compat.tf2_py import (
     BufferCore,
     ConnectivityException,
@@ -25,6 +27,7 @@ from tfbus.compat.tf2_ros.buffer_interface import (
 from tfbus.compat.tf2_ros.static_transform_broadcaster import StaticTransformBroadcaster
 from tfbus.compat.tf2_ros.transform_broadcaster import TransformBroadcaster
 from tfbus.compat.tf2_ros.transform_listener import TransformListener
+from tfbus.compat.used_messages import Header, TFMessage, TransformStamped
 
 __all__ = [
     "Buffer",
@@ -32,17 +35,22 @@ __all__ = [
     "BufferInterface",
     "ConnectivityException",
     "ConvertRegistration",
+    "Duration",
     "ExtrapolationException",
+    "Header",
     "InvalidArgumentException",
     "LookupException",
     "NotImplementedException",
     "Stamped",
     "StaticTransformBroadcaster",
+    "TFMessage",
+    "Time",
     "TimeoutException",
     "TransformBroadcaster",
     "TransformException",
     "TransformListener",
     "TransformRegistration",
+    "TransformStamped",
     "TypeException",
     "convert",
 ]

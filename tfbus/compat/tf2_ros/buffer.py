@@ -8,7 +8,6 @@ from functools import cache, partial
 from typing import Any
 
 from tfbus.compat.fields import message_of
-from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.node import Node, tfbus_node_of
 from tfbus.compat.rclpy.task import Future, Run
@@ -51,7 +50,7 @@ class Buffer(BufferCore, BufferInterface):
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = _AT_ONCE
-    ) -> TransformStamped:
+    ) -> Any:
         """The transform that takes data in the source frame into the target frame, at that time.
 
         The time is a Time or a message's stamp, 0 the latest. Waits at most `timeout`. Raises
@@ -64,7 +63,7 @@ class Buffer(BufferCore, BufferInterface):
     def lookup_transform_full(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any,
         fixed_frame: str, timeout: Any = _AT_ONCE,
-    ) -> TransformStamped:  # fmt: skip
+    ) -> Any:  # fmt: skip
         """The source as it was at one time, seen from the target at another, by way of a frame that
         does not move between the two.
         """
@@ -117,21 +116,17 @@ class Buffer(BufferCore, BufferInterface):
         )
         return TransformFuture(look, wait, self._run)
 
-    async def lookup_transform_async(
-        self, target_frame: str, source_frame: str, time: Any
-    ) -> TransformStamped:
+    async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """The transform as soon as there is one: `await` it in a callback, or in asyncio."""
-        found: TransformStamped = await self.wait_for_transform_async(
-            target_frame, source_frame, time
-        )
+        found = await self.wait_for_transform_async(target_frame, source_frame, time)
         return found
 
     async def lookup_transform_full_async(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any,
         fixed_frame: str,
-    ) -> TransformStamped:  # fmt: skip
+    ) -> Any:  # fmt: skip
         """The same through a fixed frame."""
-        found: TransformStamped = await self.wait_for_transform_full_async(
+        found = await self.wait_for_transform_full_async(
             target_frame, target_time, source_frame, source_time, fixed_frame
         )
         return found
@@ -142,7 +137,7 @@ class TransformFuture(Future):
 
     def __init__(
         self,
-        look: Callable[[], TransformStamped],
+        look: Callable[[], Any],
         wait: Callable[[], Coroutine[Any, Any, Any]],
         run: Run | None,
     ) -> None:

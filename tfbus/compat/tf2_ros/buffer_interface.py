@@ -4,9 +4,8 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, ClassVar
 
-from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.duration import Duration
-from tfbus.compat.std_msgs.msg import Header
+from tfbus.compat.used_messages import Header
 
 __all__ = [
     "BufferInterface",
@@ -18,7 +17,7 @@ __all__ = [
     "convert",
 ]
 
-DoTransform = Callable[[Any, TransformStamped], Any]
+DoTransform = Callable[[Any, Any], Any]
 
 
 class TypeException(Exception):

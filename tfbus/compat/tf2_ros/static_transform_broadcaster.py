@@ -3,7 +3,7 @@
 from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as TfbusBroadcaster
-from tfbus.compat.rclpy.node import tfbus_node_of
+from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_broadcaster import as_tfbus
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.runtime.right_form import called_as
@@ -19,7 +19,7 @@ class StaticTransformBroadcaster:
     @called_as("StaticTransformBroadcaster(node)")
     def __init__(self, node: Any, qos: Any = None) -> None:
         warn_of_qos(node, "StaticTransformBroadcaster", qos)
-        self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))
+        self.tfbus_broadcaster = TfbusBroadcaster(node_of_transforms(node, "/tf_static"))
 
     def sendTransform(self, transform: Any) -> None:
         """Add a TransformStamped, or several, or replace those of the same child frame.

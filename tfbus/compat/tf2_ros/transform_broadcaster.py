@@ -5,7 +5,7 @@ from typing import Any
 
 from tfbus.broadcast.broadcaster import TransformBroadcaster as TfbusBroadcaster
 from tfbus.compat.fields import stamped_of
-from tfbus.compat.rclpy.node import tfbus_node_of
+from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime.right_form import called_as
@@ -19,7 +19,7 @@ class TransformBroadcaster:
     @called_as("TransformBroadcaster(node)")
     def __init__(self, node: Any, qos: Any = None) -> None:
         warn_of_qos(node, "TransformBroadcaster", qos)
-        self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))
+        self.tfbus_broadcaster = TfbusBroadcaster(node_of_transforms(node, "/tf"))
 
     def sendTransform(self, transform: Any) -> None:
         """Send a TransformStamped, or several in one message.

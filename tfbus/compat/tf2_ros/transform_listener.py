@@ -6,22 +6,24 @@ from typing import Any
 
 from tfbus.compat.rclpy.exceptions import NotInitializedException
 from tfbus.compat.rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from tfbus.compat.rclpy.node import Node, tfbus_node_of
+from tfbus.compat.rclpy.node import Node, node_of_transforms, tfbus_node_of
 from tfbus.compat.tf2_ros.buffer import Buffer
 from tfbus.listen.listener import TransformListener as TfbusListener
 from tfbus.runtime.right_form import called_as
 
-__all__ = ["TransformListener"]
+__all__ = ["DEFAULT_STATIC_TF_TOPIC", "DEFAULT_TF_TOPIC", "TransformListener"]
 
-_TOPICS = {"tf_topic": "/tf", "tf_static_topic": "/tf_static"}
+DEFAULT_TF_TOPIC = "/tf"
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
 
 
 class TransformListener:
     """Fills a buffer with the transforms on the bus, on threads of its own: nothing to spin.
 
     `spin_thread=True` spins the node for its other callbacks, as in ROS. QoS is not applied, which
-    is logged. `tfbus_listener` is the listener of tfbus underneath. Raises TypeError for another
-    topic than /tf and /tf_static: of what robot the transforms are says the namespace of the node.
+    is logged. `tfbus_listener` is the listener of tfbus underneath. The topics say whose transforms
+    they are: `/tf` those of the node's namespace, `/robot7/tf` those of robot7. Raises TypeError
+    for topics of other names.
     """
 
     @called_as("TransformListener(buffer, node)")
@@ -37,17 +39,16 @@ class TransformListener:
         tf_static_topic: str = "/tf_static",
         static_only: bool = False,
     ) -> None:
-        for name, topic in (("tf_topic", tf_topic), ("tf_static_topic", tf_static_topic)):
-            if topic.lstrip("/") != _TOPICS[name].lstrip("/"):
-                raise TypeError(
-                    f"{name}={topic!r}: the transforms of the bus have no other topic; those of "
-                    "another robot are in its namespace, Node(name, namespace=...)"
-                )
         if static_only:
             raise TypeError("static_only: a listener of tfbus receives dynamic transforms too")
         self._check(buffer)
         self.node = node
-        self._tfbus_node = tfbus_node_of(node)
+        self._tfbus_node = node_of_transforms(node, tf_topic)
+        if self._tfbus_node is not node_of_transforms(node, tf_static_topic):
+            raise TypeError(
+                f"tf_topic={tf_topic!r} and tf_static_topic={tf_static_topic!r} must be of one "
+                "namespace: a listener of tfbus receives both kinds of transforms of one"
+            )
         warn_of_qos(node, "TransformListener", qos, static_qos)
         self._buffer = buffer
         self._heard_before = 0

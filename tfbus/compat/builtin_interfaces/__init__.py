@@ -1,1 +1,0 @@
-"""ROS's package builtin_interfaces: times as messages hold them."""

@@ -1,1 +1,0 @@
-"""ROS's package geometry_msgs, as far as tf2 and turtlesim need it."""

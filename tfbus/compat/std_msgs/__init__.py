@@ -1,1 +1,0 @@
-"""ROS's package std_msgs, as far as transforms need it."""

@@ -1,1 +1,0 @@
-"""ROS's package std_srvs, as far as turtlesim needs it."""

@@ -1,1 +1,0 @@
-"""ROS's package turtlesim: what its simulator sends, takes and serves."""

@@ -106,6 +106,14 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     help="A folder with the packages that the URDF's meshes are in; repeatable.",
 )
 @click.option(
+    "--mesh-up-axis",
+    "heeds_up_axis",
+    type=click.Choice(("ignore", "file")),
+    default="ignore",
+    callback=lambda context, option, value: value == "file",
+    help="Turn DAE meshes by the up axis that the file states, or do not, as RViz (default).",
+)
+@click.option(
     "--screenshot",
     type=OutputFile(".png"),
     metavar="FILE",
@@ -139,6 +147,7 @@ def main(
     path: Path | None,
     urdf: Path | None,
     package_path: tuple[Path, ...],
+    heeds_up_axis: bool,
     screenshot: Path | None,
     after_s: float,
     size: tuple[int, int],
@@ -170,6 +179,7 @@ def main(
         title,
         Access(public.token, public.tls) if public else None,
         read_only=listening.is_public if read_only is None else read_only,
+        heeds_up_axis=heeds_up_axis,
     )
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None

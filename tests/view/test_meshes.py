@@ -1,6 +1,7 @@
 """The meshes that a URDF names, as `tfbus view` reads them: also those of strangers."""
 
 import json
+import re
 import struct
 import threading
 import zipfile
@@ -84,6 +85,21 @@ def test_a_mesh_of_collada_is_read_in_its_unit() -> None:
     pytest.importorskip("collada", reason="needs pycollada: the extra robot")
     data = box("dae").replace(b"<asset>", b'<asset><unit name="cm" meter="0.01"/>', 1)
     assert extents(read_mesh("dae", data, References())) == [0.01, 0.02, 0.03]
+
+
+@pytest.mark.parametrize(
+    ("axis", "size"),
+    [("X", [0.02, 0.03, 0.01]), ("Y", [0.01, 0.03, 0.02]), ("Z", [0.01, 0.02, 0.03])],
+)
+def test_the_up_axis_of_a_dae_turns_it_where_that_is_asked_for(
+    axis: str, size: list[float]
+) -> None:
+    """What is up in the file is z then; without it the file is as RViz has it."""
+    plain = re.sub(rb"<up_axis>.*?</up_axis>", b"", box("dae"))
+    stated = f'<asset><unit name="cm" meter="0.01"/><up_axis>{axis}_UP</up_axis>'.encode()
+    data = plain.replace(b"<asset>", stated, 1)
+    assert extents(read_mesh("dae", data, References())) == [0.01, 0.02, 0.03]
+    assert extents(read_mesh("dae", data, References(), heeds_up_axis=True)) == size
 
 
 def test_an_obj_has_a_part_for_each_of_its_materials(tmp_path: Path) -> None:

@@ -62,7 +62,8 @@ class Serving:
     The settings are saved to `path`. The slider goes back `history_s` seconds. `title` is that of
     the browser's tab. With an `access` the page is encrypted, and needs its token. One that is
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
-    joints. If `is_framed`, pages of other machines may have it in a frame.
+    joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
+    meshes are turned by the up axis that they state.
     """
 
     host: str = "127.0.0.1"
@@ -75,6 +76,7 @@ class Serving:
     access: Access | None = None
     read_only: bool = False
     is_framed: bool = False
+    heeds_up_axis: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,12 @@ class Page:
         self._cameras = Cameras(self._server)
         self._names = Names(self._server, self._selections)
         self._selected_marks = SelectedMarks(self._server, self._selections)
-        self._robots = RobotScenes(self._server.scene, robots or GivenRobots(), node.log)
+        self._robots = RobotScenes(
+            self._server.scene,
+            robots or GivenRobots(),
+            node.log,
+            heeds_up_axis=serving.heeds_up_axis,
+        )
         self.drawn = Drawn(self._server.scene)
         self._panel = Panel(
             self._server,

@@ -52,7 +52,7 @@ def _answer(values: dict[str, Any]) -> dict[str, Any]:
         folder = None if request.path is None else request.path.parent
         references = References(folder, request.root, request.beside)
         data = request.data if request.path is None else _content(request)
-        parts = read_mesh(request.kind, data, references, request.texture)
+        parts = read_mesh(request.kind, data, references, request.texture, request.heeds_up_axis)
     except (MeshError, OSError) as error:
         return {"error": str(error)}
     except MemoryError:

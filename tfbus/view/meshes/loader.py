@@ -56,11 +56,13 @@ class MeshLoader:
 
     Senders take turns, by the time that their files have taken. A file that takes more than 10 s
     makes way, and is read once more beside the others, for at most 60 s: so a stranger's file holds
-    up those of others for a moment only. `fetch` gets those of other machines.
+    up those of others for a moment only. `fetch` gets those of other machines. With
+    `heeds_up_axis` a DAE is turned by the up axis that it states; RViz does not.
     """
 
-    def __init__(self, fetch: Fetch | None = None) -> None:
+    def __init__(self, fetch: Fetch | None = None, *, heeds_up_axis: bool = False) -> None:
         self._fetch = fetch
+        self._heeds_up_axis = heeds_up_axis
         self._lock = threading.Lock()
         self._known: dict[MeshSource, ReadMesh | str | None] = {}
         self._is_closed = False
@@ -101,7 +103,8 @@ class MeshLoader:
             # That it starts is not the file's doing.
             reader.start()
             deadline_s = time.monotonic() + within_s
-            mesh: ReadMesh | str = _Task(source, reader, deadline_s, self._fetch).read()
+            task = _Task(source, reader, deadline_s, self._fetch, heeds_up_axis=self._heeds_up_axis)
+            mesh: ReadMesh | str = task.read()
         except TfbusError as error:
             if time.monotonic() >= deadline_s and within_s < LONGEST_S:
                 return False
@@ -180,9 +183,16 @@ class _Task:
     """Reads one file until `deadline_s`."""
 
     def __init__(
-        self, source: MeshSource, reader: MeshReader, deadline_s: float, fetch: Fetch | None
+        self,
+        source: MeshSource,
+        reader: MeshReader,
+        deadline_s: float,
+        fetch: Fetch | None,
+        *,
+        heeds_up_axis: bool,
     ) -> None:
         self._source = source
+        self._heeds_up_axis = heeds_up_axis
         self._reader = reader
         self._deadline_s = deadline_s
         self._from_elsewhere = fetch
@@ -222,11 +232,17 @@ class _Task:
     def _read_with(self, source: MeshSource, texture: tuple[str, bytes] | None) -> ReadMesh:
         if source.kind not in KINDS:
             raise MeshError(f"no reader for .{source.kind}: convert it to STL, DAE, OBJ or GLB")
+        request = MeshRequest(
+            source.kind,
+            source.path,
+            source.root,
+            texture=texture,
+            heeds_up_axis=self._heeds_up_axis,
+        )
         if source.path is not None:
-            request = MeshRequest(source.kind, source.path, source.root, texture=texture)
             return self._reader.read(request, self._left_s)
         data = self._fetch(source.origin, source.name)
-        request = MeshRequest(source.kind, data=data, texture=texture)
+        request = replace(request, root=None, data=data)
         read = self._reader.read(request, self._left_s)
         beside = self._beside(lambda name: self._fetch(source.origin, name), source.name, read)
         if not beside:

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import re
 from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
@@ -19,12 +20,17 @@ _LEAST_OPACITY = 0.05
 
 
 def read_mesh(
-    kind: str, data: bytes, references: References, texture: tuple[str, bytes] | None = None
+    kind: str,
+    data: bytes,
+    references: References,
+    texture: tuple[str, bytes] | None = None,
+    heeds_up_axis: bool = False,
 ) -> list[Part]:
     """The parts of a mesh file of a kind, such as "stl", in metres where it states its unit.
 
     A `texture`, by its name, is the picture of the parts that have texture coordinates and no look
-    of their own; where it cannot be, `references.refused` says why.
+    of their own; where it cannot be, `references.refused` says why. With `heeds_up_axis` a DAE is
+    turned by the up axis that it states.
 
     Raises MeshError, and any error of a mesh reader.
     """
@@ -38,6 +44,7 @@ def read_mesh(
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
     own = _Texture(trimesh, *texture) if texture else None
+    turn = _turn(data) if heeds_up_axis and kind == "dae" else None
     solids: list[Part] = []
     textured: list[Part] = []
     triangles = 0
@@ -45,7 +52,7 @@ def read_mesh(
         triangles += len(mesh.faces)
         if triangles > MOST_TRIANGLES:
             raise MeshError(f"it has more than {MOST_TRIANGLES:,} triangles")
-        placed = _placed(mesh, matrix, _unit_m(trimesh, mesh))
+        placed = _placed(mesh, matrix if turn is None else turn @ matrix, _unit_m(trimesh, mesh))
         if own is not None:
             own.put_on(placed)
         if _is_textured(placed):
@@ -110,8 +117,22 @@ def _placed(mesh: Any, matrix: Any, unit_m: float) -> Any:
     return placed
 
 
+def _turn(dae: bytes) -> Any:
+    """What turns a DAE so that its up axis is z; None where that is so."""
+    found = _UP_AXIS.search(dae)
+    return _TURNS.get(found[1]) if found else None
+
+
+# As Collada defines which ways are right, up and towards the viewer.
+_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
+_TURNS = {
+    b"X": np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], float),
+    b"Y": np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float),
+}
+
+
 def _unit_m(trimesh: Any, mesh: Any) -> float:
-    """The unit of a DAE, the only format that states one; as RViz, its up axis is not heeded."""
+    """The unit of a DAE, the only format that states one."""
     unit = mesh.metadata.get("units")
     return float(trimesh.units.unit_conversion(unit, "meters")) if unit else 1.0
 

@@ -12,7 +12,7 @@ class MeshRequest:
     another machine, and files that came `beside` it. `kind` is its suffix, such as "stl".
 
     `texture` is the picture that the URDF gives it, by its name, for triangles without a look of
-    their own.
+    their own. With `heeds_up_axis` a DAE is turned by the up axis that it states.
     """
 
     kind: str
@@ -21,6 +21,7 @@ class MeshRequest:
     data: bytes = b""
     beside: Mapping[str, bytes] = field(default_factory=dict)
     texture: tuple[str, bytes] | None = None
+    heeds_up_axis: bool = False
 
     def as_map(self) -> dict[str, Any]:
         """It as msgpack can have it."""
@@ -31,6 +32,7 @@ class MeshRequest:
             "data": self.data,
             "beside": dict(self.beside),
             "texture": self.texture,
+            "heeds_up_axis": self.heeds_up_axis,
         }
 
     @staticmethod
@@ -44,4 +46,5 @@ class MeshRequest:
             values["data"],
             values["beside"],
             None if texture is None else (texture[0], texture[1]),
+            values["heeds_up_axis"],
         )

@@ -27,12 +27,19 @@ class RobotScenes:
     A robot of a file whose frames are not published stands at the origin, at `positions`.
     """
 
-    def __init__(self, scene: viser.SceneApi, source: RobotSource, log: logging.Logger) -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        source: RobotSource,
+        log: logging.Logger,
+        *,
+        heeds_up_axis: bool = False,
+    ) -> None:
         self.source = source
         self.positions: dict[str, float] = {}
         self._scene = scene
         self._log = log
-        self._loader = MeshLoader(source.fetch)
+        self._loader = MeshLoader(source.fetch, heeds_up_axis=heeds_up_axis)
         self._count = 0
         self._scenes: dict[ShownRobot, RobotScene] = {}
         self._settings: ViewSettings | None = None

@@ -30,7 +30,7 @@ GROUPS = {
     "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",
     "Errors": "TfbusError TransformException InvalidArgumentException LookupException"
     " ConnectivityException NoDataException ExtrapolationException PastExtrapolationException"
-    " FutureExtrapolationException SingleSampleException LoopException StaleException"
+    " FutureExtrapolationException SingleSampleException GapException LoopException StaleException"
     " TimeoutException BusError DecodeError InvalidNameError ParameterError ServiceError"
     " SettingsError",
 }

@@ -10,7 +10,7 @@ import click
 
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.command.ros_args import RosArgs
-from tfbus.command.types import LogLevel
+from tfbus.command.types import LogLevel, Number
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
 from tfbus.wording import printable
@@ -55,6 +55,28 @@ def fleet_options(function: F) -> F:
     for option in reversed(_FLEET_OPTIONS):
         decorated = option(decorated)
     return cast(F, decorated)
+
+
+def max_gap_option(function: F) -> F:
+    """Add `--max-gap` to a click command. Its argument `sampling` is then a Sampling with it."""
+
+    @functools.wraps(function)
+    def command(*args: Any, max_gap_s: float | None, **values: Any) -> Any:
+        from tfbus.core.sampling import TF2, Sampling
+
+        sampling = TF2 if max_gap_s is None else Sampling(max_gap_s=max_gap_s)
+        return function(*args, sampling=sampling, **values)
+
+    return cast(
+        F,
+        click.option(
+            "--max-gap",
+            "max_gap_s",
+            type=Number(least=0.0, most=1e6),
+            metavar="SECONDS",
+            help="Do not interpolate between samples farther apart than this.",
+        )(command),
+    )
 
 
 def node_options(default_name: str) -> Callable[[F], F]:

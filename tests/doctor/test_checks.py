@@ -152,10 +152,10 @@ def with_settings(settings: NodeSettings, **host: object) -> Callable[[Examinati
 
 TROUBLES = {
     "encryption": (
-        with_settings(NodeSettings("doctor"), listens_beyond=("tcp/[::]:0",)),
+        with_settings(NodeSettings("doctor"), listens_beyond=("tcp/[::]:0",), routers=1),
         "warn",
-        "it listens on tcp/[::]:0, and any process that reaches it can read everything, send any "
-        "frame, call any service and set any parameter",
+        "any process that reaches tcp/[::]:0 can read everything, send any frame, call any service "
+        "and set any parameter",
     ),
     "certificate": (
         with_settings(of_identity(days=3.5)),

@@ -19,7 +19,7 @@ class Host:
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, where it did.
+    compiler failed, where it did. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -30,6 +30,7 @@ class Host:
     unreachable: Mapping[str, str] = field(default_factory=dict)
     listens_beyond: tuple[str, ...] = ()
     why_interpreted: str = ""
+    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import logging
 import platform
+import socket
 from dataclasses import replace
 from importlib import metadata
 
@@ -36,6 +37,7 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
+        name=socket.gethostname(),
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
 

@@ -4,11 +4,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
-from io import BytesIO
+from io import BytesIO, StringIO
 from typing import Any
 
 import numpy as np
 import pytest
+import rich.console
 
 from tests import needs
 from tests.builders import S, moved
@@ -91,6 +92,17 @@ def test_a_shape_moves_with_its_frame(
     assert not drawn(view)
 
 
+@pytest.mark.parametrize("pose", [(1.0, 2.0, 3.0), Transform((1, 2, 3))], ids=["point", "pose"])
+@pytest.mark.parametrize("kind", ["box", "sphere", "text", "image"])
+def test_a_shape_is_at_a_pose_or_a_point_of_its_frame(kind: str, pose: object, view: View) -> None:
+    """By one name for all kinds."""
+    arguments = {"box": [(1, 1, 1)], "sphere": [0.5], "text": ["here"], "image": [PICTURE, 1.0]}
+    getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=pose)
+    assert drawn(view)["a"].handle.position.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(InvalidArgumentException, match="pose: expected 3"):
+        getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=(1, 2))
+
+
 def test_a_shape_of_a_frame_that_is_not_there_waits_for_it(
     view: View, buffer: Buffer, step: Callable[[], None]
 ) -> None:
@@ -152,6 +164,17 @@ def test_a_shape_that_cannot_be_made_changes_nothing(view: View) -> None:
 def test_a_notebook_shows_the_page(view: View) -> None:
     """In a frame below the cell, with a link."""
     assert f'<iframe src="{view.url}"' in view._repr_html_()
+
+
+def test_the_server_says_nothing(buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither when it starts nor when it stops, also on a console that is not standard output, as
+    that of a notebook.
+    """
+    console = rich.console.Console(file=StringIO())
+    monkeypatch.setattr(rich, "_console", console)
+    show(buffer, port=free_port()).close()
+    assert console.file.getvalue() == ""  # type: ignore[attr-defined]
+    assert not console.quiet
 
 
 def test_a_page_for_other_machines_must_be_public(buffer: Buffer) -> None:

@@ -274,3 +274,33 @@ def test_a_browser_shows_a_recording_and_what_is_drawn(
     page.button("All (H)")
     eventually(lambda: looks_at() == pytest.approx((-1.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
     assert page.errors == []
+
+
+# The tree's place in the page, and that of the selected row in it: tops and bottoms.
+_PLACES = """() => [
+  document.querySelector('.tf[role=tree]').parentElement,
+  document.querySelector('.tf-selected'),
+].map((each) => each && [each.getBoundingClientRect().top, each.getBoundingClientRect().bottom])"""
+
+
+def test_the_tree_of_frames_has_the_height_of_the_page(
+    buffer: Buffer, view: View, pages: Any
+) -> None:
+    """Down to its end; a row that is selected there stays in sight above its facts."""
+    for number in range(60):
+        buffer.set_transform(moved(2 * S, "base", f"link_{number:02}"), static=True)
+    tab = pages.new_page()
+    tab.set_viewport_size({"width": 1280, "height": 1000})
+    page = Page(tab, view.url)
+    page.headline("62 frames")
+    page.row("link_30").wait_for()
+    (_, bottom), _ = page.page.evaluate(_PLACES)
+    assert 900 < bottom < 1000
+    page.row("link_30").get_by_role("button").click()
+    page.page.locator(".tf-selected").wait_for()
+
+    def is_in_sight() -> bool:
+        (top, bottom), row = page.page.evaluate(_PLACES)
+        return bool(bottom < 800 and row and top <= row[0] and row[1] <= bottom + 1)
+
+    eventually(is_in_sight, within_s=PATIENCE_S)

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import tfbus
 import tfbus.messages
+import tfbus.view
 from tfbus.runtime.structs import Struct
+from tfbus.view import View
 
 PAGE = Path(__file__).parent / "reference" / "api.md"
 PACKAGE = Path(tfbus.__file__).parent
@@ -30,7 +32,7 @@ GROUPS = {
     "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",
     "Errors": "TfbusError TransformException InvalidArgumentException LookupException"
     " ConnectivityException NoDataException ExtrapolationException PastExtrapolationException"
-    " FutureExtrapolationException SingleSampleException LoopException StaleException"
+    " FutureExtrapolationException SingleSampleException GapException LoopException StaleException"
     " TimeoutException BusError DecodeError InvalidNameError ParameterError ServiceError"
     " SettingsError",
 }
@@ -42,8 +44,14 @@ _HEAD = """\
 # API reference
 
 All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
-from `tfbus.messages` where that is the heading. Lengths are metres, angles radians, quaternions
-x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since the Unix epoch.
+from `tfbus.messages` or `tfbus.view` where that is the heading. Lengths are metres, angles radians,
+quaternions x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since the Unix epoch.
+"""
+
+
+_VIEW = """\
+A page of a buffer or a recording, with what a program draws; it needs the extra `view`. See [the
+guide](../guide/view.md).
 """
 
 
@@ -70,6 +78,8 @@ def page() -> str:
         _entry(value.__name__, value, made=False)
         for value in sorted(_returned(), key=lambda value: value.__name__)
     ]
+    parts += ["## tfbus.view\n", _VIEW]
+    parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
     parts += ["## tfbus.messages\n", _paragraphs(tfbus.messages.__doc__ or "")]
     parts += [
         _entry(name, value)

@@ -13,6 +13,7 @@ import click
 from tfbus import node_options
 from tfbus.cli import NODES, TOOLS
 from tfbus.cli import main as tfbus
+from tfbus.command.node_option import SHOWS_ALL
 
 PAGE = Path(__file__).parent / "reference" / "commands.md"
 
@@ -20,8 +21,9 @@ _HEAD = """\
 # Commands
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
-`tfbus COMMAND --help` prints the same. Commands exit with 0 where all went well, with 1 where they
-failed, and with 2 where the command line was wrong.
+`tfbus COMMAND --help` prints the same, but for the options that all have in common, which
+`--help-all` has. Commands exit with 0 where all went well, with 1 where they failed, and with 2
+where the command line was wrong.
 """
 
 _OF_NODES = """\
@@ -106,6 +108,7 @@ def _examples(epilog: str) -> str:
 def _options(parameters: Sequence[click.Parameter]) -> str:
     """A table of options, "" where there are none."""
     context = click.Context(click.Command("tfbus"), max_content_width=100)
+    context.meta[SHOWS_ALL] = True
     records = [each.get_help_record(context) for each in parameters]
     rows = [
         f"| `{_cell(names)}` | {_cell(_shown(text))} |"

@@ -20,11 +20,20 @@ from tfbus import (
     FrameName,
     NodeSettings,
     Number,
+    Sampling,
     TransformStamped,
     fleet_options,
     node_options,
 )
-from tfbus.command import POSITIVE, BagChoice, Moment, MomentType, bag_options, own_name
+from tfbus.command import (
+    POSITIVE,
+    BagChoice,
+    Moment,
+    MomentType,
+    bag_options,
+    max_gap_option,
+    own_name,
+)
 from tfbus.frames import (
     CSV_HEADER,
     Numbers,
@@ -119,6 +128,7 @@ class _Echo(click.Command):
     help="Exit with 1 after this long without a transform.",
 )
 @bag_options("begin", "end", statics=True)
+@max_gap_option
 @fleet_options
 @node_options(own_name("echo"))
 def main(
@@ -138,6 +148,7 @@ def main(
     moment: Moment | None,
     fixed_frame: str | None,
     timeout: float | None,
+    sampling: Sampling,
 ) -> None:
     """Print the pose of the frame SOURCE seen from the frame TARGET.
 
@@ -152,7 +163,7 @@ def main(
     if bag is not None:
         if timeout is not None:
             raise click.UsageError("--timeout waits for a bus: omit it with --bag")
-        found = _recorded(replace(bag, at=moment), settings, fleet, question, rate)
+        found = _recorded(replace(bag, at=moment), settings, fleet, question, rate, sampling)
         _print_recorded(map(write, _limited(found, changed, limit)), form)
         return
     from tfbus import Buffer, Node, TransformListener  # Zenoh, which a recording does not need
@@ -162,7 +173,7 @@ def main(
     is_complete = limit is None  # it goes on until Ctrl-C
     with suppress(KeyboardInterrupt), Node(settings=settings, patience_s=timeout_s) as node:
         history_s = question.history_s(node.now_ns())
-        buffer = Buffer(max(10.0, history_s))
+        buffer = Buffer(max(10.0, history_s), sampling=sampling)
         with TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener:
             node.ready(f"Printing {question} at {rate:g} Hz")
             found = answers(node, listener, question, rate_hz=rate, timeout_s=timeout_s)
@@ -179,14 +190,17 @@ def _recorded(
     fleet: Fleet | None,
     question: Question,
     rate: float | None,
+    sampling: Sampling,
 ) -> Iterator[TransformStamped]:
     """The answers of a recording."""
     names = question.target, question.source
     if bag.at is not None and (bag.begin is not None or bag.end is not None):
         raise click.UsageError("--at is one moment: omit --from and --to")
     if bag.at is not None or question.fixed_frame is not None:
-        return iter([recorded_transform(bag, settings, fleet, *names, question.fixed_frame)])
-    return recorded_transforms(bag, settings, fleet, *names, rate)
+        return iter(
+            [recorded_transform(bag, settings, fleet, *names, question.fixed_frame, sampling)]
+        )
+    return recorded_transforms(bag, settings, fleet, *names, rate, sampling)
 
 
 def _limited(

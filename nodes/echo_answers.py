@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from tfbus import (
     Buffer,
     ExtrapolationException,
+    GapException,
     InvalidArgumentException,
     LookupException,
     PastExtrapolationException,
@@ -83,9 +84,9 @@ class Question:
         )
 
     def is_hopeless(self, reason: TransformException) -> bool:
-        """Whether waiting cannot help: the moment is before all samples."""
+        """Whether waiting cannot help: the moment is before all samples, or in a gap of them."""
         is_absolute = self.moment is not None and not self.moment.is_relative
-        return is_absolute and _is_past(reason)
+        return is_absolute and (_is_past(reason) or isinstance(reason, GapException))
 
 
 def answers(
@@ -186,6 +187,8 @@ def _wait_for_answer(
         if time.monotonic() < history_by_s:
             node.wait(_HISTORY_LOOK_S, clock=SystemClock())
         elif question.is_hopeless(reason):
+            if isinstance(reason, GapException):
+                raise reason
             raise PastExtrapolationException(
                 f"{reason}; echo has only what is sent while it runs, and the history that "
                 "publishers keep, 10 s by default"

@@ -22,6 +22,7 @@ NAMES = [
     "FrameInfo",
     "FrameName",
     "FutureExtrapolationException",
+    "GapException",
     "GoalHandle",
     "GoalResult",
     "InvalidArgumentException",

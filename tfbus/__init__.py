@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tfbus.errors import DecodeError as DecodeError
     from tfbus.errors import ExtrapolationException as ExtrapolationException
     from tfbus.errors import FutureExtrapolationException as FutureExtrapolationException
+    from tfbus.errors import GapException as GapException
     from tfbus.errors import InvalidArgumentException as InvalidArgumentException
     from tfbus.errors import InvalidNameError as InvalidNameError
     from tfbus.errors import LookupException as LookupException
@@ -86,6 +87,7 @@ _MODULE_OF = {
     "FrameInfo": "tfbus.buffer.info",
     "FrameName": "tfbus.command.types",
     "FutureExtrapolationException": "tfbus.errors",
+    "GapException": "tfbus.errors",
     "GoalHandle": "tfbus.node.action",
     "GoalResult": "tfbus.node.action",
     "InvalidArgumentException": "tfbus.errors",

@@ -9,6 +9,7 @@
           FutureExtrapolationException    it is after the newest sample: wait, or ask for the latest
           NoDataException                 the edge has no sample at all
           SingleSampleException           the edge has one sample, of another time
+          GapException                    its samples around that time are too far apart
         StaleException                  an edge is too old, or its publisher is gone
         InvalidArgumentException        a name, number or shape is invalid
           LoopException                   an edge would close a loop in the tree
@@ -35,6 +36,8 @@ either catches it:
 
 LookupException is no KeyError, whose `str` is the repr of its message.
 """
+
+from typing import Any
 
 
 class TfbusError(Exception):
@@ -127,6 +130,28 @@ class SingleSampleException(ExtrapolationException):
 
     For a time before it, waiting does not help.
     """
+
+
+class GapException(ExtrapolationException):
+    """The samples of an edge around the requested time are farther apart than `max_gap_s`.
+
+    `before_ns` and `after_ns` are the stamps of the two; with extrapolation those of the first two
+    or the last two. For a given time waiting does not help; for the latest it may.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        before_ns: int = 0,
+        after_ns: int = 0,
+        max_gap_s: float | None = None,
+        **facts: Any,
+    ) -> None:
+        super().__init__(message, **facts)
+        self.before_ns = before_ns
+        self.after_ns = after_ns
+        self.max_gap_s = max_gap_s
 
 
 class StaleException(TransformException):

@@ -53,10 +53,38 @@ def cut_middle(text: str, most: int) -> str:
     """As `cut`, with the ellipsis in the middle: names that begin alike often end differently."""
     if columns(text) <= most:
         return text
-    end = _fitting(text[::-1], (most - 1) // 2)[::-1]
+    end = _end(text, (most - 1) // 2)
+    return f"{_fitting(text, most - 1 - columns(end))}…{end}"
+
+
+def cut_start(text: str, most: int) -> str:
+    """As `cut`, with the ellipsis at the start."""
+    if columns(text) <= most:
+        return text
+    return f"…{_end(text, most - 1)}"
+
+
+def cut_apart(texts: Iterable[str], most: int) -> dict[str, str]:
+    """Each text in at most `most` columns, so that different ones stay different: all are cut in
+    the middle, or all at the start, or at the end. Where that is not enough, they are longer.
+    """
+    all_texts = set(texts)
+    longest = max(map(columns, all_texts), default=0)
+    while most < longest:
+        for cutting in (cut_middle, cut_start, cut):
+            found = {text: cutting(text, most) for text in all_texts}
+            if len(set(found.values())) == len(all_texts):
+                return found
+        most += max((longest - most) // 4, 1)
+    return {text: text for text in all_texts}
+
+
+def _end(text: str, room: int) -> str:
+    """The end of a text that fits into this many columns."""
+    end = _fitting(text[::-1], room)[::-1]
     while end and not _columns_of(end[0]):
         end = end[1:]  # an accent whose letter is cut away
-    return f"{_fitting(text, most - 1 - columns(end))}…{end}"
+    return end
 
 
 def _fitting(text: str, room: int) -> str:

@@ -8,13 +8,14 @@ import sys
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import tfbus
 from tests.live_bus import Bus, Process, eventually, free_port
 from tfbus import GoalHandle
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
-from tfbus.cli import NODES, TOOLS, main
+from tfbus.cli import JOBS, NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
 from tfbus.runtime.version import version_and_origin
 from tfbus.wire.codec import encode_map
@@ -330,6 +331,27 @@ class TestCommands:
             help_ = each.get_help(click.Context(each, context, terminal_width=80))
             assert "\n  Example" in help_
             assert max(map(len, help_.splitlines())) <= 80
+
+    def test_the_list_has_each_command_under_one_job(self) -> None:
+        """Those to begin with are first, and turtles are apart."""
+        listed = [name for names in JOBS.values() for name in names]
+        assert sorted(listed) == sorted([*TOOLS, *NODES])
+        text = CliRunner().invoke(main, ["--help"]).output
+        places = [text.index(f"\n  {name} ") for name in listed]
+        assert places == sorted(places)
+
+    def test_options_that_all_share_are_shown_when_asked_for(self) -> None:
+        """Beside options of its own a command names some; `--help-all` shows them. A command that
+        has no others shows them at once.
+        """
+        short = CliRunner().invoke(main, ["echo", "--help"]).output
+        whole = CliRunner().invoke(main, ["echo", "--help-all"]).output
+        for option in ("--params-file FILE", "--mode [peer|client|router]", "--ros-args"):
+            assert option not in short
+            assert option in whole
+        assert "--help-all" in short and "--help-all" not in whole
+        assert "--precision" in short and "--precision" in whole
+        assert "--listen ENDPOINT" in CliRunner().invoke(main, ["router", "--help"]).output
 
     def test_an_unknown_command_gets_a_near_name(self, bus: Bus) -> None:
         """A misspelt command is a usage error with a near name."""

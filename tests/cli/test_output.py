@@ -28,13 +28,23 @@ class TestTables:
         assert table(["topic", "rate"], rows)[1] == "a/very/long/name/of/a/topic  62.500"
 
     def test_names_are_cut_in_the_middle(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Where a column is of names, they keep their ends."""
+        """Where a column is of names: different ones stay different, with their ends if those tell
+        them apart.
+        """
         monkeypatch.setenv("NO_COLOR", "1")
         rows = [["robot7/left_wheel", "1.0"], ["robot7/right_wheel", "2.0"]]
         assert table(["frame", "rate"], rows, names=[0], longest=17)[1:] == [
-            "robot…wheel  1.0",
-            "robot…wheel  2.0",
+            "…left_wheel  1.0",
+            "…ight_wheel  2.0",
         ]
+        rows = [["robot1/base_link", "1.0"], ["robot2/base_link", "2.0"]]
+        assert table(["frame", "rate"], rows, names=[0], longest=13)[1:] == [
+            "robot1…  1.0",
+            "robot2…  2.0",
+        ]
+        rows = [[f"{side}/robot{number}/link", ""] for side in "ab" for number in (1, 2)]
+        cut = table(["frame", ""], rows, names=[0], longest=8)
+        assert len(set(cut)) == 5
 
     def test_a_painted_cell_is_cut_within_its_colour(self) -> None:
         """Colour takes no room, and ends with the cell."""

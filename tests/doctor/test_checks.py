@@ -152,10 +152,10 @@ def with_settings(settings: NodeSettings, **host: object) -> Callable[[Examinati
 
 TROUBLES = {
     "encryption": (
-        with_settings(NodeSettings("doctor"), listens_beyond=("tcp/[::]:0",)),
+        with_settings(NodeSettings("doctor"), listens_beyond=("tcp/[::]:0",), routers=1),
         "warn",
-        "it listens on tcp/[::]:0, and any process that reaches it can read everything, send any "
-        "frame, call any service and set any parameter",
+        "any process that reaches tcp/[::]:0 can read everything, send any frame, call any service "
+        "and set any parameter",
     ),
     "certificate": (
         with_settings(of_identity(days=3.5)),
@@ -258,7 +258,11 @@ TROUBLES = {
         "warn",
         "'base' arrives at 3.0 Hz; by its stamps it is sent at 10.0 Hz",
     ),
-    "jitter": (with_flow(jitter_s=0.08), "warn", "but with a jitter of 80 ms"),
+    "jitter": (
+        with_flow(jitter_s=0.08),
+        "warn",
+        "but with a jitter of 80 ms: its stamps are as irregular",
+    ),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
     "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' arrived after"),
     "stamps": (
@@ -393,7 +397,7 @@ def test_tools_are_not_counted(healthy: Examination) -> None:
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
     """The stamps of a publisher with simulated time are not compared with our clock."""
     names = ("rates", "stamps", "gaps", "jitter")
-    odd = with_flow(rate_hz=100.0, delays_s=spread_of([-40.0]), longest_gap_s=3.0, jitter_s=0.02)(
+    odd = with_flow(rate_hz=3.0, delays_s=spread_of([-40.0]), longest_gap_s=3.0, jitter_s=0.5)(
         healthy
     )
     assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
@@ -450,3 +454,36 @@ def test_a_stream_that_no_node_reads_yet_is_ok(healthy: Examination) -> None:
     finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
     assert finding.verdict == "ok"
     assert finding.evidence == ("no node reads the dynamic frames of stream 'sim' of /sim",)
+
+
+def test_more_than_before_is_no_loss(healthy: Examination) -> None:
+    """What was held up comes at once, and a publisher may send more often."""
+    assert CHECKS["rates"](with_flow(rate_hz=25.0)(healthy)).verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("delays", "known", "remedy"),
+    [
+        ([0.01, 0.012, 0.011], "its stamps are as irregular", "its timer or loop"),
+        ([0.01, 0.2, 0.01, 0.3], "its stamps are regular, its delays are not", "the network"),
+    ],
+    ids=["sent so", "delayed"],
+)
+def test_jitter_is_of_the_publisher_or_of_the_way(
+    healthy: Examination, delays: list[float], known: str, remedy: str
+) -> None:
+    """As the delays tell: what to do differs."""
+    finding = CHECKS["jitter"](with_flow(jitter_s=0.08, delays_s=spread_of(delays))(healthy))
+    assert known in finding.evidence[0]
+    assert remedy in finding.remedy
+
+
+def test_a_silent_robot_is_no_misspelled_parent(healthy: Examination) -> None:
+    """Its publisher lists the transform that would join the trees."""
+    listing = replace(OTHER, frames=(("world", "map", False),))
+    seen = with_tree(apart(), STREAM, listing)(healthy)
+    finding = CHECKS["disconnected"](seen)
+    assert finding.verdict == "warn"
+    assert "see silent" in finding.remedy and "misspelled" not in finding.remedy
+    assert CHECKS["silent"](seen).verdict == "warn"
+    assert "misspelled" in CHECKS["disconnected"](with_tree(apart(), STREAM)(healthy)).remedy

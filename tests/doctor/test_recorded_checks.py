@@ -109,3 +109,37 @@ def test_a_check_finds_its_trouble_and_when_it_was(tmp_path: Path, name: str) ->
     assert finding.verdict in ("warn", "fail")
     assert text in " ".join(finding.evidence)
     assert finding.remedy
+
+
+BACK, AGAIN = publisher("sim"), publisher("sim", 12.0)
+
+
+@pytest.mark.parametrize(
+    ("later", "remedy"),
+    [
+        ([], "or its link was cut"),
+        ([described(BACK, 12.0, ("world", "base", False))], "check the link"),
+        (
+            [
+                described(AGAIN, 12.0, ("world", "base", False)),
+                *steadily(AGAIN, 12.0, 14.0, ("world", "base")),
+            ],
+            "see why its node ended",
+        ),
+    ],
+    ids=["for good", "link", "restart"],
+)
+def test_the_remedy_for_a_publisher_that_left_is_by_what_is_known(
+    tmp_path: Path, later: list[Item], remedy: str
+) -> None:
+    """It did not come back, came back as it was, or in another epoch."""
+    items = [
+        described(SIM, 0.0, ("world", "base", False)),
+        *steadily(SIM, 0.0, 10.0, ("world", "base")),
+        gone(SIM, 10.0),
+        *later,
+        *steadily(publisher("other"), 10.0, 15.0, ("world", "other")),
+    ]
+    finding = findings(tmp_path, items)["gone"]
+    assert finding.verdict == "warn"
+    assert remedy in finding.remedy

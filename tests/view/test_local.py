@@ -4,11 +4,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
-from io import BytesIO
+from io import BytesIO, StringIO
 from typing import Any
 
 import numpy as np
 import pytest
+import rich.console
 
 from tests import needs
 from tests.builders import S, moved
@@ -91,6 +92,17 @@ def test_a_shape_moves_with_its_frame(
     assert not drawn(view)
 
 
+@pytest.mark.parametrize("pose", [(1.0, 2.0, 3.0), Transform((1, 2, 3))], ids=["point", "pose"])
+@pytest.mark.parametrize("kind", ["box", "sphere", "text", "image"])
+def test_a_shape_is_at_a_pose_or_a_point_of_its_frame(kind: str, pose: object, view: View) -> None:
+    """By one name for all kinds."""
+    arguments = {"box": [(1, 1, 1)], "sphere": [0.5], "text": ["here"], "image": [PICTURE, 1.0]}
+    getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=pose)
+    assert drawn(view)["a"].handle.position.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(InvalidArgumentException, match="pose: expected 3"):
+        getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=(1, 2))
+
+
 def test_a_shape_of_a_frame_that_is_not_there_waits_for_it(
     view: View, buffer: Buffer, step: Callable[[], None]
 ) -> None:
@@ -152,6 +164,17 @@ def test_a_shape_that_cannot_be_made_changes_nothing(view: View) -> None:
 def test_a_notebook_shows_the_page(view: View) -> None:
     """In a frame below the cell, with a link."""
     assert f'<iframe src="{view.url}"' in view._repr_html_()
+
+
+def test_the_server_says_nothing(buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither when it starts nor when it stops, also on a console that is not standard output, as
+    that of a notebook.
+    """
+    console = rich.console.Console(file=StringIO())
+    monkeypatch.setattr(rich, "_console", console)
+    show(buffer, port=free_port()).close()
+    assert console.file.getvalue() == ""  # type: ignore[attr-defined]
+    assert not console.quiet
 
 
 def test_a_page_for_other_machines_must_be_public(buffer: Buffer) -> None:
@@ -251,3 +274,33 @@ def test_a_browser_shows_a_recording_and_what_is_drawn(
     page.button("All (H)")
     eventually(lambda: looks_at() == pytest.approx((-1.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
     assert page.errors == []
+
+
+# The tree's place in the page, and that of the selected row in it: tops and bottoms.
+_PLACES = """() => [
+  document.querySelector('.tf[role=tree]').parentElement,
+  document.querySelector('.tf-selected'),
+].map((each) => each && [each.getBoundingClientRect().top, each.getBoundingClientRect().bottom])"""
+
+
+def test_the_tree_of_frames_has_the_height_of_the_page(
+    buffer: Buffer, view: View, pages: Any
+) -> None:
+    """Down to its end; a row that is selected there stays in sight above its facts."""
+    for number in range(60):
+        buffer.set_transform(moved(2 * S, "base", f"link_{number:02}"), static=True)
+    tab = pages.new_page()
+    tab.set_viewport_size({"width": 1280, "height": 1000})
+    page = Page(tab, view.url)
+    page.headline("62 frames")
+    page.row("link_30").wait_for()
+    (_, bottom), _ = page.page.evaluate(_PLACES)
+    assert 900 < bottom < 1000
+    page.row("link_30").get_by_role("button").click()
+    page.page.locator(".tf-selected").wait_for()
+
+    def is_in_sight() -> bool:
+        (top, bottom), row = page.page.evaluate(_PLACES)
+        return bool(bottom < 800 and row and top <= row[0] and row[1] <= bottom + 1)
+
+    eventually(is_in_sight, within_s=PATIENCE_S)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -242,3 +243,57 @@ def test_a_text_that_utf_8_cannot_hold_is_an_error_in_one_sentence() -> None:
     with pytest.raises(BusError) as caught:
         encode_map({"name": "caf\udce9"})
     assert str(caught.value) == (r"could not send the text 'caf\udce9': it is not valid Unicode")
+
+
+@pytest.mark.parametrize(
+    ("value", "sent"),
+    [
+        (np.float32(0.1), float(np.float32(0.1))),
+        (np.int64(-3), -3),
+        (np.uint64(2**64 - 1), 2**64 - 1),
+        (np.bool_(True), True),
+        (np.arange(3, dtype=np.int16), [0, 1, 2]),
+        (np.eye(2, dtype=np.float16), [[1.0, 0.0], [0.0, 1.0]]),
+        (np.array(1.5), 1.5),
+        (np.array(["a"]), ["a"]),
+        ([np.zeros(2), {"x": np.float64(1)}], [[0.0, 0.0], {"x": 1.0}]),
+    ],
+    ids=repr,
+)
+def test_numbers_and_arrays_of_numpy_are_sent_exactly(value: object, sent: object) -> None:
+    """As numbers and lists of Python, in messages and in plain maps."""
+    assert decode_map(encode_map({"field": value})) == {"field": sent}
+    assert decode_map(encode_message(Anything(value))) == {"field": sent}
+
+
+@dataclass(frozen=True)
+class Anything:
+    field: Any
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.array([1j]),
+        np.array([object()]),
+        np.array(["2026-01-01"], "datetime64[s]"),
+        np.longdouble(1) if np.dtype(np.longdouble).itemsize > 8 else 1j,
+        object(),
+        2**64,
+        {1, 2},
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_value_that_cannot_be_sent_is_named_by_its_field(value: object) -> None:
+    """With its type, and what may be sent."""
+    with pytest.raises(BusError, match=r"could not send field 'scan\.ranges\[1\]'") as caught:
+        encode_map({"x": 1.0, "scan": {"ranges": [0.5, value]}})
+    assert "a field is an int, float" in str(caught.value)
+
+
+def test_a_list_in_itself_cannot_be_sent() -> None:
+    """It says so, and does not go on for ever."""
+    endless: list[object] = []
+    endless.append(endless)
+    with pytest.raises(BusError, match="recursion"):
+        encode_map({"list": endless})

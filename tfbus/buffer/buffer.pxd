@@ -21,3 +21,6 @@ cdef class Buffer:
     cdef TransformStamped _answer(self, target_frame, source_frame, stamp_ns, sampling)
     cdef _lookup(
         self, target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living)
+
+@cython.locals(buffer=Buffer)
+cpdef _unpickled(kind, contents, bint is_ended)

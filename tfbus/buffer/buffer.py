@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 
     # These are imported where they are used, which few processes do: a process is to start soon.
     from tfbus.buffer.drawing import Drawing
+    from tfbus.buffer.saved import Contents
     from tfbus.geometry.twist import TwistStamped
     from tfbus.trajectory.trajectory import Trajectory
 else:
@@ -69,6 +71,9 @@ _AT_ONCE = 0.0
 # Samples of a frame a second of the cache, and the fewest in all: 10 kHz for ten seconds.
 _SAMPLES_A_SECOND = 10_000
 _LEAST_SAMPLES = 100_000
+
+# What an interpreted buffer has of its own.
+_ATTRIBUTES = ("cache_time_s", "sampling", "_store")
 
 # Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
@@ -909,12 +914,9 @@ class Buffer:
         It is an .npz archive of numpy; a former file is replaced in one step. Raises OSError.
         """
         # It loads zipfile, which most processes do not need.
-        from tfbus.buffer.saved import Contents, write
+        from tfbus.buffer.saved import write
 
-        with self._store.lock:
-            held = self._store.tree.held()
-        limit = self._store.tree.max_samples
-        write(Contents(self.cache_time_s, limit, self.sampling, held), path)
+        write(self._contents(), path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Buffer":
@@ -933,6 +935,35 @@ class Buffer:
         buffer = cls(contents.cache_time_s, sampling=contents.sampling, max_samples=limit)
         buffer._restore(contents.frames)
         return buffer
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A pickle of it: what `save` writes. Lookups that wait, listeners and a clock stay behind:
+        the clock of what is unpickled is the system's.
+        """
+        return _unpickled, (type(self), self._contents(), self._store.is_ended), self._own_values()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Buffer":
+        """A buffer of its own with the same contents and clock, without listeners."""
+        from copy import deepcopy
+
+        copied: Buffer = _unpickled(type(self), self._contents(), self._store.is_ended)
+        memo[id(self)] = copied
+        copied.clock = self.clock
+        for name, value in (self._own_values() or {}).items():
+            setattr(copied, name, deepcopy(value, memo))
+        return copied
+
+    def _own_values(self) -> dict[str, Any] | None:
+        """The attributes that a subclass, or its user, has given it."""
+        values = getattr(self, "__dict__", {})
+        return {name: value for name, value in values.items() if name not in _ATTRIBUTES} or None
+
+    def _contents(self) -> Contents:
+        from tfbus.buffer.saved import Contents
+
+        with self._store.lock:
+            held = self._store.tree.held()
+        return Contents(self.cache_time_s, self._store.tree.max_samples, self.sampling, held)
 
     def _restore(self, frames: dict[str, Held]) -> None:
         with self._store.lock:
@@ -1039,6 +1070,17 @@ class Buffer:
 
     def __repr__(self) -> str:
         return f"<Buffer of {len(self._store.tree.frames)} frames over {self.cache_time_s:g} s>"
+
+
+def _unpickled(kind: type[Buffer], contents: Contents, is_ended: bool) -> Buffer:
+    """A buffer of a class with these contents, by no `__init__`, as of anything unpickled."""
+    limit = contents.max_samples
+    buffer = kind.__new__(kind)
+    buffer._fill(contents.cache_time_s, contents.sampling, SYSTEM_CLOCK, limit or sys.maxsize)
+    buffer._restore(contents.frames)
+    if is_ended:
+        buffer.expect_no_more()
+    return buffer
 
 
 def _default_max_samples(cache_time_s: float) -> int:

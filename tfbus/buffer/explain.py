@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterable
 from itertools import islice
-from typing import SupportsFloat
+from typing import SupportsFloat, TypeVar
 
 from tfbus.buffer.tree import Tree
 from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
@@ -13,6 +13,7 @@ from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
     FutureExtrapolationException,
+    GapException,
     InvalidArgumentException,
     LookupException,
     NoDataException,
@@ -25,7 +26,9 @@ from tfbus.errors import (
 from tfbus.runtime.callback_thread import here
 from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
 from tfbus.runtime.structs import Struct
-from tfbus.wording import listed, near_names, stamp_text
+from tfbus.wording import duration, listed, near_names, stamp_text
+
+_Kind = TypeVar("_Kind", bound=ExtrapolationException)
 
 # The end of a sentence: the advice to wait, and what else helps.
 _WAIT = r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$"
@@ -106,6 +109,8 @@ def may_come(error: TransformException) -> bool:
         return False
     if isinstance(error, SingleSampleException):
         return (error.requested_ns or 0) > (error.newest_ns or 0)
+    if isinstance(error, GapException):
+        return error.requested_ns is None
     return True
 
 
@@ -193,13 +198,17 @@ def why_not(
     if path is None:
         return _not_connected(tree, target_frame, source_frame)
     edges = path.edges()
+    asked_ns = stamp_ns
     if stamp_ns is None and path.is_mixed() and path.latest() not in (ALL_STATIC, NO_DATA):
         stamp_ns = path.latest()
     if stamp_ns is not None and path.is_mixed():
         # The path was another then: only the edges where it broke off count.
         ends = [tree.walk_end(frame, stamp_ns, sampling) for frame in (source_frame, target_frame)]
         edges = [end for end in ends if end.parent is not None]
-    errors = [_no_data(history, stamp_ns, sampling) for history in edges]
+    errors = [
+        _no_data(history, stamp_ns, sampling) or _gap(history, stamp_ns, asked_ns, sampling)
+        for history in edges
+    ]
     missing = [error for error in errors if error is not None]
     if missing:
         # What waiting cannot help says more than what it may.
@@ -211,7 +220,10 @@ def why_not(
             target_frame=target_frame,
             source_frame=source_frame,
         )
-    return _out_of_step(edges) if stamp_ns is None else None
+    if stamp_ns is not None:
+        return None
+    gaps = (_gap(history, path.latest(), None, sampling) for history in edges)
+    return _out_of_step(edges) or next((error for error in gaps if error is not None), None)
 
 
 def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
@@ -290,6 +302,31 @@ def _no_data(
     return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
 
 
+def _gap(
+    history: History, stamp_ns: int | None, asked_ns: int | None, sampling: Sampling
+) -> GapException | None:
+    """For a time between two samples, or beyond two of them, that are too far apart; `asked_ns` is
+    None where it is the latest.
+    """
+    if stamp_ns is None or sampling.max_gap_s is None:
+        return None
+    around = history.around(stamp_ns)
+    if around is None or around[1] - around[0] <= round(sampling.max_gap_s * 1e9):
+        return None
+    other = "wait for newer ones" if asked_ns is None else "query another time"
+    error = _error(
+        GapException,
+        history,
+        asked_ns,
+        f"its samples at {stamp_text(around[0])} and {stamp_text(around[1])} s are "
+        f"{duration((around[1] - around[0]) / 1e9)} apart, and max_gap_s allows "
+        f"{sampling.max_gap_s:g} s; {other}, or allow more",
+    )
+    error.before_ns, error.after_ns = around
+    error.max_gap_s = sampling.max_gap_s
+    return error
+
+
 def _confused_units(stamp_ns: int, newest: int) -> str:
     """What to say where either of the requested stamp and the newest sample's is in seconds, or
     another unit; "" where both are nanoseconds.
@@ -312,12 +349,12 @@ def _too_far(history: History, stamp_ns: int) -> ExtrapolationException | None:
 
 
 def _error(
-    kind: type[ExtrapolationException],
+    kind: type[_Kind],
     history: History,
     stamp_ns: int | None,
     why: str,
     retry_after_s: float | None = None,
-) -> ExtrapolationException:
+) -> _Kind:
     parent = history.parent.name if history.parent is not None else ""
     span = history.stamp_span()
     when = "" if stamp_ns is None else f" at {stamp_text(stamp_ns)} s"

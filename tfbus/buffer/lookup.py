@@ -22,6 +22,7 @@ from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
+    GapException,
     LookupException,
     PastExtrapolationException,
     SingleSampleException,
@@ -264,7 +265,7 @@ class Lookup:
 
 
 def _past_of(reason: TransformException) -> str | None:
-    """The authority whose samples begin after the time that was asked for."""
-    if isinstance(reason, PastExtrapolationException | SingleSampleException):
+    """The authority whose past may have samples for the time that was asked for."""
+    if isinstance(reason, PastExtrapolationException | SingleSampleException | GapException):
         return reason.authority
     return None

@@ -73,7 +73,11 @@ def _fill_chunks(
     sampling: Sampling,
 ) -> None:
     count = len(stamps)
-    strict = sampling.interpolation != "nearest" and not sampling.extrapolation_s
+    strict = (
+        sampling.interpolation != "nearest"
+        and not sampling.extrapolation_s
+        and sampling.max_gap_s is None
+    )
     screw = sampling.interpolation == "screw"
     start = 0
     while start < count:

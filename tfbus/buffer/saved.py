@@ -64,7 +64,10 @@ def write(contents: Contents, path: str | os.PathLike[str]) -> None:
         "version": VERSION,
         "cache_time_s": None if math.isinf(contents.cache_time_s) else contents.cache_time_s,
         "max_samples": contents.max_samples,
-        "sampling": asdict(contents.sampling),
+        # A limit that is not there is left out, for older releases.
+        "sampling": {
+            name: value for name, value in asdict(contents.sampling).items() if value is not None
+        },
         "frames": [_row(name, each) for name, each in contents.frames.items()],
     }
     with replacing(path) as file:

@@ -1,4 +1,4 @@
-"""Whether an endpoint to connect to answers."""
+"""Whether an endpoint to connect to answers, and how."""
 
 import socket
 
@@ -7,12 +7,46 @@ _CONNECT_WITHIN_S = 2.0
 
 def why_unreachable(endpoint: str) -> str:
     """Why an endpoint such as `tcp/host:7447` does not answer; "" if it does."""
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.partition("?")[0].rpartition(":")
-    if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
+    address = _address(endpoint)
+    if address is None:
         return ""  # untested: tfbus does not speak its protocol
     try:
-        with socket.create_connection((host.strip("[]"), int(port)), _CONNECT_WITHIN_S):
+        with socket.create_connection(address, _CONNECT_WITHIN_S):
             return ""
     except OSError as error:
         return error.strerror or str(error)
+
+
+def speaks_tls(endpoint: str) -> bool | None:
+    """Whether an endpoint encrypts, as those of a closed bus do; None where it does not answer.
+
+    For one that gives no link: it takes up to 2 s where that does not encrypt.
+    """
+    import ssl  # slow to import, and most processes do not need it
+
+    address = _address(endpoint)
+    if address is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with socket.create_connection(address, _CONNECT_WITHIN_S) as plain:
+            try:
+                with context.wrap_socket(plain):
+                    return True
+            except ssl.SSLError as error:
+                # Where it asks for a certificate at once, it has begun to encrypt.
+                return "ALERT" in (error.reason or "")
+            except OSError:
+                return False
+    except OSError:
+        return None
+
+
+def _address(endpoint: str) -> tuple[str, int] | None:
+    """The host and port of an endpoint; None for one of another protocol."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("?")[0].rpartition(":")
+    if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
+        return None
+    return host.strip("[]"), int(port)

@@ -14,6 +14,7 @@ import zenoh
 
 from tfbus.bus import forks
 from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.endpoints import speaks_tls
 from tfbus.bus.handles import (
     BytesPublisher,
     Declaration,
@@ -89,8 +90,10 @@ class Session:
             config = self._open(
                 partial(zenoh_config, settings, scouting_s, is_second=is_second), patience_s
             )
-        # Where any process of another host reaches it.
-        self.open_to = () if settings.closed else listens_beyond_loopback(config)
+        # Where any process of another host reaches it, by an endpoint that it was given for that,
+        # as a router is. All others listen too; of these tfbus doctor tells.
+        is_given = bool(settings.listen) and not settings.closed
+        self.open_to = listens_beyond_loopback(config) if is_given else ()
         self.id = str(self.zenoh.zid())
         self._neighbours = self._meet_neighbours(config, is_second=is_second)
         forks.holders.add(self, "zenoh")
@@ -113,13 +116,17 @@ class Session:
                 if not is_router_missing(error):
                     raise
                 if time.monotonic() >= deadline:
+                    why = _why_no_link(self.settings)
                     raise BusError(
-                        f"no router answers{_at(self.settings)}: is it running (tfbus router), and "
-                        "its port open?"
+                        why
+                        or f"no router answers{_at(self.settings)}: is it running (tfbus router), "
+                        "and its port open?"
                     ) from error
             if not is_waiting:
                 is_waiting = True
-                self._log.warning("Waiting for a router%s", _at(self.settings))
+                why = _why_no_link(self.settings)
+                said = f": {why}" if why else _at(self.settings)
+                self._log.warning("Waiting for a router%s", said)
             time.sleep(_RETRY_S)
 
     def _open_once(self, config: zenoh.Config) -> None:
@@ -461,6 +468,20 @@ class Session:
             handler = direct(self.callbacks.guarded("link", lambda _: callback()))
             return Declaration(self.zenoh.info.declare_transport_events_listener(handler))
 
+    def watch_routers(self, callback: Callable[[str, bool], None]) -> Declaration:
+        """Call `callback(id, linked)` for each router it has a link to, then whenever one opens
+        or closes.
+        """
+
+        def on_event(event: zenoh.TransportEvent) -> None:
+            if event.transport.whatami == zenoh.WhatAmI.ROUTER:
+                callback(str(event.transport.zid), event.kind == zenoh.SampleKind.PUT)
+
+        with self._errors("watch links"):
+            handler = direct(self.callbacks.guarded("link", on_event))
+            info = self.zenoh.info
+            return Declaration(info.declare_transport_events_listener(handler, history=True))
+
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
         """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
 
@@ -505,6 +526,33 @@ def _priority(urgent: bool) -> zenoh.Priority:
 
 def _through(settings: NodeSettings) -> str:
     return f" through {', '.join(settings.connect)}" if settings.connect else ""
+
+
+def _why_no_link(settings: NodeSettings) -> str:
+    """Why an endpoint that answers gives no link: its bus is closed and ours open, or the reverse,
+    or of another authority; "" where none answers.
+    """
+    is_closed = settings.closed is not None
+    for endpoint in settings.connect:
+        if (is_tls := speaks_tls(endpoint)) is None:
+            continue
+        address = endpoint.partition("/")[2]
+        if is_tls and not is_closed:
+            return (
+                f"a closed bus is at {endpoint}: join it by --secure DIR, and --connect tls/"
+                f"{address}"
+            )
+        if is_tls:
+            return (
+                f"the closed bus at {endpoint} gives this identity no link: join it by one of its "
+                "authority (tfbus keys)"
+            )
+        if is_closed:
+            return (
+                f"an open bus, or another program, is at {endpoint}: join an open bus without "
+                f"--secure, by --connect tcp/{address}"
+            )
+    return ""
 
 
 def _at(settings: NodeSettings) -> str:

@@ -74,6 +74,33 @@ NODES = {
 }
 
 
+# The commands by what they are for, those that matter first in front.
+JOBS = {
+    "Begin here": ("launch", "view", "frames", "echo", "doctor"),
+    "Look into it": ("top", "monitor", "why", "plot", "node", "topic", "service", "param", "call"),
+    "Publish frames": ("static", "robot_state", "joints", "clock"),
+    "Record and replay": ("bag",),
+    "Connect networks, robots and other programs": (
+        "router",
+        "share",
+        "ros1",
+        "ros2",
+        "foxglove",
+        "keys",
+    ),
+    "Write a node": ("create", "completion"),
+    "Turtles, for the tutorial": (
+        "simulator",
+        "teleop",
+        "draw_square",
+        "broadcaster",
+        "carrot",
+        "follow",
+        "mimic",
+    ),
+}
+
+
 class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
@@ -145,14 +172,12 @@ class Commands(Verbs):
             for name, point in entry_points().items()
             if name not in own
         }
-        for title, commands in (
-            ("Tools", TOOLS),
-            ("Nodes", NODES),
-            ("Nodes of other packages", others),
-        ):
+        texts = {**TOOLS, **NODES}
+        jobs = {job: {name: texts[name] for name in names} for job, names in JOBS.items()}
+        for title, commands in {**jobs, "Nodes of other packages": others}.items():
             if commands:
                 with formatter.section(title):
-                    formatter.write_dl(sorted(commands.items()))
+                    formatter.write_dl(list(commands.items()))
 
 
 # Names in ROS of what is a command here.

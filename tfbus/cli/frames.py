@@ -9,7 +9,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running
-from tfbus.cli.output import json_option, paint_state, print_lines, screen, width
+from tfbus.cli.output import json_option, longest_line, paint_state, print_lines, screen, width
 from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
@@ -145,7 +145,8 @@ def _show(tree: FrameTree, outputs: tuple[Path, ...], *, long: bool, as_json: bo
 def _lines(tree: FrameTree, long: bool) -> list[str]:
     if long:
         return [*edge_lines(tree), *document.summary(tree, [], width=width())]
-    return document.summary(tree, tree_lines(tree, width=width(), paint=paint_state), width=width())
+    shown = tree_lines(tree, width=longest_line(), paint=paint_state)
+    return document.summary(tree, shown, width=width())
 
 
 def _nothing(heard: "Listening") -> list[str]:

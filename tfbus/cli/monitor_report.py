@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from tfbus.cli.output import paint, paint_state, table, width
+from tfbus.cli.output import longest_line, paint, paint_state, table
 from tfbus.frames.other_clocks import is_another_time, whose_clock
 from tfbus.frames.state import faults, state
 from tfbus.monitor.report import Pair, Report
@@ -35,8 +35,7 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
     """The report of a span of a recording that begins at `start_ns`, as tables."""
     lines = _pair_lines(report.pair) if report.pair else []
     flows = report.shown()
-    # In 80 columns there is room for it where it is needed only.
-    disorder = ("disordered",) if any(flow.out_of_order for flow in flows) else ()
+    disorder = _disorder(flow.out_of_order for flow in flows)
     headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", *disorder, "longest gap")
     rows = []
     for flow in flows:
@@ -76,7 +75,7 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
 
 
 def _pair_lines(pair: Pair) -> list[str]:
-    both = (width() - len(_TO)) // 2
+    both = (longest_line() - len(_TO)) // 2
     lines = [
         paint(f"{cut_middle(pair.target, both)}{_TO}{cut_middle(pair.source, both)}", "heading")
     ]
@@ -98,16 +97,21 @@ def _pair_lines(pair: Pair) -> list[str]:
 
 def _cut(name: str) -> str:
     """A name that fits into a line of its own, with some words beside it."""
-    return cut_middle(name, max(width() - _BESIDE_NAME, 1))
+    return cut_middle(name, max(longest_line() - _BESIDE_NAME, 1))
 
 
 def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, width(), subsequent_indent="  ", break_on_hyphens=False)
+    return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: range) -> list[str]:
-    """No wider than a line, in a pipe too; the names in its first two columns keep their ends."""
-    return table(headings, rows, right=right, names=range(2), longest=width())
+    """A table whose first two columns are names."""
+    return table(headings, rows, right=right, names=range(2))
+
+
+def _disorder(counts: Iterable[int]) -> tuple[str, ...]:
+    """The heading of that column; in 80 columns there is room for it where it is needed only."""
+    return ("disordered",) if any(counts) else ()
 
 
 def _clock_lines(report: Report) -> list[str]:
@@ -138,13 +142,14 @@ def _ahead_lines(report: Report) -> list[str]:
 
 
 def _edge_table(report: Report) -> list[str]:
-    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", "disordered")
+    disorder = _disorder(report.flow(frame).out_of_order for frame in report.edges())
+    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", *disorder)
     rows = []
     for frame in report.edges():
         flow, delays = report.flow(frame), report.flow(frame).delays_s
         its_state = state(report.tree, frame)
         if frame.static:
-            cells = ["static", "", "", "", "", ""]
+            cells = ["static", *[""] * (len(headings) - 3)]
         else:
             cells = [
                 "" if flow.rate_hz is None else f"{flow.rate_hz:.1f}",
@@ -152,7 +157,7 @@ def _edge_table(report: Report) -> list[str]:
                 "" if delays is None else duration(delays.p50),
                 "" if delays is None else duration(delays.p99),
                 duration(report.tree.age_s(frame)),
-                str(flow.out_of_order),
+                *(str(flow.out_of_order) for _ in disorder),
             ]
         name = paint_state(frame.name, its_state)
         by = frame.authority

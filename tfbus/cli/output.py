@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import click
 
-from tfbus.wording import columns, counted, cut, cut_middle, printable
+from tfbus.wording import columns, counted, cut, cut_apart, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -123,7 +123,7 @@ def screen() -> Iterator[Callable[[Iterable[str]], None]]:
         pages[:] = [list(lines)]
         height = shutil.get_terminal_size((80, 24)).lines
         fitting = first_lines(pages[0], height - 1) if len(pages[0]) > height else pages[0]
-        text = f"{_TO_REST_OF_LINE}\n".join(map(printable_text, fitting))
+        text = f"{_TO_REST_OF_LINE}\n".join(_clipped(printable_text(each)) for each in fitting)
         click.echo(f"{_TO_THE_TOP}{text}{_TO_REST_OF_SCREEN}", nl=False)
 
     click.echo(_ENTER_SCREEN, nl=False)
@@ -133,6 +133,17 @@ def screen() -> Iterator[Callable[[Iterable[str]], None]]:
         click.echo(_LEAVE_SCREEN, nl=False)
         for page in pages:
             print_lines(first_lines(page))
+
+
+def _clipped(line: str) -> str:
+    """A painted line, as much of it as the terminal is wide: a second line would move the page."""
+    room, shown = width(), []
+    for part in _KEPT.split(line):
+        if not _KEPT.fullmatch(part):
+            part = cut(part, room) if room else ""
+            room -= columns(part)
+        shown.append(part)
+    return "".join(shown)
 
 
 def first_lines(lines: list[str], most: int = _MOST_LINES) -> list[str]:
@@ -174,6 +185,13 @@ def width() -> int:
     return shutil.get_terminal_size((80, 24)).columns
 
 
+def longest_line() -> int:
+    """How long a line with names may be: as wide as a terminal; in a pipe, which has no width, of
+    any length, since programs read the names there.
+    """
+    return width() if is_terminal() else sys.maxsize
+
+
 def table(
     headings: Sequence[str],
     rows: Iterable[Sequence[str]],
@@ -185,19 +203,23 @@ def table(
     """Lines of columns under headings; cells may be painted.
 
     The columns of index `right` are aligned to the right. If a line is longer than `longest` (None:
-    the terminal's width; unlimited in a pipe), the widest columns are cut; those of index `names`
-    in the middle.
+    `longest_line()`), the widest columns are cut; those of index `names` so that different ones
+    stay different, even if the line is longer then.
     """
-    if longest is None and is_terminal():
-        longest = width()
+    room = (longest_line() if longest is None else longest) - len(_GAP) * (len(headings) - 1)
     cells = [[paint(heading, "heading") for heading in headings], *map(list, rows)]
     widths = [max(map(_length, column)) for column in zip(*cells, strict=True)]
-    if longest is not None:
-        _narrow(widths, longest - len(_GAP) * (len(widths) - 1))
-    on_the_right, cut_by = set(right), dict.fromkeys(names, cut_middle)
+    _narrow(widths, room)
+    for at in names:
+        for row, cell in zip(
+            cells, _cut_apart([row[at] for row in cells], widths[at]), strict=True
+        ):
+            row[at] = cell
+        widths[at] = max(_length(row[at]) for row in cells)
+    on_the_right = set(right)
     return [
         _GAP.join(
-            _padded(cell, wide, at in on_the_right, cut_by.get(at, cut))
+            _padded(cell, wide, at in on_the_right)
             for at, (cell, wide) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in cells
@@ -243,9 +265,15 @@ def _narrow(widths: list[int], room: int) -> None:
         widths[widths.index(max(widths))] -= 1
 
 
-def _padded(cell: str, wide: int, right: bool, cut_to: Callable[[str, int], str]) -> str:
+def _cut_apart(cells: list[str], wide: int) -> list[str]:
+    bare = list(map(click.unstyle, cells))
+    shown = cut_apart(bare, wide)
+    return [cell.replace(text, shown[text]) for cell, text in zip(cells, bare, strict=True)]
+
+
+def _padded(cell: str, wide: int, right: bool) -> str:
     bare = click.unstyle(cell)
     if columns(bare) > wide:
-        cell = cell.replace(bare, cut_to(bare, wide))
+        cell = cell.replace(bare, cut(bare, wide))
     space = " " * (wide - _length(cell))
     return space + cell if right else cell + space

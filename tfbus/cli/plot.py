@@ -13,9 +13,10 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say
 from tfbus.command.extras import install_command
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
+from tfbus.core.sampling import Sampling
 from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
@@ -77,6 +78,7 @@ _MOST_S = 86_400.0
     help="Poses per second (default 50; with --bag one for each sample).",
 )
 @bag_options("end", statics=True)
+@max_gap_option
 @listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
@@ -89,6 +91,7 @@ def command(
     from_text: str | None,
     panels: tuple[Panel, ...],
     rate_hz: float | None,
+    sampling: Sampling,
 ) -> None:
     """Plot position, orientation and speed of SOURCE seen from TARGET."""
     if output is None and not _has_display():
@@ -103,9 +106,9 @@ def command(
         if for_s is not None:
             raise click.UsageError("--for listens to a bus; of a recording, give --from and --to")
         begin = None if from_text is None else MomentType().convert(from_text, None, None)
-        track = _read(settings, fleet, replace(bag, begin=begin), target, source, rate_hz)
+        track = _read(settings, fleet, replace(bag, begin=begin), target, source, rate_hz, sampling)
     else:
-        track = _listen(settings, fleet, target, source, for_s, rate_hz or _RATE_HZ)
+        track = _listen(settings, fleet, target, source, for_s, rate_hz or _RATE_HZ, sampling)
     if len(track) < 2:
         raise click.ClickException(
             f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
@@ -121,10 +124,11 @@ def _read(
     target: str,
     source: str,
     rate_hz: float | None,
+    sampling: Sampling,
 ) -> Track:
     from tfbus.frames.recorded_poses import recorded_track
 
-    return recorded_track(bag, settings, fleet, target, source, rate_hz)
+    return recorded_track(bag, settings, fleet, target, source, rate_hz, sampling)
 
 
 def _listen(
@@ -134,11 +138,16 @@ def _listen(
     source: str,
     for_s: float | None,
     rate_hz: float,
+    sampling: Sampling,
 ) -> Track:
     from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
 
     with listening(
-        settings, fleet, history_s=_KEPT_S, cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0
+        settings,
+        fleet,
+        history_s=_KEPT_S,
+        cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0,
+        sampling=sampling,
     ) as heard:
         from_ns = heard.node.now_ns()
         if for_s is None:

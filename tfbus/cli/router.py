@@ -1,5 +1,6 @@
 """`tfbus router`: Zenoh's router, without an installed zenohd."""
 
+import logging
 from dataclasses import replace
 
 import click
@@ -8,10 +9,13 @@ from tfbus.bus.members import watch_members
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
+from tfbus.discover.presence import watch_nodes
 from tfbus.runtime.log import open_log
+from tfbus.runtime.log_once import LogOnce
 from tfbus.runtime.signals import StopSignals
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
+_SAY_AGAIN_AFTER_S = 60.0
 SECURE_ENDPOINT = "tls/[::]:7447"
 
 
@@ -30,8 +34,26 @@ def command(settings: NodeSettings) -> None:
     signals = StopSignals()
     with Session(settings, log) as session:
         watch_members(session, log)
+        _log_links(session, log)
         where = ", ".join(listen) or f"the endpoints of {settings.config}"
         is_open = " (the bus is open; --secure closes it)" if session.open_to else ""
         log.info("Routing on %s%s", where, is_open)
         signals.wait()
     signals.uninstall()
+
+
+def _log_links(session: Session, log: logging.Logger) -> None:
+    """Log who comes and goes: the nodes of the bus by name, and the linked routers by id."""
+    # A node on a bad link comes and goes; the lines about it count the times.
+    once = LogOnce(log, again_s=_SAY_AGAIN_AFTER_S)
+
+    def on_router(zid: str, linked: bool) -> None:
+        once.info((linked, zid), "%s router %s", "Linked to" if linked else "Lost", zid)
+
+    def on_node(name: str, alive: bool) -> None:
+        # The names of tools begin so: they come for a moment, to look.
+        if not name.rpartition("/")[2].startswith("_"):
+            once.info((alive, name), "%s has %s", name, "joined" if alive else "left")
+
+    session.watch_routers(on_router)
+    watch_nodes(session, on_node)

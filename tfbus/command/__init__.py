@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tfbus.command.listening import Listening as Listening
     from tfbus.command.listening import listening_options as listening_options
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.options import max_gap_option as max_gap_option
     from tfbus.command.recordings import BagChoice as BagChoice
     from tfbus.command.recordings import bag_options as bag_options
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
@@ -49,6 +50,7 @@ _MODULE_OF = {
     "Value": "tfbus.runtime.yaml_file",
     "YamlFileError": "tfbus.runtime.yaml_file",
     "frame_mistake": "tfbus.command.types",
+    "max_gap_option": "tfbus.command.options",
     "install_command": "tfbus.command.extras",
     "namespaces_serving": "tfbus.command.elsewhere",
     "own_name": "tfbus.command.types",

@@ -3,14 +3,16 @@
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
 
 from tfbus.bus.settings import MODES, NodeSettings
+from tfbus.command.node_option import NodeOption, help_all_option
 from tfbus.command.ros_args import RosArgs
-from tfbus.command.types import LogLevel
+from tfbus.command.types import LogLevel, Number
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
 from tfbus.wording import printable
@@ -57,6 +59,28 @@ def fleet_options(function: F) -> F:
     return cast(F, decorated)
 
 
+def max_gap_option(function: F) -> F:
+    """Add `--max-gap` to a click command. Its argument `sampling` is then a Sampling with it."""
+
+    @functools.wraps(function)
+    def command(*args: Any, max_gap_s: float | None, **values: Any) -> Any:
+        from tfbus.core.sampling import TF2, Sampling
+
+        sampling = TF2 if max_gap_s is None else Sampling(max_gap_s=max_gap_s)
+        return function(*args, sampling=sampling, **values)
+
+    return cast(
+        F,
+        click.option(
+            "--max-gap",
+            "max_gap_s",
+            type=Number(least=0.0, most=1e6),
+            metavar="SECONDS",
+            help="Do not interpolate between samples farther apart than this.",
+        )(command),
+    )
+
+
 def node_options(default_name: str) -> Callable[[F], F]:
     """Add the options of a node to a click command: `bus_options`, name, parameters, remappings.
 
@@ -99,7 +123,7 @@ def _with_options(
             except TfbusError as error:
                 raise click.ClickException(str(error)) from error
 
-        decorated: Any = command
+        decorated: Any = help_all_option(command)
         for option in reversed([*options.values()]):
             decorated = option(decorated)
         return cast(F, decorated)
@@ -190,6 +214,7 @@ def _with_sim_time(settings: NodeSettings, is_given: bool | None) -> NodeSetting
 
 _USE_SIM_TIME = "use_sim_time"
 
+_option = partial(click.option, cls=NodeOption)
 _ROS_ARGS = click.option(
     "--ros-args",
     cls=RosArgs,
@@ -198,34 +223,32 @@ _ROS_ARGS = click.option(
     help="Arguments of ROS 2 follow, up to --: -p name:=value, -r from:=to, -r __ns:=/robot7.",
 )
 _BUS_OPTIONS = {
-    "namespace": click.option(
+    "namespace": _option(
         "--namespace", metavar="PATH", help="Prefix of all names on the bus, such as robot7."
     ),
-    "mode": click.option(
-        "--mode", type=click.Choice(MODES), help="How to join the bus (default peer)."
-    ),
-    "connect": click.option(
+    "mode": _option("--mode", type=click.Choice(MODES), help="How to join the bus (default peer)."),
+    "connect": _option(
         "--connect",
         multiple=True,
         metavar="ENDPOINT",
         help="Connect to an endpoint, such as tcp/host:7447; repeatable.",
     ),
-    "listen": click.option(
+    "listen": _option(
         "--listen",
         multiple=True,
         metavar="ENDPOINT",
         help="Listen on an endpoint, such as tcp/[::]:7447; repeatable.",
     ),
-    "config": click.option(
+    "config": _option(
         "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, in JSON5."
     ),
-    "secure": click.option(
+    "secure": _option(
         "--secure",
         type=click.Path(),
         metavar="DIR",
         help="Join a closed bus by the identity in DIR (tfbus keys).",
     ),
-    "log_level": click.option(
+    "log_level": _option(
         "--log-level", type=LogLevel(), help="The lowest level to log (default info)."
     ),
 }
@@ -244,20 +267,20 @@ _FLEET_OPTIONS = (
     ),
 )
 _NODE_OPTIONS = {
-    "name": click.option("--name", metavar="NAME", help="The node's name."),
-    "sim_time": click.option(
+    "name": _option("--name", metavar="NAME", help="The node's name."),
+    "sim_time": _option(
         "--sim-time/--system-time",
         default=None,
         help="Take the time from the topic clock, or from the system (default).",
     ),
-    "parameters": click.option(
+    "parameters": _option(
         "--param",
         "parameters",
         multiple=True,
         metavar="NAME=VALUE",
         help="Set a parameter of the node; repeatable. -p as in ROS.",
     ),
-    "parameter_files": click.option(
+    "parameter_files": _option(
         "--params-file",
         "parameter_files",
         multiple=True,
@@ -265,7 +288,7 @@ _NODE_OPTIONS = {
         metavar="FILE",
         help="Set parameters from a YAML file, as of ROS 2; repeatable.",
     ),
-    "remappings": click.option(
+    "remappings": _option(
         "--remap",
         "remappings",
         multiple=True,

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import log_level_of
+from tfbus.command.node_option import NodeOption
 from tfbus.wording import printable
 
 _BEGIN, _END = "--ros-args", "--"
@@ -31,7 +32,7 @@ _FLAGS_WITHOUT_MEANING = re.compile(
 _ASSIGNMENT = re.compile(r"([A-Za-z_~/][\w./~:-]*?)(:?=)(.*)", re.DOTALL)
 
 
-class RosArgs(click.Option):
+class RosArgs(NodeOption):
     """The option `--ros-args`: all that follows is as in ROS, up to `--` or the end."""
 
     def add_to_parser(self, parser: Any, ctx: click.Context) -> None:

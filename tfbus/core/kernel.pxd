@@ -149,7 +149,8 @@ cdef class History:
     cdef bint seek_nearest(self, long long stamp_ns, long long tolerance_ns) noexcept
     @cython.locals(samples=samples_ptr, at=Py_ssize_t, beyond=cython.longlong,
                    oldest=cython.longlong, elapsed=double, period=double)
-    cdef bint seek_beyond(self, long long stamp_ns, long long extrapolation_ns) noexcept
+    cdef bint seek_beyond(
+        self, long long stamp_ns, long long extrapolation_ns, long long max_gap_ns) noexcept
     cdef pose_t pose(self, bint screw) noexcept
     @cython.locals(above=History)
     cdef History parent_here(self)
@@ -159,6 +160,10 @@ cdef class History:
     cdef History _parent_of(self, Py_ssize_t at)
     cdef bint _is_change(self) noexcept
     cdef bint _is_interrupted(self) noexcept
+    @cython.locals(samples=samples_ptr)
+    cdef bint _is_apart(self, long long stamp_ns, long long max_gap_ns) noexcept
+    @cython.locals(samples=samples_ptr)
+    cpdef tuple around(self, long long stamp_ns)
     cpdef str interruption(self, long long stamp_ns)
     cpdef interrupt(self, str reason)
     cdef _set_interruptions(self, dict interruptions)

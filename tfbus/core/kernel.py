@@ -660,11 +660,13 @@ class History:
         near = self._stamp(at)
         return near - tolerance_ns <= stamp_ns and stamp_ns <= near + tolerance_ns
 
-    def seek_beyond(self, stamp_ns: int, extrapolation_ns: int) -> bool:
-        """Set the cursor to a time at most `extrapolation_ns` outside of the samples."""
+    def seek_beyond(self, stamp_ns: int, extrapolation_ns: int, max_gap_ns: int) -> bool:
+        """Set the cursor to a time at most `extrapolation_ns` outside of the samples; False also
+        where the two samples that it is computed from are more than `max_gap_ns` apart.
+        """
         self.beyond = 0
         if self.seek(stamp_ns):
-            return True
+            return not self._is_apart(stamp_ns, max_gap_ns)
         samples = self.samples
         if samples.tail - samples.head < 2:
             return False
@@ -679,7 +681,7 @@ class History:
                 return False
             at, beyond = samples.head, oldest - stamp_ns
         set_cursor(samples, at)
-        if self._is_change() or self._is_interrupted():
+        if self._is_change() or self._is_interrupted() or self._is_apart(stamp_ns, max_gap_ns):
             return False
         self.beyond = beyond
         elapsed, period = stamp_ns - samples.before, samples.after - samples.before
@@ -736,6 +738,28 @@ class History:
     def _is_interrupted(self) -> bool:
         """Whether nothing is known of the time between the samples at the cursor."""
         return self.interruptions is not None and self.samples.before in self.interruptions
+
+    def _is_apart(self, stamp_ns: int, max_gap_ns: int) -> bool:
+        """Whether the samples at the cursor are more than this apart, and none is of this time."""
+        samples = self.samples
+        if samples.is_static or samples.after <= samples.before or stamp_ns == samples.before:
+            return False
+        return samples.after - samples.before > max_gap_ns
+
+    def around(self, stamp_ns: int) -> tuple[int, int] | None:
+        """The stamps of the two samples that a time is computed from: those on both sides of it, or
+        the first two or the last two; None where there is a sample of that time, or only one.
+        """
+        samples = self.samples
+        if samples.is_static or samples.tail - samples.head < 2:
+            return None
+        if locate(samples, stamp_ns) == 0.0:
+            return None
+        if stamp_ns > samples.newest:
+            set_cursor(samples, samples.tail - 2)
+        elif stamp_ns < self._stamp(samples.head):
+            set_cursor(samples, samples.head)
+        return samples.before, samples.after
 
     def interruption(self, stamp_ns: int) -> str:
         """Why nothing is known of a time between two samples; "" where there is no reason."""
@@ -1257,4 +1281,5 @@ def seek_as(history: History, stamp_ns: int, sampling: Sampling) -> bool:
     """Set the cursor of an edge to a time, as the sampling allows; False where it does not."""
     if sampling.interpolation == "nearest":
         return history.seek_nearest(stamp_ns, round(sampling.tolerance_s * 1e9))
-    return history.seek_beyond(stamp_ns, round(sampling.extrapolation_s * 1e9))
+    max_gap_ns = ALL_STATIC if sampling.max_gap_s is None else round(sampling.max_gap_s * 1e9)
+    return history.seek_beyond(stamp_ns, round(sampling.extrapolation_s * 1e9), max_gap_ns)

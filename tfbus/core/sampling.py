@@ -17,6 +17,10 @@ class Sampling(Struct):
     - "screw": along the screw between two samples, which does not depend on a frame's origin;
     - "nearest": the nearest sample unchanged, where it is within `tolerance_s` of the time.
 
+    `max_gap_s` is how far apart two samples may be that the times between them are computed from:
+    across a longer gap there is no answer, but at the samples themselves. None is any distance.
+    Static frames have no gaps.
+
     `extrapolation_s` lets an edge continue beyond its last two samples for at most that many
     seconds, at the twist between them, or back before its first two; the answer then has
     `extrapolated_ns`.
@@ -25,6 +29,7 @@ class Sampling(Struct):
     interpolation: Literal["linear", "screw", "nearest"] = "linear"
     tolerance_s: float = 0.0
     extrapolation_s: float = 0.0
+    max_gap_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.interpolation not in _INTERPOLATIONS:
@@ -32,8 +37,10 @@ class Sampling(Struct):
                 f"interpolation must be one of {', '.join(map(repr, _INTERPOLATIONS))}, "
                 f"not {self.interpolation!r}"
             )
-        for name in ("tolerance_s", "extrapolation_s"):
+        for name in ("tolerance_s", "extrapolation_s", "max_gap_s"):
             value = getattr(self, name)
+            if name == "max_gap_s" and value is None:
+                continue
             if not isinstance(value, SupportsFloat) or not 0.0 <= float(value) <= 1e6:
                 raise InvalidArgumentException(
                     f"{name} must be a number of seconds from 0 to 1e6, not {value!r}"
@@ -43,6 +50,10 @@ class Sampling(Struct):
         if self.extrapolation_s and self.interpolation == "nearest":
             raise InvalidArgumentException(
                 "the nearest sample is not extrapolated: omit extrapolation_s"
+            )
+        if self.max_gap_s is not None and self.interpolation == "nearest":
+            raise InvalidArgumentException(
+                "the nearest sample is not interpolated: tolerance_s is its limit, omit max_gap_s"
             )
 
 

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable
 
+from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session
@@ -97,14 +98,23 @@ def _unreadable(what: str, error: DecodeError) -> DecodeError:
     return DecodeError(f"the description of {what} is unreadable: {error}")
 
 
+def watch_nodes(session: Session, callback: Callable[[str, bool], None]) -> Declaration:
+    """Call `callback(full name, alive)` for each node that is alive, then at each change."""
+    namespace = session.settings.namespace
+
+    def on_token(key: str, alive: bool) -> None:
+        callback(printable(full_name(key, namespace)), alive)
+
+    return session.watch_living(ALL_NODES_EVERYWHERE, on_token)
+
+
 class NodeWatch:
     """Knows at any time which nodes are alive, until `close()` or the session's end."""
 
     def __init__(self, session: Session):
-        self._namespace = session.settings.namespace
         self._present: set[str] = set()
         self._changed = threading.Condition()
-        self._subscriber = session.watch_living(ALL_NODES_EVERYWHERE, self._on_token)
+        self._subscriber = watch_nodes(session, self._on_node)
 
     def close(self) -> None:
         """End the watch."""
@@ -115,8 +125,7 @@ class NodeWatch:
         with self._changed:
             return self._changed.wait_for(lambda: name in self._present, timeout_s)
 
-    def _on_token(self, key: str, alive: bool) -> None:
-        name = full_name(key, self._namespace)
+    def _on_node(self, name: str, alive: bool) -> None:
         with self._changed:
             (self._present.add if alive else self._present.discard)(name)
             self._changed.notify_all()

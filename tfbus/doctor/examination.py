@@ -20,7 +20,7 @@ class Host:
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
     compiler failed, where it did. `scouts` are other processes of this host that take part in
-    scouting, by their pids.
+    scouting, by their pids. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -32,6 +32,7 @@ class Host:
     listens_beyond: tuple[str, ...] = ()
     why_interpreted: str = ""
     scouts: Mapping[int, str] = field(default_factory=dict)
+    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import logging
 import platform
+import socket
 from dataclasses import replace
 from importlib import metadata
 
@@ -38,6 +39,7 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
         scouts=local_scouts(),
+        name=socket.gethostname(),
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
 

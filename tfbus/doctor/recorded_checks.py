@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.doctor import flow_checks, reader_checks, tree_checks
 from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
-from tfbus.doctor.recorded import RecordedExamination
+from tfbus.doctor.recorded import PassingProblem, RecordedExamination
 from tfbus.doctor.sim_time_checks import of_our_time
 from tfbus.frames.gaps import gaps_in
 from tfbus.frames.other_clocks import is_another_time
@@ -20,6 +20,8 @@ else:
     from tfbus.core import lazy_numpy as np
 
 RecordedCheck = Callable[[RecordedExamination], Finding]
+
+_WHY_ENDED = "see why its node ended: its log, and its host's"
 
 # The rate in a part of the span differs by this factor from that of the whole.
 _RATE_FACTOR = 1.5
@@ -67,7 +69,29 @@ def check_loops(seen: RecordedExamination) -> Finding:
 
 def check_gone(seen: RecordedExamination) -> Finding:
     """No publisher left the bus."""
-    return _of_passing(seen, "gone", "warn", "see why its node ended: its log, and its host's")
+    remedies = dict.fromkeys(_on_gone(seen, each) for each in seen.passing if _is_gone(each))
+    return _of_passing(seen, "gone", "warn", "; ".join(remedies))
+
+
+def _is_gone(passing: PassingProblem) -> bool:
+    return passing.problem.kind == "gone"
+
+
+def _on_gone(seen: RecordedExamination, gone: PassingProblem) -> str:
+    """What to do, by what is known: the messages of a node that was not restarted come on in the
+    same epoch.
+    """
+    if gone.until_ns is None:
+        return "see whether its node ended (its log, and its host's), or its link was cut"
+    frames = [seen.tree.frames.get(name) for name in gone.problem.frames]
+    streams = {frame.authority for frame in frames if frame is not None}
+    begun = [log_ns for name in streams for log_ns in seen.restarts.get(name, ())]
+    # The first message comes some time after the node.
+    again = (each.from_ns for each in seen.passing if _is_gone(each) and each != gone)
+    next_ns = min((at_ns for at_ns in again if at_ns > gone.until_ns), default=None)
+    if any(gone.from_ns <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun):
+        return _WHY_ENDED
+    return "check the link to its host: its node came back without a restart"
 
 
 def check_restarts(seen: RecordedExamination) -> Finding:
@@ -81,7 +105,7 @@ def check_restarts(seen: RecordedExamination) -> Finding:
     return found(
         "warn",
         first_of(evidence),
-        "see why its node ended: its log, and its host's",
+        _WHY_ENDED,
         counted(len(seen.tree.streams), "stream"),
     )
 

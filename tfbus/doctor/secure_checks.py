@@ -12,21 +12,26 @@ _OPEN = "it is an open bus"
 
 
 def check_encryption(seen: Examination) -> Finding:
-    """The bus is closed, or open to this machine only."""
+    """The bus is closed, or no other machine is on it."""
     closed = seen.settings.closed
     if closed is not None:
         identity = closed.identity
         return ok(f"encrypted; this is identity {identity.name!r}, {identity.role}")
     beyond = list(seen.host.listens_beyond)
+    if not beyond:
+        return ok("open, to this machine only")
+    others = sorted({node.host for node in seen.nodes} - {seen.host.name})
+    if not others and not seen.host.routers:
+        return ok("open; no other machine is on it now; --secure closes it")
+    who = f"{listed(others)} {'is' if len(others) == 1 else 'are'} on it" if others else "routed"
     evidence = [
-        f"it listens on {listed(beyond)}, and any process that reaches it can read everything, "
+        f"an open bus; {who}, and any process that reaches {listed(beyond)} can read everything, "
         "send any frame, call any service and set any parameter"
     ]
     return found(
         "warn",
-        evidence if beyond else [],
+        evidence,
         "on a network that others use: tfbus keys init, and --secure (docs/guide/security.md)",
-        "open, to this machine only",
     )
 
 

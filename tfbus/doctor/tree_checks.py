@@ -107,17 +107,24 @@ def check_orphans(seen: Examination) -> Finding:
 
 def check_disconnected(seen: Examination) -> Finding:
     """All frames are in one tree."""
+    apart = [each.frames[0] for each in seen.tree.problems() if each.kind == "disconnected"]
+    is_listed = bool(apart) and all(name in seen.tree.claims for name in apart)
     return _of_tree(
         seen,
         "disconnected",
         "warn",
-        "publish a transform between the trees; look for a misspelled parent",
+        # Its publisher knows the parent, and sends nothing.
+        "see silent: the transform between the trees is listed, and has not come"
+        if is_listed
+        else "publish a transform between the trees; look for a misspelled parent",
     )
 
 
 def check_gone(seen: Examination) -> Finding:
     """The publisher of each frame runs."""
-    return _of_tree(seen, "gone", "warn", "start it again, or remove its frames from the tree")
+    return _of_tree(
+        seen, "gone", "warn", "start it again, or check the link to its host if it runs"
+    )
 
 
 def check_stale(seen: Examination) -> Finding:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.discover.presence import describe_all
 from tfbus.errors import TimeoutException
 from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
@@ -119,6 +120,7 @@ def listening(
     history_s: float = _HISTORY_S,
     cache_time_s: float = 10.0,
     goes_on: bool = False,
+    sampling: Sampling = TF2,
 ) -> Iterator[Listening]:
     """Listen to all transforms; yields once nothing new comes, after `within_s` at the latest.
 
@@ -126,7 +128,7 @@ def listening(
     connect to, it waits and says so when `goes_on`, else raises BusError. Ctrl-C and SIGTERM raise
     KeyboardInterrupt, unless they end a `node.wait` inside the `with`.
     """
-    buffer = Buffer(cache_time_s)
+    buffer = Buffer(cache_time_s, sampling=sampling)
     with (
         _join(settings, goes_on) as node,
         TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener,

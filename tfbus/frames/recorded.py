@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.discover.other_namespaces import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.recorded_chunks import last_chunks
@@ -65,6 +66,7 @@ class RecordedFrames:
         cache_time_s: float = 10.0,
         sim_time: bool | None = None,
         statics: "Statics" = "then",
+        sampling: Sampling = TF2,
     ) -> None:
         self.dropped = 0
         # Called before samples may be lost: by a new epoch of a stream, a description or a static
@@ -78,6 +80,7 @@ class RecordedFrames:
         self.pauses = source.pauses
         self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
         self._cache_time_s = cache_time_s
+        self._sampling = sampling
         self._described = {each.name for each in self._events if each.kind == "stream"}
         nodes = map(_node_of, self._events)
         follows = follows_clock(filter(None, nodes)) if sim_time is None else sim_time
@@ -98,7 +101,7 @@ class RecordedFrames:
         return Selection(topics=topics, streams=tuple(sorted(names)))
 
     def _start(self) -> None:
-        self.buffer = Buffer(self._cache_time_s)
+        self.buffer = Buffer(self._cache_time_s, sampling=self._sampling)
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
         self._full_names: dict[str, _Stream] = {}

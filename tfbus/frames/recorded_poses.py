@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tfbus.buffer.explain import after_waiting_with
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import (
     ExtrapolationException,
     FutureExtrapolationException,
@@ -43,7 +44,12 @@ _LATER_S = (1, 5, 55)
 
 
 def frames_of(
-    bag: OpenBag, settings: NodeSettings, fleet: Fleet | None, *, cache_time_s: float = 10.0
+    bag: OpenBag,
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    *,
+    cache_time_s: float = 10.0,
+    sampling: Sampling = TF2,
 ) -> RecordedFrames:
     """The frames of an open recording, as a tool with these settings saw them."""
     return RecordedFrames(
@@ -53,6 +59,7 @@ def frames_of(
         cache_time_s=cache_time_s,
         sim_time=settings.sim_time or None,
         statics=bag.choice.statics,
+        sampling=sampling,
     )
 
 
@@ -63,6 +70,7 @@ def recorded_transform(
     target: str,
     source: str,
     fixed_frame: str | None = None,
+    sampling: Sampling = TF2,
 ) -> TransformStamped:
     """The pose at the moment of the choice. With a fixed frame: where the source was then, seen
     from where the target is at the end of the recording. Raises TfbusError where there is none.
@@ -71,14 +79,14 @@ def recorded_transform(
         at_ns = bag.at_ns
         if fixed_frame is not None:
             cache_s = (bag.reader.end_ns - at_ns) / S + 10.0
-            frames = frames_of(bag, settings, fleet, cache_time_s=cache_s)
+            frames = frames_of(bag, settings, fleet, cache_time_s=cache_s, sampling=sampling)
             stamp_ns = _stamp_at(frames, at_ns)
             frames.seek(bag.reader.end_ns)
             with _explained(frames):
                 return frames.buffer.lookup_transform_full(
                     target, None, source, stamp_ns, fixed_frame
                 )
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S)
+        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
         stamp_ns = _stamp_at(frames, at_ns)
         with _explained(frames):
             return _at(frames, target, source, stamp_ns)
@@ -169,6 +177,7 @@ def recorded_transforms(
     target: str,
     source: str,
     rate_hz: float | None = None,
+    sampling: Sampling = TF2,
 ) -> Iterator[TransformStamped]:
     """The poses in the span of the choice: at the samples of the source, or of the first dynamic
     frame on the way from it to the target; or `rate_hz` of them a second. A static one comes once.
@@ -177,7 +186,7 @@ def recorded_transforms(
     """
     with choice.opened() as bag:
         from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S)
+        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
         for stamps_ns, poses in poses_in(frames, target, source, from_ns, to_ns, rate_hz):
             for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True):
                 yield TransformStamped(stamp_ns, target, source, pose)
@@ -190,11 +199,12 @@ def recorded_track(
     target: str,
     source: str,
     rate_hz: float | None = None,
+    sampling: Sampling = TF2,
 ) -> Track:
     """The poses of `recorded_transforms` together."""
     with choice.opened() as bag:
         from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S)
+        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
         parts = list(poses_in(frames, target, source, from_ns, to_ns, rate_hz))
     return Track(
         target,

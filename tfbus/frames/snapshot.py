@@ -198,7 +198,12 @@ class FrameTree:
 
     def _silent(self) -> Iterator[Problem]:
         for stream in self.streams.values():
-            missing = [child for _, child, _ in stream.frames if child not in self.frames]
+            # A frame that is only the parent of others has no place either.
+            missing = [
+                child
+                for _, child, _ in stream.frames
+                if child not in self.frames or self.frames[child].parent is None
+            ]
             if stream.alive and missing:
                 yield Problem(
                     "silent",

@@ -232,8 +232,8 @@ class Node:
         self._signals.stop()
 
     def ready(self, text: str = "ready") -> None:
-        """Log in one line that the node works now, and whether any process on the network can
-        reach it; only the first call does.
+        """Log in one line that the node works now, and whether it listens for any process of the
+        network (`--listen`); only the first call does.
         """
         if not self._is_ready:
             self._is_ready = True

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
@@ -141,14 +142,18 @@ def stamps_at_rate(first_ns: int, last_ns: int, rate_hz: float) -> NDArray[np.in
 
 
 def poses_at(
-    recording: Recording, target: str, source: str, stamps_ns: NDArray[np.int64]
+    recording: Recording,
+    target: str,
+    source: str,
+    stamps_ns: NDArray[np.int64],
+    sampling: Sampling = TF2,
 ) -> Trajectory:
     """Where the source was, seen from the target, at those of the stamps at which that is known.
 
     Raises as `Recording.lookup_transform` where it is known at none.
     """
     try:
-        poses = recording.lookup_transforms(target, source, stamps_ns)
+        poses = recording.lookup_transforms(target, source, stamps_ns, sampling=sampling)
         return Trajectory(target, source, stamps_ns, poses.xyz, poses.quat_xyzw)
     except InvalidArgumentException:
         raise
@@ -158,7 +163,7 @@ def poses_at(
     found = []
     for stamp_ns in stamps_ns.tolist():
         try:
-            found.append(recording.lookup_transform(target, source, stamp_ns))
+            found.append(recording.lookup_transform(target, source, stamp_ns, sampling=sampling))
         except TransformException as error:
             reason = error
     if not found:

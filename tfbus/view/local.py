@@ -225,11 +225,13 @@ class View:
         frame: str,
         size: ArrayLike,
         *,
-        pose: Transform | None = None,
+        pose: Transform | ArrayLike | None = None,
         color: ArrayLike = _GREY,
         opacity: float = 1.0,
     ) -> None:
-        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose` in it."""
+        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose` in it: a
+        Transform, or a point (3,).
+        """
         from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
 
         sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
@@ -248,36 +250,43 @@ class View:
         frame: str,
         radius_m: float,
         *,
-        center: ArrayLike = (0.0, 0.0, 0.0),
+        pose: Transform | ArrayLike | None = None,
         color: ArrayLike = _GREY,
         opacity: float = 1.0,
     ) -> None:
-        """Draw a sphere around a point (3,) of the frame."""
-        from tfbus.view.scene.drawn import color_of, length_of, point_of
+        """Draw a sphere around the origin of the frame, or at `pose` in it: a Transform, or a point
+        (3,).
+        """
+        from tfbus.view.scene.drawn import color_of, length_of, place_of
 
-        radius, middle = length_of(radius_m, "radius_m"), point_of(center, "center")
+        radius, place = length_of(radius_m, "radius_m"), place_of(pose)
         look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
         self._add(
             name,
             frame,
             lambda scene, path: scene.add_icosphere(
-                path, radius=radius, subdivisions=3, position=middle, **look
+                path, radius=radius, subdivisions=3, **look, **place
             ),
         )
 
     def add_text(
-        self, name: str, frame: str, text: str, *, at: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        name: str,
+        frame: str,
+        text: str,
+        *,
+        pose: Transform | ArrayLike | None = None,
     ) -> None:
-        """Write a text at a point (3,) of the frame; it always faces the browser."""
-        from tfbus.view.scene.drawn import point_of
+        """Write a text at the origin of the frame, or at `pose` in it: a Transform, or a point
+        (3,). It always faces the browser.
+        """
+        from tfbus.view.scene.drawn import place_of
 
-        place = point_of(at, "at")
+        place = place_of(pose)
         self._add(
             name,
             frame,
-            lambda scene, path: scene.add_label(
-                path, str(text), position=place, anchor="bottom-center"
-            ),
+            lambda scene, path: scene.add_label(path, str(text), **place, anchor="bottom-center"),
         )
 
     def add_camera(
@@ -336,17 +345,20 @@ class View:
         image: ArrayLike,
         width_m: float,
         *,
-        pose: Transform | None = None,
+        pose: Transform | ArrayLike | None = None,
     ) -> None:
         """Draw an image (H, W, 3) or (H, W), uint8, such as a map or a sign, in the plane of x and
-        y around the frame's origin, or at `pose` in the frame: x to its right, y up.
+        y around the frame's origin, or at `pose` in the frame, a Transform or a point (3,): x to
+        its right, y up.
         """
-        from tfbus.view.scene.drawn import image_of, length_of, place_of
+        from tfbus.view.scene.drawn import image_of, length_of, place_of, point_of
 
         picture, width = image_of(image), length_of(width_m, "width_m")
         height = width * picture.shape[0] / picture.shape[1]
         # viser's images have y down.
-        upright = (pose or Transform.identity()) @ Transform.from_rpy(math.pi, 0.0, 0.0)
+        if pose is None or not isinstance(pose, Transform):
+            pose = Transform((0.0, 0.0, 0.0) if pose is None else point_of(pose, "pose"))
+        upright = pose @ Transform.from_rpy(math.pi, 0.0, 0.0)
         self._add(
             name,
             frame,

@@ -1,7 +1,5 @@
 """The page that `tfbus view` serves: a scene and a panel, kept up to date by `run`."""
 
-import contextlib
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ from tfbus.view.scene.labels import Names
 from tfbus.view.scene.marks import SelectedMarks
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import Scene
-from tfbus.view.server import serve
+from tfbus.view.server import serve, silent_viser
 from tfbus.view.source import Host, Publishers
 from tfbus.wording import printable
 
@@ -259,8 +257,7 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self._robots.close()
-        # viser announces it on standard output.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with silent_viser():
             self._server.stop()
 
     def _on_refused(self, reason: str) -> None:

@@ -1,10 +1,11 @@
 """The server of the page, made with viser: where it listens, who may use it, and its theme."""
 
-import contextlib
-import io
 import logging
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+import rich
 import viser
 
 from tfbus.errors import TfbusError
@@ -36,7 +37,7 @@ def serve(
     # Browsers open connections in advance and close them again: not worth a log line.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     guard = guard or Guard(host)
-    with guarding(guard), contextlib.redirect_stdout(io.StringIO()):
+    with guarding(guard), silent_viser():
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not guard.stands:
         server.stop()
@@ -56,6 +57,17 @@ def serve(
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+@contextmanager
+def silent_viser() -> Iterator[None]:
+    """Inside the `with` viser does not say that it starts or stops, in a notebook neither."""
+    console = rich.get_console()
+    was_quiet, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = was_quiet
 
 
 def _unshared(verbose: bool = True) -> None:

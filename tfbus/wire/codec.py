@@ -2,7 +2,8 @@
 
 A field is an int, float, bool, str, bytes, another dataclass, a list or a dict by str of one of
 these, or a tuple with a type for each item; Any is taken as it comes. An int may stand for a float,
-and 0 and 1 for false and true; nothing else is converted.
+and 0 and 1 for false and true; numbers, booleans and texts of numpy, and arrays of these, are sent
+as Python's own. Nothing else is converted.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,13 +28,62 @@ Reader = Callable[[object, str], Any]
 def encode_map(value: Mapping[str, Any]) -> bytes:
     """The bytes of a plain map, for a message without a type.
 
-    Raises BusError where a text has a lone surrogate: UTF-8 cannot hold it.
+    Raises BusError with the name of the field where a value cannot be sent, or where a text has a
+    lone surrogate: UTF-8 cannot hold it.
     """
     try:
-        return cast(bytes, msgpack.packb(dict(value)))
+        return cast(bytes, msgpack.packb(dict(value), default=_of_numpy))
     except UnicodeEncodeError as error:
         text = printable(str(error.object), 60)
         raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
+    except (TypeError, OverflowError) as error:
+        raise BusError(
+            _why_unsendable(value, "") or f"could not send a message: {error}"
+        ) from error
+    except ValueError as error:  # it is in itself, or nested too deep
+        raise BusError(f"could not send a message: {error}") from error
+
+
+def _of_numpy(value: Any) -> Any:
+    """A number, boolean or text of numpy, or an array of these, as Python's own, exactly.
+
+    Raises TypeError for all else.
+    """
+    dtype: Any = getattr(value, "dtype", None)
+    if type(value).__module__.partition(".")[0] != "numpy" or (
+        f"{dtype.kind}{dtype.itemsize}" not in _EXACT and dtype.kind != "U"
+    ):
+        raise TypeError(f"cannot send a {type(value).__name__}")
+    return value.tolist()
+
+
+# Kinds of numpy's numbers and their bytes: a longer float has no place in a message.
+_EXACT = {"b1", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)), "f2", "f4", "f8"}
+
+
+def _why_unsendable(value: Any, path: str) -> str:
+    """A sentence about the first value that cannot be sent, and its field; "" for none."""
+    if isinstance(value, Mapping):
+        inside = ((f"{path}.{name}" if path else str(name), item) for name, item in value.items())
+    elif isinstance(value, list | tuple):
+        inside = ((f"{path}[{at}]", item) for at, item in enumerate(value))
+    else:
+        try:
+            msgpack.packb(value, default=_of_numpy)
+        except UnicodeEncodeError:
+            return ""
+        except (TypeError, OverflowError):
+            dtype = getattr(value, "dtype", None)
+            kind = f"{type(value).__name__}{f' of {dtype}' if dtype is not None else ''}"
+            if isinstance(value, int):
+                kind = "integer beyond 64 bits"
+            return (
+                f"could not send field '{printable(path, 100)}', a value of the kind {kind}: a "
+                "field is an int, float, bool, str, bytes, list, dict or a dataclass; convert it, "
+                "as by list(...) or float(...)"
+            )
+        return ""
+    return next(filter(None, (_why_unsendable(item, name) for name, item in inside)), "")
 
 
 def decode_map(data: bytes) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from tfbus.cli.bag.new_file import new_file, with_progress
 from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import say
 from tfbus.command.moment import Moment
+from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, MomentType
 from tfbus.recording.exported import (
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from tfbus.core.sampling import Sampling
     from tfbus.recording.recording import Recording
 
     # Of a recording, from one stamp to another.
@@ -87,6 +89,7 @@ _FORMAT_OF = {f".{form}": form for form in _FORMATS}
     default=STATICS[0],
     help="Static transforms hold always, as in tf2 (default), or from when they were received.",
 )
+@max_gap_option
 @click.option("--force", is_flag=True, help="Replace the file if it exists.")
 def command(
     recording: Path,
@@ -101,6 +104,7 @@ def command(
     end: Moment | None,
     statics: Statics,
     force: bool,
+    sampling: "Sampling",
 ) -> None:
     """Write where SOURCE was, seen from TARGET, or all transforms, or a topic.
 
@@ -119,6 +123,8 @@ def command(
         raise click.UsageError("name two frames, TARGET and SOURCE, or none")
     if (rate_hz is not None or samples_of is not None) and not is_pair:
         raise click.UsageError("--rate and --samples-of are for a pair of frames")
+    if sampling.max_gap_s is not None and not is_pair:
+        raise click.UsageError("--max-gap is for a pair of frames")
     if rate_hz is not None and samples_of is not None:
         raise click.UsageError("--rate and --samples-of are mutually exclusive")
     if topic is not None and (is_pair or form != "csv"):
@@ -136,6 +142,7 @@ def command(
                 form,
                 force,
                 _stamps_of(target, source, rate_hz, samples_of),
+                sampling,
             )
         elif topic is not None:
             what = _topic(bag, topic.removeprefix("/"), output, force)
@@ -177,6 +184,7 @@ def _pair(
     form: str,
     force: bool,
     stamps_of: "StampsOf | None",
+    sampling: "Sampling",
 ) -> str:
     from tfbus.recording.recording import Recording
 
@@ -195,9 +203,9 @@ def _pair(
         if first_ns is None:
             raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
     if stamps_of is None:
-        poses = recording.trajectory(*pair, first_ns, last_ns)
+        poses = recording.trajectory(*pair, first_ns, last_ns, sampling=sampling)
     else:
-        poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
+        poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns), sampling)
     write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
     with new_file(output, force=force, sources=_sources(bag)) as beside:
         write(beside)

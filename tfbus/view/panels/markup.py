@@ -129,7 +129,9 @@ div:has(> .tfbus-channel) + div { display: none; }
 .tf-row button { all: unset; cursor: pointer; flex: 1; min-width: 0; overflow: hidden;
   text-overflow: ellipsis; white-space: nowrap; }
 .tf-row button:focus-visible { outline: 2px solid #228be6; border-radius: 3px; }
-div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width: thin; }
+div:has(> .tf[role=tree]) { max-height: max(42vh, calc(100vh - 290px)); overflow-y: auto;
+  scrollbar-width: thin; }
+div:has(> .tf[role=tree] .tf-selected) { max-height: max(42vh, calc(100vh - 610px)); }
 .tf-robot { display: flex; align-items: center; gap: 0.4em; flex: 1; min-width: 0;
   cursor: pointer; overflow-wrap: anywhere; }
 .tf-title { display: flex; align-items: center; gap: 0.8em; margin: 0.3em 0; }

@@ -21,6 +21,7 @@ from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
 from tfbus.view.panels.player_markup import STYLE as PLAYER_STYLE
 from tfbus.view.panels.robots import RobotsPanel, progress_text
 from tfbus.view.panels.time import TimePanel
+from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import TreePanel
 from tfbus.view.replay import Replay
 from tfbus.view.scene.robots import RobotScenes
@@ -59,7 +60,7 @@ class Panel:
         self._replay = replay
         player = (PLAYER_STYLE, PLAYER_SCRIPT) if replay else ("", "")
         style = player[0] + "".join(guest.style for guest in self._guests)
-        script = player[1] + "".join(guest.script for guest in self._guests)
+        script = TREE_SCRIPT + player[1] + "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))
         typed = gui.add_text("events", "")
         typed.on_update(lambda event: channel.receive(typed.value, event.client_id))

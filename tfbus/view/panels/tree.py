@@ -159,6 +159,17 @@ class TreePanel:
         return text.rate_text(self._rates[frame.name])
 
 
+# The tree has the height down to the end of the page while no frame is selected, and else the
+# height that the facts below it leave: a row that is selected stays in sight, wherever it was.
+SCRIPT = """
+new MutationObserver(() => {
+  const row = document.querySelector('.tf[role=tree] .tf-selected');
+  const name = row ? row.dataset.row : '';
+  if (name !== window.tfbusSelected) row?.scrollIntoView({block: 'nearest'});
+  window.tfbusSelected = name;
+}).observe(document.body, {childList: true, subtree: true});
+"""
+
 # How a row begins, and how the selected one does.
 _ROW = '<div class="tf-row"'
 _SELECTED_ROW = '<div class="tf-row tf-selected" aria-selected="true"'

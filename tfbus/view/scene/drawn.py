@@ -149,9 +149,11 @@ def image_of(image: ArrayLike) -> NDArray[np.uint8]:
     return array
 
 
-def place_of(pose: Transform | None) -> dict[str, Any]:
-    """Where a shape is in its frame, in viser's words."""
+def place_of(pose: Transform | ArrayLike | None) -> dict[str, Any]:
+    """Where a shape is in its frame, in viser's words; from a pose there, or a point (3,)."""
     if pose is None:
         return {}
+    if not isinstance(pose, Transform):
+        return {"position": point_of(pose, "pose")}
     x, y, z, w = pose.quat_xyzw
     return {"position": pose.xyz, "wxyz": (w, x, y, z)}

@@ -66,11 +66,14 @@ def _python_with(modules: str) -> str | None:
     return None
 
 
-def python_of_tf2() -> str:
-    """A Python on PATH that has the real tf2; the test is skipped where there is none."""
-    python = _python_with("rospy, tf2_py")
+def python_of_tf2(*, messages: bool = False) -> str:
+    """A Python on PATH that has the real tf2, and sensor_msgs with `messages`; the test is skipped
+    where there is none.
+    """
+    python = _python_with("rospy, tf2_py, sensor_msgs.msg" if messages else "rospy, tf2_py")
     if python is None:
-        skip("tf2", "apt-get install python3-tf2 python3-tf2-ros (Debian, Ubuntu)")
+        packages = "python3-tf2 python3-tf2-ros" + " python3-sensor-msgs" * messages
+        skip("tf2", f"apt-get install {packages} (Debian, Ubuntu)")
     return python
 
 

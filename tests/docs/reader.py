@@ -58,7 +58,9 @@ class Reader:
             write_robot(recording)
         text = block.text.replace(ROUTER_PORT, self._port)
         if block.rule == "file:":
-            (self._folder / block.rule_value).write_text(text)
+            path = self._folder / block.rule_value
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
         elif block.language == "python":
             self._run([sys.executable, "-c", text])
         elif block.language == "yaml":

@@ -63,7 +63,7 @@ def states() -> list[JointState]:
 
 def of_ros(given: list[JointState]) -> dict[str, Any]:
     """The transforms of ROS's robot_state_publisher."""
-    python = needs.python_of_tf2()
+    python = needs.python_of_tf2(messages=True)
     if not Path(ros_robot_frames.PUBLISHER).exists():
         needs.skip("robot_state_publisher", "apt-get install ros-robot-state-publisher")
     needs.program("rosmaster")

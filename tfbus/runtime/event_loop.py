@@ -64,7 +64,9 @@ class EventLoop:
         for task in self._tasks:
             task.cancel()
         if self._tasks:
-            self._loop.run_until_complete(asyncio.wait(self._tasks, timeout=_LAST_STEPS_S))
+            # A copy: those that end at once are forgotten before the wait begins.
+            ending = asyncio.wait(set(self._tasks), timeout=_LAST_STEPS_S)
+            self._loop.run_until_complete(ending)
         self._loop.run_until_complete(self._loop.shutdown_asyncgens())
         self._loop.close()
 

@@ -13,11 +13,12 @@ from tfbus.bag.capture import Capture
 from tfbus.bag.player import Player
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.replay import Replay
+from tfbus.discover.ros_types import RosTypes
 from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
-from tfbus.ros.definitions import Definition, standard_definition
+from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, standard_definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import encode_map, type_name
 
@@ -137,3 +138,14 @@ def test_a_class_says_the_name_of_its_type() -> None:
 
     assert type_name(LaserScan) == "sensor_msgs/msg/LaserScan"
     assert type_name(Narrow).endswith("Narrow")
+
+
+def test_a_definition_of_ones_own_that_is_invalid_stops_nothing(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its type is as one that nobody knows."""
+    file = tmp_path / "bad_msgs" / "msg" / "Bad.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("absent_msgs/Nothing nothing\n")
+    monkeypatch.setenv(FOLDERS_VARIABLE, str(tmp_path))
+    assert RosTypes(bus.node("asks").session).codec("/nobody", "bad_msgs/msg/Bad") is None

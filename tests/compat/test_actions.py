@@ -65,6 +65,30 @@ def test_a_goal_may_be_rejected(rclpy: ModuleType) -> None:
     assert not sent.result().accepted
 
 
+def test_a_coroutine_may_decide_about_a_goal(rclpy: ModuleType) -> None:
+    """As in ROS: its answer counts."""
+    server, client = rclpy.create_node("server"), rclpy.create_node("client")
+
+    async def decide(request: Any) -> GoalResponse:
+        return GoalResponse.ACCEPT
+
+    ActionServer(server, Fibonacci, "fibonacci", count, goal_callback=decide)
+    sent = ActionClient(client, Fibonacci, "fibonacci").send_goal_async(Fibonacci.Goal(order=2))
+    spin_until(server, sent.done)
+    assert sent.result().accepted
+
+
+def test_a_goal_that_cannot_be_sent_ends_its_future(rclpy: ModuleType) -> None:
+    """With an error that names the field."""
+    server, client = rclpy.create_node("server"), rclpy.create_node("client")
+    ActionServer(server, Fibonacci, "fibonacci", count)
+    goal = Fibonacci.Goal(order="many")
+    sent = ActionClient(client, Fibonacci, "fibonacci").send_goal_async(goal)
+    spin_until(server, sent.done)
+    with pytest.raises(TypeError, match="order"):
+        sent.result()
+
+
 @pytest.mark.parametrize("is_taken", [True, False])
 def test_a_goal_is_cancelled_where_its_server_takes_that(rclpy: ModuleType, is_taken: bool) -> None:
     """While it is executed in the only thread that spins."""

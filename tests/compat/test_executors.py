@@ -1,5 +1,6 @@
 """Executors and callback groups of ported programs: which callbacks run at once."""
 
+import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -204,6 +205,22 @@ def test_a_coroutine_holds_its_exclusive_group(rclpy: ModuleType) -> None:
     assert not ticks
     awaited.set_result(None)
     spin_until(node, lambda: ticks)
+
+
+def test_a_coroutine_that_awaits_what_it_cannot_leaves_its_group(rclpy: ModuleType) -> None:
+    """The error ends the spin; in the next one the node's other callbacks run."""
+    node = rclpy.create_node("node")
+    called = threading.Event()
+
+    async def wrong() -> None:
+        timer.cancel()
+        await asyncio.sleep(0)
+
+    timer = node.create_timer(0.01, wrong)
+    with pytest.raises(TypeError, match="futures of rclpy only"):
+        rclpy.spin(node)
+    node.create_timer(0.01, called.set)
+    spin_until(node, called.is_set)
 
 
 def test_a_service_of_the_same_node_is_called_in_a_callback(rclpy: ModuleType) -> None:

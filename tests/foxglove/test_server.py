@@ -1,6 +1,8 @@
 """Foxglove's server: what it does while clients come, go, and do not read."""
 
+import gc
 import logging
+import os
 import socket
 import struct
 import threading
@@ -17,7 +19,7 @@ from tfbus.foxglove.connection import BACKLOG
 from tfbus.foxglove.front import Front
 from tfbus.foxglove.graph import Connections
 from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, PlaybackStatus
-from tfbus.foxglove.server import Server
+from tfbus.foxglove.server import Channel, Server, Service
 from tfbus.foxglove.serving import Serving
 
 # A client that asks for a WebSocket and then reads nothing.
@@ -40,7 +42,7 @@ class Knows(Requests):
 
 @pytest.fixture
 def server() -> Iterator[Server]:
-    capabilities = [Capability.GRAPH, Capability.PARAMETERS]
+    capabilities = [Capability.GRAPH, Capability.PARAMETERS, Capability.SERVICES]
     server = Server("test", Knows(), capabilities, logging.getLogger("test"))
     yield server
     server.close()
@@ -106,14 +108,7 @@ def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) ->
     """It loses the oldest messages; one that reads gets all that it takes."""
     channel = server.open_channel("/topic", "json")
     with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as deaf:
-        deaf.sendall(
-            UPGRADE
-            + _masked(
-                b'{"op":"subscribe","subscriptions":[%s]}'
-                % (b'{"id":1,"channelId":%d}' % channel.id)
-            )
-        )
-        eventually(lambda: channel.is_watched)
+        _subscribe(deaf, channel)
         with Client(front.port) as client:
             client.subscribe("/topic")
             eventually(lambda: len(channel.subscribers) == 2)
@@ -123,6 +118,92 @@ def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) ->
             channel.send(b"last", 0)
             eventually(lambda: b"last" in client.of("/topic"))
         assert front.clients == 1
+
+
+def test_a_client_with_a_wrong_id_harms_no_other(server: Server, front: Front) -> None:
+    """An id that no message can carry is refused, and others get what is sent."""
+    channel = server.open_channel("/topic", "json")
+    with Client(front.port) as wrong, Client(front.port) as client:
+        wrong.send("subscribe", subscriptions=[{"id": 1 << 40, "channelId": channel.id}])
+        eventually(wrong.said)
+        client.subscribe("/topic")
+        eventually(lambda: channel.is_watched)
+        channel.send(b"{}", 1)
+        eventually(lambda: client.of("/topic"))
+
+
+def test_a_client_that_breaks_off_leaves_no_error_behind(
+    server: Server, front: Front, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As where its cable is pulled while it is sent to: asyncio logs what nobody asks for."""
+    channel = server.open_channel("/topic", "json")
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as gone:
+        _subscribe(gone, channel)
+        for number in range(500):
+            channel.send(b"0" * 100_000, number)
+        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    eventually(lambda: front.clients == 0)
+    gc.collect()
+    with Client(front.port) as client:
+        eventually(lambda: client.texts_of("serverInfo"))
+    assert not [each for each in caplog.records if each.levelno >= logging.ERROR]
+
+
+def test_one_that_ends_without_reading_harms_no_newcomer(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its connection is ended after a while, and the next one gets the number of its socket."""
+    monkeypatch.setattr("tfbus.foxglove.front._PATIENCE_S", 0.2)
+    front = Front(Serving(port=0), server, lambda reason: None)
+    before = _open_files()
+    try:
+        channel = server.open_channel("/topic", "json")
+        with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as deaf:
+            _subscribe(deaf, channel)
+            for number in range(500):
+                channel.send(b"0" * 100_000, number)
+            deaf.shutdown(socket.SHUT_WR)
+            eventually(lambda: _open_files() == before + 1)
+            for _ in range(5):
+                with Client(front.port) as client:
+                    eventually(lambda client=client: client.texts_of("serverInfo"))  # type: ignore[misc]
+    finally:
+        front.close()
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_what_waits_for_a_client_is_limited_in_bytes(
+    monkeypatch: pytest.MonkeyPatch, server: Server, front: Front, is_told: bool
+) -> None:
+    """Large messages of topics drop the oldest earlier; of others, as files, the client ends."""
+    monkeypatch.setattr("tfbus.foxglove.connection._MOST_SENT", 10_000_000)
+    monkeypatch.setattr("tfbus.foxglove.connection._MOST_TOLD", 10_000_000)
+    channel = server.open_channel("/topic", "json")
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as deaf:
+        _subscribe(deaf, channel)
+        [(connection, _)] = channel.subscribers
+        for _ in range(100):
+            (connection.tell if is_told else connection.send)(bytes(1_000_000))
+        if is_told:
+            eventually(lambda: front.clients == 0)
+            return
+        connection.send(b"last")
+        got, end = 0, b""
+        while b"last" not in end:
+            data = deaf.recv(1 << 20)
+            got, end = got + len(data), end[-4:] + data
+        assert 10_000_000 < got < 50_000_000
+
+
+def _open_files() -> int:
+    return len(os.listdir("/dev/fd"))
+
+
+def _subscribe(client: socket.socket, channel: Channel) -> None:
+    """Have a client without a reader subscribe to a channel."""
+    wish = b'{"op":"subscribe","subscriptions":[{"id":1,"channelId":%d}]}' % channel.id
+    client.sendall(UPGRADE + _masked(wish))
+    eventually(lambda: channel.is_watched)
 
 
 def test_the_state_of_a_recording_comes_after_its_messages(server: Server, front: Front) -> None:
@@ -170,6 +251,9 @@ def test_what_json_cannot_say_is_no_parameter(value: object) -> None:
         '{"op": 7}',
         '{"op": "subscribe"}',
         '{"op": "subscribe", "subscriptions": [{"id": true, "channelId": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+        '{"op": "fetchAsset", "uri": "package://a/b", "requestId": 4294967296}',
+        '{"op": "getParameters", "parameterNames": [], "id": NaN}',
         '{"op": "setParameters", "parameters": [{"name": "a", "type": "float64", "value": "x"}]}',
         '{"op": "setParameters", "parameters": [{"name": "a", "value": 1e999}]}',
         '{"op": "fetchAsset", "uri": 7, "requestId": 1}',
@@ -188,3 +272,14 @@ def test_what_is_malformed_is_answered(front: Front, message: str | bytes) -> No
         eventually(client.said)
         client.send("getParameters", parameterNames=["/node.a"], id="1")
         eventually(lambda: client.parameters)
+
+
+def test_a_call_that_fails_unforeseen_is_answered(server: Server, front: Front) -> None:
+    """With what was raised: a client would wait for its answer for ever."""
+
+    def call(request: bytes) -> bytes:
+        raise KeyError("x")
+
+    server.add_service(Service("/fails", "Fails", ("", "{}"), ("", "{}"), call))
+    with Client(front.port) as client:
+        assert "KeyError" in client.call("/fails", {})

@@ -387,6 +387,8 @@ def test_what_is_async_is_known() -> None:
 
         async def __call__(self) -> None: ...
 
+    class Inherits(Both): ...
+
     class Neither:
         def method(self) -> None: ...
 
@@ -394,7 +396,7 @@ def test_what_is_async_is_known() -> None:
 
     async def function() -> None: ...
 
-    yes: list[Any] = [function, Both().method, Both(), functools.partial(Both().method)]
+    yes: list[Any] = [function, Both().method, Both(), functools.partial(Both().method), Inherits()]
     no: list[Any] = [len, print, Neither().method, Neither(), [].append, lambda: None, Both, None]
     assert [is_async(each) for each in yes] == [True] * len(yes)
     assert [is_async(each) for each in no] == [False] * len(no)

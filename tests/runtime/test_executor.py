@@ -1,6 +1,7 @@
 """Executors: one thread, callbacks in order, whatever happens in them."""
 
 import logging
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -232,3 +233,20 @@ def test_missed_simulated_ticks_are_not_made_up_for(executor: Executor) -> None:
         clock.set(second * SECOND)
         finish(executor)
     assert ticks == [3605, 3610, 15, 25]
+
+
+@pytest.mark.parametrize("is_async", [False, True])
+def test_an_exit_in_a_callback_is_a_failure(
+    executor: Executor, caplog: pytest.LogCaptureFixture, is_async: bool
+) -> None:
+    """It is logged, and further callbacks run: the thread would end without a word."""
+
+    def leave() -> None:
+        sys.exit(3)
+
+    async def leave_later() -> None:
+        sys.exit(3)
+
+    executor.submit("leaving", leave_later if is_async else leave)
+    eventually(lambda: "A callback failed, 1 time so far (leaving)" in caplog.text)
+    finish(executor)

@@ -278,6 +278,8 @@ class Anything:
         np.array([object()]),
         np.array(["2026-01-01"], "datetime64[s]"),
         np.longdouble(1) if np.dtype(np.longdouble).itemsize > 8 else 1j,
+        np.dtype(float),
+        np.sum,
         object(),
         2**64,
         {1, 2},

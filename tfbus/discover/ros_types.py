@@ -34,9 +34,7 @@ class RosTypes:
         if (node, type_name) not in self._known:
             if len(self._known) >= _MOST_TYPES:
                 self._known.clear()
-            said = self._said(node).get(type_name)
-            definition = Definition(type_name, said) if said else standard_definition(type_name)
-            self._known[node, type_name] = _codec(definition)
+            self._known[node, type_name] = _codec(type_name, self._said(node).get(type_name))
         return self._known[node, type_name]
 
     def forget(self, node: str) -> None:
@@ -56,8 +54,9 @@ class RosTypes:
         return found
 
 
-def _codec(definition: Definition | None) -> MessageCodec | None:
+def _codec(type_name: str, said: str | None) -> MessageCodec | None:
     try:
+        definition = Definition(type_name, said) if said else standard_definition(type_name)
         return None if definition is None else MessageCodec.of_definition(definition)
     except DecodeError:
         return None

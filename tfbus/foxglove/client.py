@@ -23,6 +23,7 @@ from tfbus.foxglove.protocol import (
     numbers,
     parameter_values,
     published,
+    request_id,
     text,
     texts,
 )
@@ -148,10 +149,10 @@ class Client:
             case "unadvertise":
                 return partial(self._unadvertise, numbers(given["channelIds"]))
             case "getParameters":
-                return partial(self._get, texts(given["parameterNames"]), given.get("id"))
+                return partial(self._get, texts(given["parameterNames"]), request_id(given))
             case "setParameters":
                 parameters = [Parameter.from_map(each) for each in given["parameters"]]
-                return partial(self._server.set_parameters, self, parameters, given.get("id"))
+                return partial(self._server.set_parameters, self, parameters, request_id(given))
             case "subscribeParameterUpdates":
                 return partial(self._watch, texts(given["parameterNames"]))
             case "unsubscribeParameterUpdates":
@@ -215,8 +216,8 @@ class Client:
         else:
             self.say(f"channel {channel_id} is not advertised")
 
-    def _get(self, names: Sequence[str], request_id: str | None) -> None:
-        self.tell(parameter_values(self._requests.get_parameters(names), request_id))
+    def _get(self, names: Sequence[str], request: str | None) -> None:
+        self.tell(parameter_values(self._requests.get_parameters(names), request))
 
     def _watch(self, names: Sequence[str]) -> None:
         if len(self.parameters | set(names)) > _MOST_NAMES:

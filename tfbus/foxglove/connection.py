@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import threading
 from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import suppress
@@ -18,13 +19,24 @@ from websockets.typing import Subprotocol
 # disconnected where as many others wait.
 BACKLOG = 1024
 
+# Bytes of the same: of the messages of topics, of which the newest is kept in any case, and of the
+# others, as files are.
+_MOST_SENT = 1 << 28
+_MOST_TOLD = 1 << 30
+
 # Of a client; longer ones end its connection.
 _LONGEST_MESSAGE = 1 << 20
 
 _CHUNK = 65_536
 
-# What is written at a time: Zenoh's threads append meanwhile, and the newest of it counts.
+# Messages, and bytes beyond which none is added, that are written at a time: Zenoh's threads append
+# meanwhile, and the newest of it counts.
 _AT_A_TIME = 64
+_MUCH = 1 << 20
+
+# A client that leaves so many bytes unread is not read from: else it could ask for answers without
+# end.
+_MOST_UNREAD = 1 << 24
 
 
 class Connection:
@@ -41,7 +53,9 @@ class Connection:
         self._order = itertools.count(1)
         # With the place in the order that it has to keep, 0 where it may overtake.
         self._told: deque[tuple[int, str | bytes]] = deque()
-        self._sent: deque[tuple[int, bytes]] = deque(maxlen=BACKLOG)
+        self._sent: deque[tuple[int, bytes]] = deque()
+        self._told_bytes = self._sent_bytes = 0
+        self._lock = threading.Lock()  # of both, and their bytes
         self._wake = asyncio.Event()
         self._is_woken = False
         self._protocol = ServerProtocol(subprotocols=[Subprotocol(name)], max_size=_LONGEST_MESSAGE)
@@ -62,15 +76,25 @@ class Connection:
         """Send a message that is never left out: a client that reads none of them is
         disconnected. It overtakes what was sent before, unless it is to come `in_order`.
         """
-        if len(self._told) >= BACKLOG:
+        with self._lock:
+            is_full = len(self._told) >= BACKLOG or self._told_bytes >= _MOST_TOLD
+            if not is_full:
+                self._told.append((next(self._order) if in_order else 0, message))
+                self._told_bytes += len(message)
+        if is_full:
             self._call(self._writer.transport.abort)
-            return
-        self._told.append((next(self._order) if in_order else 0, message))
-        self._wake_up()
+        else:
+            self._wake_up()
 
     def send(self, message: bytes) -> None:
         """Send a message; it is left out where the client falls behind."""
-        self._sent.append((next(self._order), message))
+        with self._lock:
+            self._sent.append((next(self._order), message))
+            self._sent_bytes += len(message)
+            while len(self._sent) > BACKLOG or (
+                self._sent_bytes > _MOST_SENT and len(self._sent) > 1
+            ):
+                self._take_sent()
         self._wake_up()
 
     def _wake_up(self) -> None:
@@ -85,38 +109,46 @@ class Connection:
     # In the loop
 
     async def write(self) -> None:
-        """Write what is to be sent, until it is cancelled; no faster than the client takes it."""
-        while True:
-            await self._wake.wait()
-            self._wake.clear()
-            self._is_woken = False
-            while self._write_some():
-                await self._writer.drain()
+        """Write what is to be sent, until it is cancelled or the client is gone; no faster than
+        the client takes it.
+        """
+        with suppress(OSError):
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                self._is_woken = False
+                while self._write_some():
+                    await self._writer.drain()
 
     def _write_some(self) -> bool:
         """Write some messages; whether there were any."""
-        some = 0
-        with suppress(IndexError, InvalidState):
-            while some < _AT_A_TIME:
-                message = self._next()
+        some = size = 0
+        with suppress(InvalidState):
+            while some < _AT_A_TIME and size < _MUCH and (message := self._next()) is not None:
                 if isinstance(message, str):
                     self._protocol.send_text(message.encode())
                 else:
                     self._protocol.send_binary(message)
                 some += 1
+                size += len(message)
         self._flush()
         return some > 0
 
-    def _next(self) -> str | bytes:
+    def _next(self) -> str | bytes | None:
         """Take the next message: one that must not be left out, where none of before has to come
-        first. Raises IndexError where there is none.
+        first; None where there is none.
         """
-        if not self._told:
-            return self._sent.popleft()[1]
-        with suppress(IndexError):
-            if self._sent[0][0] < self._told[0][0]:
-                return self._sent.popleft()[1]
-        return self._told.popleft()[1]
+        with self._lock:
+            if self._told and not (self._sent and self._sent[0][0] < self._told[0][0]):
+                message = self._told.popleft()[1]
+                self._told_bytes -= len(message)
+                return message
+            return self._take_sent() if self._sent else None
+
+    def _take_sent(self) -> bytes:
+        message = self._sent.popleft()[1]
+        self._sent_bytes -= len(message)
+        return message
 
     async def messages(self) -> AsyncIterator[str | bytes]:
         """Iterate over the messages of the client, until it ends."""
@@ -134,6 +166,8 @@ class Connection:
                     message = b"".join(parts)
                     yield message.decode(errors="replace") if is_text else message
             self._flush()
+            if self._writer.transport.get_write_buffer_size() > _MOST_UNREAD:
+                await self._writer.drain()
 
     def _flush(self) -> None:
         """Write what the protocol says: messages, and answers to pings and to the end."""

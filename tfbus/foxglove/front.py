@@ -180,10 +180,13 @@ class Front:
                     await writer.drain()
                 else:
                     await self._let_in(head, reader, writer)
-            finally:
                 writer.close()
-            async with asyncio.timeout(_PATIENCE_S):
-                await writer.wait_closed()
+                async with asyncio.timeout(_PATIENCE_S):
+                    await writer.wait_closed()
+            finally:
+                # Before the socket is closed: else the loop waits for its number, which the next
+                # connection gets.
+                writer.transport.abort()
 
     async def _let_in(
         self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -19,6 +19,9 @@ SUBPROTOCOL = "foxglove.sdk.v1"
 # Numbers beyond are no integers of 64 bits.
 _INT64 = 1 << 63
 
+# An id has 32 bits in binary messages.
+_LARGEST_ID = (1 << 32) - 1
+
 _MESSAGE = struct.Struct("<BIQ")
 _TIME = struct.Struct("<BQ")
 _ANSWER = struct.Struct("<BIII")
@@ -164,20 +167,28 @@ def published(data: bytes) -> tuple[int, bytes]:
 
 
 def number(value: Any) -> int:
-    """An id of a message. Raises TypeError where it is none."""
+    """An id of a message. Raises TypeError where it is none, ValueError where it has no 32 bits."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise TypeError("an id must be an integer")
+    if not 0 <= value <= _LARGEST_ID:
+        raise ValueError(f"an id must be an integer from 0 to {_LARGEST_ID}")
     return value
 
 
 def numbers(values: Any) -> list[int]:
-    """Ids of a message. Raises TypeError where they are none."""
+    """Ids of a message. Raises as `number` where they are none."""
     return [number(each) for each in _list(values)]
 
 
 def texts(values: Any) -> list[str]:
     """Names of a message. Raises TypeError where they are none."""
     return [_text(each) for each in _list(values)]
+
+
+def request_id(given: Mapping[str, Any]) -> str | None:
+    """The id of a request, None where it has none. Raises TypeError where it is no text."""
+    value = given.get("id")
+    return None if value is None else _text(value)
 
 
 # Messages of the server

@@ -351,6 +351,9 @@ class Server:
                 response = service.call(request)
             except (TfbusError, ValueError) as error:
                 fail(str(error))
+            except Exception as error:
+                fail(f"the call failed ({type(error).__name__}: {error})")
+                raise
             else:
                 client.tell(answer(service_id, call_id, "json", response))
 
@@ -369,6 +372,9 @@ class Server:
                 client.tell(file_of(request_id, self.requests.asset(uri)))
             except (TfbusError, ValueError) as error:
                 client.tell(no_file(request_id, str(error)))
+            except Exception as error:
+                client.tell(no_file(request_id, f"it failed ({type(error).__name__}: {error})"))
+                raise
 
         if not self._jobs.do(lambda: self.guarded(read)):
             client.tell(no_file(request_id, "too many requests at once; retry later"))

@@ -49,7 +49,8 @@ def is_async(callback: object) -> bool:
     while isinstance(callback, partial):
         callback = callback.func
     if not hasattr(callback, "__code__") and not hasattr(callback, "__func__"):
-        callback = vars(type(callback)).get("__call__")  # of an object that can be called
+        # Of an object that can be called.
+        callback = getattr(type(callback), "__call__", None)  # noqa: B004  # its code is looked at
     code = getattr(getattr(callback, "__func__", callback), "__code__", None)
     # As inspect.iscoroutinefunction does, which takes long to load.
     return code is not None and bool(code.co_flags & _CO_COROUTINE)

@@ -6,7 +6,7 @@ The message of a request is called `std_srvs/srv/Trigger_Request` there, that of
 
 import os
 from collections.abc import Iterator, Mapping
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 from tfbus.ros.definition_text import Definitions, sections_in, text_of_ros
@@ -18,6 +18,9 @@ from tfbus.ros.message_type import Message
 FOLDERS_VARIABLE = "TFBUS_INTERFACES"
 
 _TABLE = Path(__file__).parent / "interfaces"
+
+# Names may come from a bus: at most as many packages and definitions are remembered.
+_MOST_REMEMBERED = 1000
 
 # The parts of a file, separated by ---, and what the message of each is called behind its name.
 _PARTS = {
@@ -54,9 +57,12 @@ def message_named(name: str) -> Message:
     return _definitions.message(name)
 
 
-@cache
+@lru_cache(_MOST_REMEMBERED)
 def standard_definition(name: str) -> Definition | None:
-    """The definition of `sensor_msgs/msg/Imu`; None for a type that is not in the table."""
+    """The definition of `sensor_msgs/msg/Imu`; None for a type that is not in the table.
+
+    Raises DecodeError where one's own is not valid.
+    """
     if name not in _package(name.partition("/")[0]):
         return None
     return Definition(name, text_of_ros(message_named(name)))
@@ -94,7 +100,7 @@ def interfaces_of(package: str) -> dict[str, list[str]]:
     return found
 
 
-@cache
+@lru_cache(_MOST_REMEMBERED)
 def _package(name: str) -> dict[str, list[str]]:
     """The lines of the messages of a package by full name; of one that is not known, none."""
     if not name.isidentifier():
@@ -111,7 +117,8 @@ def _package(name: str) -> dict[str, list[str]]:
 def _sections_of_file(package: str, path: Path) -> dict[str, list[str]]:
     """The messages of a file as people write them."""
     pieces: list[list[str]] = [[]]
-    for line in path.read_text("utf-8").splitlines():
+    # A comment may be in any encoding.
+    for line in path.read_text("utf-8", errors="replace").splitlines():
         if line.startswith("---"):
             pieces.append([])
         else:

@@ -78,7 +78,7 @@ class EventLoop:
     async def _run(self, what: str, coroutine: Coroutine[Any, Any, Any]) -> None:
         try:
             await _Observed(what, coroutine, self._observer)
-        except Exception:
+        except (Exception, SystemExit):  # the latter would end the loop and its thread
             self._observer.note_failure(what)
 
 

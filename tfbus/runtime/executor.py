@@ -348,7 +348,7 @@ class Executor:
             answer = callback()
             if answer is not None and isinstance(answer, Coroutine):
                 self._home._start_coroutine(what, answer)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # the latter would end the thread without a word
             # What the end of the node makes impossible is no failure.
             if not (self._closed and isinstance(error, TfbusError)):
                 self.note_failure(what)

@@ -50,8 +50,10 @@ def _of_numpy(value: Any) -> Any:
     Raises TypeError for all else.
     """
     dtype: Any = getattr(value, "dtype", None)
-    if type(value).__module__.partition(".")[0] != "numpy" or (
-        f"{dtype.kind}{dtype.itemsize}" not in _EXACT and dtype.kind != "U"
+    if (
+        dtype is None
+        or type(value).__module__.partition(".")[0] != "numpy"
+        or (f"{dtype.kind}{dtype.itemsize}" not in _EXACT and dtype.kind != "U")
     ):
         raise TypeError(f"cannot send a {type(value).__name__}")
     return value.tolist()

@@ -124,10 +124,12 @@ class Task(Future):
             raise
         if not isinstance(awaited, Future):
             self._coroutine.close()
-            raise TypeError(
+            mistake = TypeError(
                 f"a callback awaited a {type(awaited).__name__}: under rclpy.spin it can await "
                 "futures of rclpy only, as of call_async and wait_for_transform_async"
             )
+            self.set_exception(mistake)
+            raise mistake
         awaited.when_ended(lambda: self._run(self.step))
 
 

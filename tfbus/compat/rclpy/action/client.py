@@ -141,7 +141,8 @@ class ActionClient:
         try:
             sent = self._client.send(goal, on_feedback=on_feedback, timeout_s=None)
             handle = ClientGoalHandle(self._node, sent, accepted=sent.accepted())
-        except TfbusError as error:
+        # Also what a field of a wrong type raises: the future would never end.
+        except Exception as error:
             future.set_exception(error)
             return
         ids.append(handle.goal_id)

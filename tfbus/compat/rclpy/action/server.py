@@ -198,8 +198,9 @@ class ActionServer:
     async def _take(self, handle: "GoalHandle") -> None:
         goal = ServerGoalHandle(self, handle)
 
-        def decide() -> bool:
-            return self._goal(handle.request) is GoalResponse.ACCEPT
+        async def decide() -> bool:
+            answer: Any = self._goal(handle.request)
+            return (await answer if hasattr(answer, "send") else answer) is GoalResponse.ACCEPT
 
         answer = ask_while_spun(self._node.work, decide, self._group, self._what)
         if not await asyncio.wrap_future(answer):

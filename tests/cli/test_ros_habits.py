@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 from tests.live_bus import Bus, eventually
 from tfbus.cli import _CALLED_IN_ROS, _NOT_NEEDED, NODES, TOOLS, main
+from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.messages import Spawn
 
 
@@ -148,9 +149,38 @@ def test_a_zero_that_switches_a_limit_off_in_ros_is_answered(option: str, answer
     assert answer in usage_error("bag", "record", option, "0")
 
 
+def test_topics_and_services_of_ros_types_are_used_with_their_full_names(bus: Bus) -> None:
+    """`topic pub`, `topic echo`, `topic find` and `service call` take them as `ros2` does."""
+    node = bus.node("lamp")
+    node.create_service(Trigger, "blink", lambda request: Trigger.Response(success=True))
+    given = "topic", "pub", "-q", "lit", "std_msgs/msg/Bool", "data: true"
+    published = bus.start(*given, "--rate", "20")
+    done = bus.run("topic", "echo", "lit", "std_msgs/msg/Bool", "--once", "--json")
+    assert (done.returncode, done.stdout) == (0, '{"data": true}\n')
+    for typed in ("std_msgs/msg/Bool", "Bool"):
+        assert bus.run("topic", "find", typed).stdout == "lit\n"
+    assert published.stop() == 0
+    eventually(
+        lambda: bus.run("service", "find", "std_srvs/srv/Trigger").stdout == "blink\n",
+    )
+    done = bus.run("call", "blink", "std_srvs/srv/Trigger", "{}")
+    assert (done.returncode, done.stdout) == (0, '{"success": true, "message": ""}\n')
+
+
+@pytest.mark.parametrize(
+    ("values", "answer"),
+    [("dat: true", "there is no field 'dat'"), ("data: hi", "field 'data' must be a boolean")],
+)
+def test_fields_of_a_ros_type_are_checked(values: str, answer: str) -> None:
+    """`topic pub` names the field that is wrong."""
+    assert answer in usage_error(
+        "topic", "pub", "-w", "0", "-t", "1", "x", "std_msgs/msg/Bool", values
+    )
+
+
 def test_a_message_type_of_ros_that_tfbus_lacks_names_those_it_has() -> None:
     """It says that the type may be omitted, too, and what publishes transforms."""
-    answer = usage_error("topic", "pub", "--once", "/x", "std_msgs/msg/String", "data: hi")
+    answer = usage_error("topic", "pub", "--once", "/x", "my_msgs/msg/Weight", "data: hi")
     assert "leave the type out" in answer
     assert "available: Clock, Color, JointState" in answer
     answer = usage_error("topic", "pub", "--once", "/tf", "tf2_msgs/msg/TFMessage", "{}")

@@ -183,14 +183,14 @@ def test_types_have_their_names_in_ros_on_the_bus() -> None:
 
 
 def test_packages_of_ones_own_are_read_from_their_files(tmp_path: Path) -> None:
-    """As people write them, from the folders in TFBUS_INTERFACES."""
+    """As people write them, from the folders in TFBUS_INTERFACES and folders below them."""
     package = tmp_path / "my_msgs"
     for path, text in {
         "msg/Weight.msg": (
             "# How heavy: größer.\nuint8 KG=1  # unit\nHeader header\nfloat64 value 2.5\n"
         ),
         "msg/Weights.msg": "Weight[] weights\n",
-        "srv/Weigh.srv": "string what\n---\nWeight weight\n",
+        "srv/scales/Weigh.srv": "string what\n---\nWeight weight\n",
     }.items():
         (package / path).parent.mkdir(parents=True, exist_ok=True)
         (package / path).write_text(text, encoding="latin-1")  # of an old editor

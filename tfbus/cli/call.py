@@ -20,7 +20,7 @@ from tfbus.cli.messages.message import (
     read_map,
     supplied_call,
 )
-from tfbus.cli.messages.of_type import bare
+from tfbus.cli.messages.of_type import bare, is_of_type
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
 from tfbus.cli.verbs import Answering
@@ -129,7 +129,7 @@ def _split(words: Sequence[str]) -> tuple[str, str]:
 
 def _check_type(session: Session, service: str, type_name: str) -> None:
     info = look(session).services.get(service)
-    if info and info.servers and bare(type_name) not in info.types:
+    if info and info.servers and not any(is_of_type(each, type_name) for each in info.types):
         raise click.UsageError(f"{service!r} is of type {types_of(info)}, not {type_name}")
 
 

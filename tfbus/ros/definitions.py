@@ -108,8 +108,8 @@ def _package(name: str) -> dict[str, list[str]]:
     file = _TABLE / f"{name}.msgs"
     found = sections_in(file.read_text("utf-8")) if file.is_file() else {}
     for folder in _own_folders():
-        for path in sorted((folder / name).glob("*/*")):
-            if path.suffix[1:] == path.parent.name in _PARTS:
+        for kind in _PARTS:  # in folders below it too, as rosidl takes them
+            for path in sorted((folder / name / kind).rglob(f"*.{kind}")):
                 found |= _sections_of_file(name, path)
     return found
 
@@ -123,7 +123,7 @@ def _sections_of_file(package: str, path: Path) -> dict[str, list[str]]:
             pieces.append([])
         else:
             pieces[-1].append(line)
-    kind = path.parent.name
+    kind = path.suffix[1:]
     names = [f"{package}/{kind}/{path.stem}{part}" for part in _PARTS[kind]]
     pieces += [[] for _ in names[len(pieces) :]]
     return dict(zip(names, pieces, strict=False))

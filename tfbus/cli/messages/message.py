@@ -1,7 +1,7 @@
 """Messages of any type: bytes to maps, and maps to messages of a type.
 
 The bus has names of types, not definitions. Types of `tfbus.messages` are found by their name,
-others by their place in Python: `my_robot.messages:Battery`.
+ROS's by their full name, others by their place in Python: `my_robot.messages:Battery`.
 """
 
 import sys
@@ -19,6 +19,7 @@ from tfbus.cli.messages.fields import is_called, prototype
 from tfbus.cli.messages.of_type import bare
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 from tfbus.wording import did_you_mean
 
@@ -71,14 +72,14 @@ def find_call(text: str) -> type:
 
 
 def find_type(text: str, otherwise: str = "") -> type:
-    """The type that `Pose`, ROS's `turtlesim/msg/Pose`, or `my_robot.messages:Battery` stands for.
+    """The type that `Pose`, ROS's `sensor_msgs/msg/Imu`, or `my_robot.messages:Battery` stands for.
 
     Raises click.UsageError, which says what else to do.
     """
     module, colon, name = text.partition(":")
     if colon:
         return _imported(module, name, is_dataclass, "no dataclass {!r}; a message must be one")
-    found = supplied_type(bare(text))
+    found = _type_of_ros(text) or supplied_type(bare(text))
     if found is None:
         hint = did_you_mean(bare(text), _supplied(), none="")
         raise click.UsageError(
@@ -86,6 +87,20 @@ def find_type(text: str, otherwise: str = "") -> type:
             f"{otherwise}){hint}"
         )
     return found
+
+
+def _type_of_ros(text: str) -> type | None:
+    """The type on the bus of ROS's `sensor_msgs/msg/LaserScan`; None for any other text."""
+    if text.split("/")[1:-1] != ["msg"]:
+        return None
+    from tfbus.compat.bus_types import bus_type_of  # which tfbus's own types do not need
+    from tfbus.compat.message_classes import message_class
+
+    try:
+        found = message_class(text)
+    except DecodeError:
+        return None
+    return supplied_type(type_name(bus_type_of(found, "", SYSTEM_CLOCK).type)) or found
 
 
 def reader_of(type_name: str) -> Reader:
@@ -117,10 +132,12 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
 
     Raises click.UsageError if the values are no such message.
     """
-    _check_names(message_type, values, "")
+    if is_dataclass(message_type):
+        _check_names(message_type, values, "")
+        values = _merged(prototype(message_type), values)
     try:
-        return as_map(from_map(message_type, _merged(prototype(message_type), values)))
-    except DecodeError as error:
+        return as_map(from_map(message_type, values, unknown_fields=False))
+    except (DecodeError, TypeError, ValueError) as error:
         raise click.UsageError(f"not a valid {type_name(message_type)}: {error}") from error
 
 

@@ -17,15 +17,25 @@ def bare(type_name: str) -> str:
     return type_name.rpartition("/")[2]
 
 
+def is_of_type(announced: str, type_name: str) -> bool:
+    """Whether a type announced on the bus is the one typed in: by its name there, or with ROS's
+    package before it, or without.
+    """
+    return announced in (type_name, bare(type_name)) or bare(announced) == type_name
+
+
 def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
     """The names of those of this type.
 
     Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".
     """
-    wanted = bare(type_name)
-    found = sorted(name for name, info in known.items() if wanted in info.types)
+    found = sorted(
+        name
+        for name, info in known.items()
+        if any(is_of_type(each, type_name) for each in info.types)
+    )
     if not found:
         types = {each for info in known.values() for each in info.types}
-        hint = did_you_mean(wanted, types, none=f", nor any other {kind}: is a node running?")
-        raise BusError(f"there is no {kind} of type {wanted!r}{hint}")
+        hint = did_you_mean(type_name, types, none=f", nor any other {kind}: is a node running?")
+        raise BusError(f"there is no {kind} of type {type_name!r}{hint}")
     return found

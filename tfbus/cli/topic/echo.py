@@ -10,7 +10,7 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.messages.message import Reader, find_type, reader_of, supplied_names
-from tfbus.cli.messages.of_type import bare
+from tfbus.cli.messages.of_type import bare, is_of_type
 from tfbus.cli.messages.transforms import TRANSFORMS_TYPES
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
@@ -63,14 +63,12 @@ def _type_name(announced: str, topic: str, typed: str) -> str:
     """
     if not typed:
         return announced
-    name = bare(typed)
-    if ":" in typed:
-        name = type_name_of(find_type(typed))
-    if name in TRANSFORMS_TYPES and announced == TRANSFORMS_TYPE:
+    name = type_name_of(find_type(typed)) if ":" in typed else typed
+    if bare(name) in TRANSFORMS_TYPES and announced == TRANSFORMS_TYPE:
         return announced
-    if announced and announced != name:
+    if announced and not is_of_type(announced, name):
         raise click.UsageError(f"{topic!r} is of type {announced}, not {typed}")
-    return name
+    return announced or bare(name)
 
 
 def _info(arrival: Arrival) -> str:

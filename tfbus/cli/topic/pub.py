@@ -126,9 +126,9 @@ def pub_command(
 ) -> None:
     """Publish the message VALUES, a YAML map of fields, on TOPIC.
 
-    TYPE is a message of tfbus.messages or package.module:Name; the default is the type that other
-    nodes announce for the topic. Fields are checked against it, and missing ones get their
-    defaults.
+    TYPE is a message of tfbus.messages, one of ROS by its full name (sensor_msgs/msg/LaserScan) or
+    package.module:Name; the default is the type that other nodes announce for the topic. Fields
+    are checked against it, and missing ones get their defaults.
     """
     if once and times is not None:
         raise click.UsageError("--once and --times are mutually exclusive: give one")

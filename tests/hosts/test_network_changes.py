@@ -10,7 +10,7 @@ import pytest
 
 from tests import needs
 from tests.hosts.fault_witness import PERIOD_S
-from tests.hosts.network import ROUTER_HOST, Hosts, Network
+from tests.hosts.network import ROUTER_HOST, Hosts, Network, frames
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
@@ -214,6 +214,22 @@ def test_a_process_that_stood_still_is_met_again(
     before = len(joined.witness.out)
     joined.arm.signal(SIGCONT)
     print(f"known after {joined.wait_until_met(before):.1f} s")
+
+
+def test_a_router_is_met_by_one_interface_after_the_other(network: Network) -> None:
+    """A peer whose interface is replaced again and again, unseen since it stands still, meets the
+    router, which does not scout, by the interface of now.
+    """
+    network.start_router()
+    arm = network.start("robot", "stream_publisher.py", "arm", "--moving=arm")
+    witness = network.start("desk", "fault_witness.py", "witness", client=True)
+    for _ in range(3):
+        eventually(lambda: frames(witness).get("arm", {}).get("gone") is False)
+        arm.signal(SIGSTOP)
+        eventually(lambda: frames(witness)["arm"]["gone"])
+        network.hosts.replace_interface("robot")
+        arm.signal(SIGCONT)
+    eventually(lambda: not frames(witness)["arm"]["gone"])
 
 
 def test_a_change_of_the_network_is_logged_in_one_line(network: Network, tmp_path: Path) -> None:

@@ -133,7 +133,7 @@ class Neighbours:
         self._links = Links()
         # When each of those that are lost was lost.
         self._lost_s: dict[str, float] = {}
-        self._asking: dict[str, socket.socket] = {}
+        self._asking: dict[Place, socket.socket] = {}
         self._answering: socket.socket | None = None
         self._waiting: dict[str, float] = {}
         self._budget = (0.0, 0)
@@ -300,8 +300,8 @@ class Neighbours:
         _leave(self._answering, group, former)
         for place in self._places:
             with suppress(OSError):  # it has just gone
-                membership = _membership(group, place)
-                self._answering.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+                at_place = _group_at(group, place)
+                self._answering.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, at_place)
 
     def _answer(self) -> None:
         assert self._answering is not None and self._scouting is not None
@@ -361,7 +361,7 @@ class Neighbours:
         assert self._scouting is not None
         info = self._session.info
         self._links.keep_only({str(zid) for zid in (*info.peers_zid(), *info.routers_zid())})
-        self._ask_on({address for *_, address in self._places})
+        self._ask_on(self._places)
         for asking in self._asking.values():
             with suppress(OSError):  # no route yet: again after the next pause
                 asking.sendto(encode_scout(), self._scouting.group)
@@ -375,22 +375,29 @@ class Neighbours:
         else:
             # Zenoh scouts on these networks itself.
             self._next_scout_s = None
-            self._ask_on(set())
+            self._ask_on(frozenset())
 
-    def _ask_on(self, addresses: set[str]) -> None:
-        """Have a socket to scout with on each of the addresses, and no others."""
+    def _ask_on(self, places: frozenset[Place]) -> None:
+        """Have a socket to scout with at each of the places, and no others."""
+        for place in self._asking.keys() - places:
+            self._asking.pop(place).close()
+        for place in places - self._asking.keys():
+            with suppress(OSError):  # the interface has just gone
+                self._asking[place] = self._asking_at(place)
+
+    def _asking_at(self, place: Place) -> socket.socket:
         assert self._scouting is not None
-        for address in self._asking.keys() - addresses:
-            self._asking.pop(address).close()
-        for address in addresses - self._asking.keys():
-            with suppress(OSError):  # the address has just gone
-                asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-                self._asking[address] = asking
-                asking.setblocking(False)
-                interface = socket.inet_aton(address)
-                asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
-                asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._scouting.ttl)
-                asking.bind(("", 0))
+        asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            asking.setblocking(False)
+            interface = _group_at(self._scouting.group[0], place)
+            asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+            asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._scouting.ttl)
+            asking.bind(("", 0))
+        except OSError:
+            asking.close()
+            raise
+        return asking
 
     def _take_hellos(self, asking: socket.socket) -> None:
         for message, (host, _) in _received(asking):
@@ -452,10 +459,11 @@ def _received(from_socket: socket.socket) -> Iterable[tuple[bytes, tuple[str, in
 def _leave(one: socket.socket, group: str, places: Iterable[Place]) -> None:
     for place in places:
         with suppress(OSError):  # the interface has gone, or it was not on it
-            one.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, _membership(group, place))
+            one.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, _group_at(group, place))
 
 
-def _membership(group: str, place: Place) -> bytes:
+def _group_at(group: str, place: Place) -> bytes:
+    # By number: another interface may have the address next.
     return struct.pack("4s4si", socket.inet_aton(group), bytes(4), place[0])
 
 

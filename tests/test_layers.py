@@ -22,7 +22,7 @@ STOREYS = [
     {"ros", "secure"},
     {"recording"},
     {"bus"},
-    {"discover"},
+    {"discover", "testing"},
     {"command"},
     {"node"},
     {"broadcast", "listen"},
@@ -126,13 +126,38 @@ def test_the_architecture_page_has_these_storeys() -> None:
 
 
 def test_only_the_bus_imports_zenoh() -> None:
-    """Zenoh is spoken to by tfbus/bus alone; its unstable extensions by one file of it."""
+    """Zenoh is spoken to by tfbus/bus alone, its unstable extensions by one file of it, and its
+    model has its values.
+    """
     users = {path for path in LIBRARY + sources("nodes") if "zenoh" in libraries(path)}
-    assert {path.parent for path in users} == {ROOT / "tfbus" / "bus"}
+    assert {path.parent.name for path in users} == {"bus", "testing"}
     unstable = {
         path.name for path in users if any(n.startswith("zenoh.ext") for n in imports(path))
     }
     assert unstable == {"retained.py"}
+
+
+# What runs in a simulation too, and what of it has to do with the real machine.
+SIMULATED = ["runtime", "buffer", "bus", "discover", "node", "broadcast", "listen", "frames", "bag"]
+REAL = {
+    "runtime/scheduler.py": "it is the one place",
+    "runtime/signals.py": "signals come to the main thread of a real process",
+    "runtime/callback_thread.py": "what belongs to a thread of Python's",
+    "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
+    "buffer/formats.py": "dates as texts",
+    "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
+    "bus/session.py": "the end of a process",
+    "bus/ros_session.py": "sessions of ROS are not simulated",
+    "bag/parts_written.py": "dates as names of files",
+}
+
+
+@pytest.mark.parametrize("package", SIMULATED)
+def test_time_threads_and_waiting_come_from_the_scheduler(package: str) -> None:
+    """What runs in a simulation takes time, threads and queues from runtime/scheduler.py."""
+    for path in sources(f"tfbus/{package}"):
+        if str(path.relative_to(ROOT / "tfbus")) not in REAL:
+            assert not libraries(path) & {"time", "threading", "queue"}, path
 
 
 @pytest.mark.parametrize("package", ["core", "geometry", "buffer", "robot"])

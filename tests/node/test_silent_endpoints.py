@@ -12,8 +12,8 @@ import pytest
 from tests.live_bus import Bus, eventually
 from tfbus import NodeSettings
 from tfbus.bus.session import Session
-from tfbus.node import silent_endpoints
 from tfbus.node.silent_endpoints import watch_endpoints
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 
 
@@ -70,7 +70,7 @@ def test_where_a_router_is_there_no_endpoint_is_tried(
     def start(*_: object, **__: object) -> None:
         raise AssertionError("it tries an endpoint")
 
-    monkeypatch.setattr(silent_endpoints, "Thread", start)
+    monkeypatch.setattr(scheduler, "Thread", start)
     fake = FakeBus(settings, routers)
     watch_endpoints(cast(Session, fake), cast(Executor, fake), logging.getLogger("eye"))
     assert fake.looks == looks

@@ -1,13 +1,13 @@
 """The nodes on the bus and their descriptions, which change without a word."""
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from tfbus.bus.session import Session
 from tfbus.discover.presence import describe_all
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import NodeDescription
@@ -83,7 +83,7 @@ class NodeRoster:
             self._living.add(name)
             self._looks = 0
             # Those that come together are asked together.
-            self._look_after(max(_PAUSES_S[0], self._looked_s + _APART_S - time.monotonic()))
+            self._look_after(max(_PAUSES_S[0], self._looked_s + _APART_S - scheduler.monotonic()))
             return
         self._living.discard(name)
         if self._nodes.pop(name, None) is not None:
@@ -91,7 +91,7 @@ class NodeRoster:
 
     def _look_after(self, delay_s: float) -> None:
         """Look after this time, or earlier where that is due: one look waits at a time."""
-        due_s = time.monotonic() + delay_s
+        due_s = scheduler.monotonic() + delay_s
         if self._next_look is not None:
             if self._next_look[0] <= due_s:
                 return
@@ -102,7 +102,7 @@ class NodeRoster:
         self._next_look = None
         self._looks += 1
         self._ask()
-        self._looked_s = time.monotonic()
+        self._looked_s = scheduler.monotonic()
         self._look_after(_PAUSES_S[self._looks] if self._looks < len(_PAUSES_S) else _EVERY_S)
 
     def _ask(self) -> None:

@@ -1,7 +1,5 @@
 """What publishers still hold from before a recording began."""
 
-import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 
 from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw
@@ -12,6 +10,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.stream_state import StreamState
 from tfbus.recording.items import TransformItem
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import transforms_key_beside
 
@@ -38,11 +37,11 @@ class Past:
         self._bytes = 0
         self._session = session
         self._executor = executor
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._asked: dict[str, AskUntil] = {}
         # Key, payload, and when it came.
         self._kept: list[tuple[str, bytes, int]] = []
-        self._began_s = self._news_s = time.monotonic()
+        self._began_s = self._news_s = scheduler.monotonic()
         self._open = 0
 
     def meet(self, state: StreamState) -> None:
@@ -51,7 +50,7 @@ class Past:
         if not state.alive or description is None or state.key in self._asked:
             return
         with self._lock:
-            self._news_s = time.monotonic()
+            self._news_s = scheduler.monotonic()
             if not description.history_s:
                 return
             self._open += 1
@@ -60,7 +59,7 @@ class Past:
 
     def is_complete(self) -> bool:
         """Whether all streams have answered that were there at first; after 6 s at the latest."""
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         with self._lock:
             is_quiet = not self._open and now_s - self._news_s > _QUIET_S
         return is_quiet or now_s - self._began_s > _LONGEST_S
@@ -104,7 +103,7 @@ class Past:
                 self.dropped += 1
             else:
                 self._bytes += size
-                self._kept.append((key, payload, time.time_ns()))
+                self._kept.append((key, payload, scheduler.time_ns()))
 
     def _asking(self, key: str) -> AskUntil:
         is_answered = False
@@ -121,7 +120,7 @@ class Past:
         def on_over() -> None:
             with self._lock:
                 self._open -= 1
-                self._news_s = time.monotonic()
+                self._news_s = scheduler.monotonic()
 
         return AskUntil(
             self._executor,

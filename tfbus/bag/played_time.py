@@ -1,13 +1,14 @@
 """The time that goes on while a recording is played, and stands while it is paused."""
 
-import time
 from collections.abc import Callable
+
+from tfbus.runtime import scheduler
 
 
 class PlayedTime:
     """A call returns it, in nanoseconds from an arbitrary start. Calls are safe from any thread."""
 
-    def __init__(self, real_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns()) -> None:
         self._real_ns = real_ns
         self._stood_ns = 0
         self._stands_at_ns: int | None = None

@@ -4,8 +4,6 @@ A `Player` runs on the thread that calls `run`, and hands what it plays to a `St
 viewer, a test. Any other thread may pause it, seek, and so on.
 """
 
-import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -15,6 +13,7 @@ from tfbus.bag.read_ahead import ReadAhead
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.selection import ALL, Selection
+from tfbus.runtime import scheduler
 
 SLOWEST, FASTEST = 1e-3, 1e4
 
@@ -118,8 +117,8 @@ class Player:
         at_end: AtEnd = "stop",
         lasting: Sequence[str] = (),
         look_back_s: float = 0.0,
-        real_ns: Callable[[], int] = time.monotonic_ns,
-        wall_ns: Callable[[], int] = time.time_ns,
+        real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
+        wall_ns: Callable[[], int] = lambda: scheduler.time_ns(),
     ) -> None:
         self._source = source
         self._selection = selection
@@ -135,7 +134,7 @@ class Player:
         self._look_back_ns = round(look_back_s * 1e9)
         self._real_ns, self._wall_ns = real_ns, wall_ns
         # Guards all that follows; notified at each change that `run` waits for.
-        self._changed = threading.Condition()
+        self._changed = scheduler.Condition()
         self._pace = Pace(self._start_ns, real_ns(), wall_ns(), _checked(rate))
         self._is_paused = paused
         self._pace_is_news = self._is_stopped = self._is_at_end = False

@@ -1,12 +1,11 @@
 """Messages as they came, on their way from the bus to the thread that writes them."""
 
-import threading
-import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from tfbus.recording.items import EventItem, Item
+from tfbus.runtime import scheduler
 from tfbus.wire.codec import encode_map
 
 # What Python's objects of a message take, besides its payload.
@@ -65,17 +64,19 @@ class RawQueue:
     the last one until it has caught up.
     """
 
-    def __init__(self, most_bytes: int, clock_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self, most_bytes: int, clock_ns: Callable[[], int] = lambda: scheduler.time_ns()
+    ) -> None:
         self.dropped: Counter[str] = Counter()
         self.is_paused = False
         # The newest log time, and by how much it is ahead of the system's clock.
         self.last_ns = self.set_back_ns = 0
         self._most_bytes = most_bytes
         self._clock_ns = clock_ns
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._waiting: list[Raw] = []
         self._bytes = self._taken_bytes = 0
-        self._wakes = threading.Event()
+        self._wakes = scheduler.Event()
 
     def put(self, source: Source, payload: Any) -> bool:
         """Note that a message has come now; whether it was taken. While the queue is paused only

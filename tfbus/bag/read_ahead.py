@@ -1,12 +1,11 @@
 """Reads the items of a recording ahead, on a thread of its own."""
 
-import threading
-import time
 from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
 
 from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.runtime import scheduler
 
 # At most this many items are kept ready, and about this much memory. Then reading waits until half
 # of it is played.
@@ -32,15 +31,15 @@ class ReadAhead:
     each call.
     """
 
-    def __init__(self, items: Iterator[Item], changed: threading.Condition) -> None:
+    def __init__(self, items: Iterator[Item], changed: scheduler.Condition) -> None:
         self._items = items
         self._changed = changed
-        self._has_room = threading.Condition(threading.Lock())
+        self._has_room = scheduler.Condition(scheduler.Lock())
         self._ready: deque[Item] = deque()
         self._bytes = 0
         self._is_read = self._is_closed = self._waits_for_room = False
         self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
+        self._thread = scheduler.Thread(target=self._read, name="read ahead", daemon=True)
 
     def __enter__(self) -> "ReadAhead":
         self._thread.start()
@@ -93,7 +92,7 @@ class ReadAhead:
                     return
                 batch, size = [], 0
                 if is_enough:
-                    time.sleep(_GIVES_WAY_S)
+                    scheduler.sleep(_GIVES_WAY_S)
         except Exception as error:  # raised again where the items are taken
             self._error = error
         self._add(batch, size)

@@ -1,8 +1,6 @@
 """The thread that takes messages out of the queue and has them written."""
 
 import logging
-import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,6 +19,7 @@ from tfbus.bag.trigger import Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
+from tfbus.runtime import scheduler
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import counted, duration
 
@@ -120,7 +119,7 @@ class Recorder:
         self.failure = ""
         # How many messages came, also such as are only held.
         self.received = 0
-        self.began_s = time.monotonic()
+        self.began_s = scheduler.monotonic()
         self._queue = queue
         self._parts = parts
         self._log = log
@@ -134,12 +133,12 @@ class Recorder:
         # Sources whose messages wait no further.
         self._undescribed: WeakSet[Source] = WeakSet()
         # Questions come from any thread, until the writing one has ended.
-        self._asking = threading.Lock()
+        self._asking = scheduler.Lock()
         self._has_ended = False
         self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._dropped_noted: Counter[str] = Counter()
         self._flushed_s = self._noted_s = self.began_s
-        self._closing = threading.Event()
+        self._closing = scheduler.Event()
         self._missed = MissedMessages()
         self.window: LastSeconds | None = None
         self._keeping: Keeping
@@ -160,7 +159,7 @@ class Recorder:
                 self._refuse,
             )
         # Not a daemon: the process ends when the file is whole.
-        self._thread = threading.Thread(target=self._run, name="recorder")
+        self._thread = scheduler.Thread(target=self._run, name="recorder")
         self._thread.start()
 
     # From any thread
@@ -302,13 +301,13 @@ class Recorder:
         self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
     def _split(self, why: str) -> WrittenPart:
-        path = self._keeping.split(max(time.time_ns(), self._queue.last_ns))
+        path = self._keeping.split(max(scheduler.time_ns(), self._queue.last_ns))
         written = self._parts.written[-1]
         self._on_file(path, written, why)
         return written
 
     def _do_regularly(self, is_closing: bool) -> None:
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         if is_closing or now_s >= self._noted_s + _DROPPED_EVERY_S:
             self._noted_s = now_s
             if self._queue.set_back_ns > _SLEWED_NS:
@@ -339,7 +338,7 @@ class Recorder:
             "dropped", "Dropped %d messages: the disk or this machine is too slow", news.total()
         )
         facts = {"messages": news.total(), **news}
-        log_ns = max(time.time_ns(), self._queue.last_ns)
+        log_ns = max(scheduler.time_ns(), self._queue.last_ns)
         self._take(Raw(log_ns, EVENTS, EventItem(0, "dropped", "", facts)))
 
     def _fail(self, error: Exception) -> None:

@@ -1,6 +1,5 @@
 """The simulated time while a recording is replayed: what nodes with simulated time follow."""
 
-import threading
 from collections.abc import Callable, Iterable
 
 from tfbus.bag.player import Progress
@@ -9,6 +8,7 @@ from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.recording.items import Item, TopicItem
 from tfbus.recording.reader import RecordingReader
+from tfbus.runtime import scheduler
 from tfbus.wire.codec import from_map
 from tfbus.wire.keys import CLOCK_TOPIC
 
@@ -45,7 +45,7 @@ class ReplayedClock:
         # What the recorded clock said last; None where it has not said anything yet.
         self._recorded: Clock | None = None
         # Held while the time is read and published: it never goes back but by a jump.
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         if not recorded_topic:
             node.create_timer(1.0 / rate_hz, self._tick)
 

@@ -1,7 +1,5 @@
 """A recorded stream, on the bus again."""
 
-import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,6 +13,7 @@ from tfbus.bus.retained import declare_retained_publisher
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import static_transforms_key_beside, transforms_key_beside
@@ -43,7 +42,7 @@ class ReplayedStream:
         node: Node,
         *,
         is_described: bool,
-        time_ns: Callable[[], int] = time.monotonic_ns,
+        time_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
     ) -> None:
         self.name = name
         self._key = key
@@ -52,7 +51,7 @@ class ReplayedStream:
         own_key = transforms_key_beside(key)
         keys = (KeyPerFrame if description.split else OneKey)(own_key, node.session)
         self._keys: StreamKeys = keys
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         if not is_described:
             description = replace(description, history_s=_HISTORY_S)
         self._description = description

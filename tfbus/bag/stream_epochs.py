@@ -1,8 +1,9 @@
 """The epochs of recorded streams, as they are when the recording is replayed."""
 
-import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterable
+
+from tfbus.runtime import scheduler
 
 # Epochs of one run: more than a stream has in a recording. In ns, a millisecond.
 _APART_NS = 1_000_000
@@ -17,7 +18,9 @@ class StreamEpochs:
     """
 
     def __init__(
-        self, recorded: Iterable[tuple[str, int]], clock_ns: Callable[[], int] = time.time_ns
+        self,
+        recorded: Iterable[tuple[str, int]],
+        clock_ns: Callable[[], int] = lambda: scheduler.time_ns(),
     ) -> None:
         self._clock_ns = clock_ns
         self._run_ns = 0

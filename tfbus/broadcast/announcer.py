@@ -1,13 +1,12 @@
 """Announces which frames a stream has, by the stream's description."""
 
 import math
-import threading
-import time
 from collections.abc import Callable, Mapping
 
 from tfbus.bus.handles import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
 from tfbus.geometry.transform import check_frame_id
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wording import listed, near_names
 
@@ -50,8 +49,8 @@ class FrameAnnouncer:
         self._describe = describe
         self._executor = executor
         # Held while one is sent: descriptions leave in their order.
-        self._announcing = threading.Lock()
-        self._lock = threading.Lock()
+        self._announcing = scheduler.Lock()
+        self._lock = scheduler.Lock()
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._is_closed = False
@@ -107,7 +106,7 @@ class FrameAnnouncer:
                 return
             self._is_due = True
             pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
-            pause_s -= time.monotonic() - self._described_s
+            pause_s -= scheduler.monotonic() - self._described_s
         self._executor.after(max(after_s, pause_s), self._announce)
 
     def close(self) -> None:
@@ -125,7 +124,7 @@ class FrameAnnouncer:
                 rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())
             payload = self._describe(rows)
             self._described_bytes = len(payload)
-            self._described_s = time.monotonic()
+            self._described_s = scheduler.monotonic()
             self._publisher.put(payload)
 
     def _unknown(self, child: str, static: bool) -> LookupException:

@@ -1,13 +1,13 @@
 """The messages of a stream's last seconds, kept for listeners that ask for them."""
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from tfbus.bus.query import Query, within
 from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.runtime import scheduler
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Key and payload of a message; or None and the name of a frame that was removed then.
@@ -31,7 +31,7 @@ class SentHistory:
         history_s: float,
         *,
         most_bytes: int = MOST_BYTES,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
+        clock_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
     ) -> None:
         self._history_ns = _ns(history_s)
         self._most_bytes = most_bytes

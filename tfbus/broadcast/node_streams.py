@@ -1,22 +1,21 @@
 """The streams of each node: one of a name, which the node's broadcasters share."""
 
-import threading
-import time
 from typing import Any
 
 from tfbus.broadcast.stream import Stream
 from tfbus.errors import InvalidArgumentException
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 
 # Held only while a node's streams are looked up, never while one declares itself.
-_lock = threading.Lock()
+_lock = scheduler.Lock()
 
 
 class NodeStreams:
     """The streams of one node; it finds them again among the node's describers."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._by_name: dict[str, Stream] = {}
 
     @classmethod
@@ -47,7 +46,7 @@ class NodeStreams:
             stream = self._by_name[name] = Stream(
                 name,
                 node.full_name,
-                time.time_ns(),
+                scheduler.time_ns(),
                 node.session,
                 node.executor,
                 node.log,

@@ -1,7 +1,6 @@
 """Sends the dynamic transforms of a stream, and keeps those of the last seconds."""
 
 import sys
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +15,7 @@ from tfbus.core import packed
 from tfbus.core.packed import ONE_EDGE, STAMP_SIZE
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
+from tfbus.runtime import scheduler
 from tfbus.wire.keys import transforms_key
 from tfbus.wire.one_message import OneMessage
 
@@ -81,7 +81,7 @@ class TransformSender:
         self._frames = frames
         self._note_edges = note
         self._begin_epoch = begin_epoch
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._newest = NewestStamps()
         self._tables: dict[tuple[tuple[str, ...], bytes], _Table] = {}
         self._last_table: _Table | None = None

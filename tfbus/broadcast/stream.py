@@ -9,8 +9,6 @@ import logging
 import math
 import os
 import socket
-import threading
-import time
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
@@ -24,6 +22,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
@@ -72,9 +71,9 @@ class Stream:
         self._session = session
         self._executor = executor
         self._log = log
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._sender: TransformSender | None = None
-        self._static_lock = threading.Lock()
+        self._static_lock = scheduler.Lock()
         self._last_epoch_s = -math.inf
         self._epochs_in_a_row = 0
         self._statics: dict[str, TransformStamped] = {}
@@ -205,7 +204,7 @@ class Stream:
     def _begin_epoch(self, child: str, back_ns: int) -> int:
         """Begin an epoch, as the stamps of a frame went back; static transforms are sent again."""
         with self._static_lock:
-            self._epoch_ns = max(time.time_ns(), self._epoch_ns + 1)
+            self._epoch_ns = max(scheduler.time_ns(), self._epoch_ns + 1)
             self._statics_sent = 0
             if self._statics:
                 self._send_statics()
@@ -215,7 +214,7 @@ class Stream:
         return self._epoch_ns
 
     def _log_epoch(self, child: str, back_ns: int) -> None:
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         is_in_a_row = now_s < self._last_epoch_s + _LOG_EPOCHS_EVERY_S
         self._last_epoch_s = now_s
         self._epochs_in_a_row = self._epochs_in_a_row + 1 if is_in_a_row else 1

@@ -4,12 +4,12 @@ A question may be lost, come before the way to the publisher is open, or before 
 answer. So it is asked again after a pause, each time on the thread of an executor.
 """
 
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
 from tfbus.errors import BusError
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 
 
@@ -60,7 +60,7 @@ class AskUntil:
         self._is_settled = is_settled
         self._on_unanswered = on_unanswered
         self._on_over = on_over
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self.is_over = False
 
     def start(self) -> None:

@@ -1,6 +1,5 @@
 """What a session has declared: publishers, and watches of who is at the other end."""
 
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -11,6 +10,7 @@ from tfbus.bus import forks
 from tfbus.bus.callbacks import direct
 from tfbus.bus.zenoh_errors import as_bus_error
 from tfbus.errors import BusError
+from tfbus.runtime import scheduler
 from tfbus.wire.limits import Limits, kind_of
 
 # A publisher that is sending when it ends ends as soon as that is done; or with its session.
@@ -37,22 +37,22 @@ class Declaration:
 class Token(Declaration):
     """A liveliness token; it is in `tokens`, those of its session, until it ends."""
 
-    def __init__(self, declared: zenoh.LivelinessToken, tokens: set["Token"]):
+    def __init__(self, declared: zenoh.LivelinessToken, tokens: dict["Token", None]):
         super().__init__(declared)
         self._tokens = tokens
-        tokens.add(self)
+        tokens[self] = None
 
     def close(self) -> None:
         """End it; twice is fine. In a forked child it does nothing."""
         super().close()
-        self._tokens.discard(self)
+        self._tokens.pop(self, None)
 
 
 class _MatchWatch:
     """Knows at any time whether a declaration has a counterpart."""
 
     def __init__(self, declared: zenoh.Querier | zenoh.Publisher):
-        self._matched = threading.Event()
+        self._matched = scheduler.Event()
         # Changed by single operations.
         self._wakes: dict[int, Callable[[], object]] = {}
         self._declared = Declaration(declared)
@@ -146,7 +146,7 @@ class BytesPublisher(Declaration):
             return
         # First, so that no further message begins: Zenoh ends no publisher that is sending.
         self._declared = _Ended()
-        pause = threading.Event()
+        pause = scheduler.Event()
         for _ in range(_MOST_TRIES):
             try:
                 with suppress(zenoh.ZError):

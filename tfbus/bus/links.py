@@ -5,12 +5,12 @@ new link to what the other still has, and tells the first nothing of what it had
 stay half linked for good (eclipse-zenoh/zenoh#2806).
 """
 
-import time
 from collections import deque
 from typing import NamedTuple
 
 import zenoh
 
+from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
 
 # The loss of an old link that is noticed this long after, or before, a new one has come was that
@@ -67,13 +67,13 @@ class Links:
     def note_transport(self, event: zenoh.TransportEvent) -> None:
         """Note that a connection opens or ends."""
         has_come = event.kind == zenoh.SampleKind.PUT
-        self._events.append(_Event(str(event.transport.zid), None, has_come, time.monotonic()))
+        self._events.append(_Event(str(event.transport.zid), None, has_come, scheduler.monotonic()))
 
     def note_link(self, event: zenoh.LinkEvent) -> None:
         """Note that a link opens or ends."""
         link, has_come = event.link, event.kind == zenoh.SampleKind.PUT
         ends = Link(link.src, link.dst)
-        self._events.append(_Event(str(link.zid), ends, has_come, time.monotonic()))
+        self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
     def __contains__(self, zid: str) -> bool:
         return zid in self._connections
@@ -93,7 +93,7 @@ class Links:
     def take(self) -> Changes:
         """Take what was noted."""
         lost: dict[str, str] = {}
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         former = self.all()
         while self._events:
             self._take_event(self._events.popleft(), lost)

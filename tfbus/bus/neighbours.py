@@ -13,8 +13,6 @@ import logging
 import select
 import socket
 import struct
-import threading
-import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache, partial
@@ -28,6 +26,7 @@ from tfbus.bus.interfaces import Interface, scouted
 from tfbus.bus.links import Link, Links
 from tfbus.bus.network_watch import NetworkWatch
 from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
+from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
 from tfbus.wire.scouting import (
     LARGEST,
@@ -128,7 +127,7 @@ class Neighbours:
         self._watch = NetworkWatch()
         self._waker, self._woken = socket.socketpair()
         self._woken.setblocking(False)
-        self._closing = threading.Event()
+        self._closing = scheduler.Event()
         self._places = places_at_start() if not self._only else _places(self._only)
         self._links = Links()
         # When each of those that are lost was lost.
@@ -143,7 +142,7 @@ class Neighbours:
         self._next_scout_s: float | None = None
         self._events: list[Declaration] = []
         self._watch_links(session.info)
-        self._thread = threading.Thread(target=self._run, name="tfbus-network", daemon=True)
+        self._thread = scheduler.Thread(target=self._run, name="tfbus-network", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -154,7 +153,7 @@ class Neighbours:
         for events in self._events:
             events.close()
         self._wake()
-        if threading.current_thread() is not self._thread:
+        if scheduler.current_thread() is not self._thread:
             self._thread.join(_CLOSING_S)
 
     def _wake(self) -> None:
@@ -211,13 +210,13 @@ class Neighbours:
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
             self._look()
-        if self._next_scout_s is not None and time.monotonic() >= self._next_scout_s:
+        if self._next_scout_s is not None and scheduler.monotonic() >= self._next_scout_s:
             self._scout()
 
     def _timeout_ms(self) -> float | None:
         pauses = [] if self._watch.polled_s is None else [self._watch.polled_s]
         if self._next_scout_s is not None:
-            pauses.append(max(self._next_scout_s - time.monotonic(), 0.0))
+            pauses.append(max(self._next_scout_s - scheduler.monotonic(), 0.0))
         return 1e3 * min(pauses) if pauses else None
 
     def _take_wake(self) -> None:
@@ -244,7 +243,7 @@ class Neighbours:
 
     def _look_at_links(self) -> None:
         lost, new, half = self._links.take()
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         for zid in self._waiting.keys() & {zid for zid in self._waiting if zid in self._links}:
             del self._waiting[zid]
         self._lost_s = {
@@ -311,7 +310,7 @@ class Neighbours:
 
     def _answer_to(self, source: tuple[str, int]) -> None:
         second, answers = self._budget
-        now_s = time.monotonic() // 1
+        now_s = scheduler.monotonic() // 1
         answers = answers if now_s == second else 0
         self._budget = (now_s, answers + 1)
         if answers >= _MOST_ANSWERS_A_SECOND:
@@ -353,7 +352,7 @@ class Neighbours:
         """Scout from now on, soon and then again and again."""
         if self._scouting is None or not self._scouting.connects or not self._sockets.asking:
             return
-        self._missed_s = time.monotonic()
+        self._missed_s = scheduler.monotonic()
         self._turn = 0
         self._next_scout_s = self._missed_s
 
@@ -366,7 +365,7 @@ class Neighbours:
             with suppress(OSError):  # no route yet: again after the next pause
                 asking.sendto(encode_scout(), self._scouting.group)
         self._turn += 1
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         pause_s = _PAUSES_S[min(self._turn, len(_PAUSES_S) - 1)]
         if now_s - self._missed_s <= _BACK_WITHIN_S:
             self._next_scout_s = now_s + pause_s
@@ -423,12 +422,12 @@ class Neighbours:
         the last link is lost: the two would be half linked.
         """
         if hello.zid in self._lost_s:
-            return time.monotonic() - self._lost_s[hello.zid] >= self._apart_s
+            return scheduler.monotonic() - self._lost_s[hello.zid] >= self._apart_s
         if hello.role == "router" or int(self._id, 16) > int(hello.zid, 16):
             return True
         if len(self._waiting) >= _MOST_WAITING:
             self._waiting.clear()
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         return now_s - self._waiting.setdefault(hello.zid, now_s) >= _POLITE_S
 
     def _end(self) -> None:

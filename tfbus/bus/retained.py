@@ -10,6 +10,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
+from tfbus.bus import zenoh_library
 from tfbus.bus.handles import UNDECLARED, BytesPublisher, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
@@ -23,6 +24,11 @@ _BELOW = "/@adv/pub/"
 _RETAINED = f"{_BELOW}**"
 
 
+def _extensions() -> Any:
+    """Zenoh's extensions, or those of a simulated network."""
+    return zenoh_library.simulated() or ext
+
+
 class RetainedPublisher:
     """A publisher of Zenoh's with the token by which subscribers find it, at the key of Zenoh's own
     tokens.
@@ -33,7 +39,7 @@ class RetainedPublisher:
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, samples: int, **options: Any):
-        self._publisher: ext.AdvancedPublisher | None = ext.declare_advanced_publisher(
+        self._publisher: ext.AdvancedPublisher | None = _extensions().declare_advanced_publisher(
             session,
             key,
             cache=ext.CacheConfig(max_samples=samples),
@@ -67,13 +73,15 @@ class RetainedSubscriber:
     """
 
     def __init__(self, session: zenoh.Session, key: str, handler: Any, **options: Any):
-        self._subscriber: ext.AdvancedSubscriber[Any] | None = ext.declare_advanced_subscriber(
-            session,
-            key,
-            (handler, self),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-            subscriber_detection=True,
-            **options,
+        self._subscriber: ext.AdvancedSubscriber[Any] | None = (
+            _extensions().declare_advanced_subscriber(
+                session,
+                key,
+                (handler, self),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                subscriber_detection=True,
+                **options,
+            )
         )
 
     def undeclare(self) -> None:

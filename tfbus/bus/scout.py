@@ -1,6 +1,5 @@
 """Which peers and routers answer multicast scouting."""
 
-import threading
 from collections.abc import Callable
 
 import zenoh
@@ -11,6 +10,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
+from tfbus.runtime import scheduler
 
 # For each process its id and its endpoints.
 Hellos = dict[str, tuple[str, ...]]
@@ -29,7 +29,7 @@ def scout(
     forks.begin()
     configure_zenoh_threads()
     found: Hellos = {}
-    is_found = threading.Event()
+    is_found = scheduler.Event()
 
     def on_hello(hello: zenoh.Hello) -> None:
         zid, endpoints = str(hello.zid), tuple(hello.locators)

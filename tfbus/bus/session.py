@@ -2,17 +2,16 @@
 
 import atexit
 import logging
-import queue
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from functools import cache, partial
+from typing import TypeVar
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import forks, zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.endpoints import speaks_tls
 from tfbus.bus.handles import (
@@ -31,11 +30,14 @@ from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError, RightsError
+from tfbus.runtime import scheduler
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.structs import replace
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
+
+T = TypeVar("T")
 
 # A client tries its router again after this time.
 _RETRY_S = 0.5
@@ -81,41 +83,50 @@ class Session:
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
-        self._tokens: set[Token] = set()
+        self._tokens: dict[Token, None] = {}
         self._outside: Session | None = None
-        self._outside_lock = threading.Lock()
+        self._outside_lock = scheduler.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
-        places_at_start()
+        self.open_to: tuple[str, ...] = ()
+        self._neighbours: Neighbours | None = None
+        network = zenoh_library.simulated()
         with bus_errors(f"join the bus{_through(settings)}"):
-            config = self._open(
-                partial(zenoh_config, settings, scouting_s, is_second=is_second), patience_s
-            )
+            if network is None:
+                self._join(scouting_s, patience_s, is_second=is_second)
+            else:
+                open_session = partial(network.open_session, settings)
+                self.zenoh: zenoh.Session = self._retried(open_session, patience_s)
+        self.id = str(self.zenoh.zid())
+
+    def _join(self, scouting_s: float | None, patience_s: float, *, is_second: bool) -> None:
+        """Open Zenoh's session, which follows the network of this host and ends with Python."""
+        settings = self.settings
+        places_at_start()
+        make_config = partial(zenoh_config, settings, scouting_s, is_second=is_second)
+        config = self._retried(lambda: self._open_once(make_config()), patience_s)
         # Where any process of another host reaches it, by an endpoint that it was given for that,
         # as a router is. All others listen too; of these tfbus doctor tells.
         is_given = bool(settings.listen) and not settings.closed
         self.open_to = listens_beyond_loopback(config) if is_given else ()
-        self.id = str(self.zenoh.zid())
         self._neighbours = self._meet_neighbours(config, is_second=is_second)
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
         _end_at_a_signal_once_main_has_ended()
 
-    def _open(self, make_config: Callable[[], zenoh.Config], patience_s: float) -> zenoh.Config:
-        """Open Zenoh's session, and return its configuration, which has the addresses of this host.
+    def _retried(self, open_once: Callable[[], T], patience_s: float) -> T:
+        """Open the session, until it is open or `patience_s` seconds have passed without a router.
 
         Retried here, since Ctrl-C does not interrupt Zenoh's own retry.
         """
-        deadline = time.monotonic() + patience_s
+        deadline = scheduler.monotonic() + patience_s
         is_waiting = False
         while True:
-            config = make_config()
             try:
-                self._open_once(config)
-                return config
+                return open_once()
             except zenoh.ZError as error:
                 if not is_router_missing(error):
                     raise
-                if time.monotonic() >= deadline:
+                if scheduler.monotonic() >= deadline:
                     why = _why_no_link(self.settings)
                     raise BusError(
                         why
@@ -127,9 +138,10 @@ class Session:
                 why = _why_no_link(self.settings)
                 said = f": {why}" if why else _at(self.settings)
                 self._log.warning("Waiting for a router%s", said)
-            time.sleep(_RETRY_S)
+            scheduler.sleep(_RETRY_S)
 
-    def _open_once(self, config: zenoh.Config) -> None:
+    def _open_once(self, config: zenoh.Config) -> zenoh.Config:
+        """Open Zenoh's session; returns its configuration, which has the addresses of this host."""
         self._scouting = scouting_of(config, self.settings)
         self._sockets = ZenohSockets()
         if self._scouting is None:
@@ -138,6 +150,7 @@ class Session:
             self.zenoh, self._sockets = with_sockets(
                 partial(zenoh.open, config), self._scouting.group
             )
+        return config
 
     def _meet_neighbours(self, config: zenoh.Config, *, is_second: bool) -> Neighbours | None:
         """Watch the network, on hosts where tfbus knows its interfaces."""
@@ -177,10 +190,10 @@ class Session:
             # stays until the process ends, and its far end would take our tokens for alive.
             for token in tuple(self._tokens):
                 token.close()
-            if _is_zenohs(threading.current_thread()):
+            if _is_zenohs(scheduler.current_thread()):
                 # Zenoh's end waits for this callback, and for 10 s at most. Python's end waits for
                 # the thread.
-                threading.Thread(target=self._close_zenoh, name="end of the session").start()
+                scheduler.Thread(target=self._close_zenoh, name="end of the session").start()
             else:
                 self._close_zenoh()
 
@@ -348,7 +361,7 @@ class Session:
         The keys of answers are within `answers_at` where that is not `key` itself.
         """
         # Zenoh's own channel for replies blocks when it is full, even before it can be read.
-        answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+        answers: scheduler.SimpleQueue[Answer | None] = scheduler.SimpleQueue()
         self.ask_later(
             key,
             payload,
@@ -414,7 +427,7 @@ class Session:
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
         at, key = self.placed(key)
-        keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        keys: scheduler.SimpleQueue[str | None] = scheduler.SimpleQueue()
         handler = direct(
             lambda reply: keys.put(str(reply.ok.key_expr) if reply.ok else ""),
             lambda: keys.put(None),
@@ -487,12 +500,12 @@ class Session:
 
         A session opens with the first process it finds; this waits for the others.
         """
-        changed = threading.Event()
+        changed = scheduler.Event()
         watch = self.watch_links(changed.set)
-        deadline = time.monotonic() + timeout_s
-        while changed.wait(min(quiet_s, max(deadline - time.monotonic(), 0.0))):
+        deadline = scheduler.monotonic() + timeout_s
+        while changed.wait(min(quiet_s, max(deadline - scheduler.monotonic(), 0.0))):
             changed.clear()
-            if time.monotonic() >= deadline:
+            if scheduler.monotonic() >= deadline:
                 break
         watch.close()
 
@@ -515,7 +528,7 @@ def _end_at_a_signal_once_main_has_ended() -> None:
         register(_end_at_a_signal)
 
 
-def _is_zenohs(thread: threading.Thread) -> bool:
+def _is_zenohs(thread: scheduler.Thread) -> bool:
     """Whether a thread is not Python's own, as those are on which callbacks come."""
     return isinstance(thread, threading._DummyThread)
 

@@ -4,10 +4,11 @@ import os
 import socket
 import stat
 import struct
-import threading
 from collections.abc import Callable, Container, Iterator
 from contextlib import suppress
 from typing import NamedTuple, TypeVar
+
+from tfbus.runtime import scheduler
 
 T = TypeVar("T")
 
@@ -19,7 +20,7 @@ _FILES = "/proc/self/fd"
 _CLOSE_WITHIN_S = 1
 
 # Two sessions that open at once would take each other's sockets for their own.
-_opening = threading.Lock()
+_opening = scheduler.Lock()
 
 
 class ZenohSockets(NamedTuple):

@@ -1,6 +1,5 @@
 """The nodes and streams on the bus, and how each describes itself."""
 
-import threading
 from collections.abc import Callable
 
 from tfbus.bus.handles import Declaration
@@ -9,6 +8,7 @@ from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime import scheduler
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
 from tfbus.wire.keys import (
@@ -113,7 +113,7 @@ class NodeWatch:
 
     def __init__(self, session: Session):
         self._present: set[str] = set()
-        self._changed = threading.Condition()
+        self._changed = scheduler.Condition()
         self._subscriber = watch_nodes(session, self._on_node)
 
     def close(self) -> None:

@@ -1,7 +1,6 @@
 """Looks at a bus: gathers all that the checks need."""
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
@@ -70,7 +70,7 @@ def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescripti
 
 
 def _listen(node: Node, listen_s: float) -> float:
-    start_s = time.monotonic()
+    start_s = scheduler.monotonic()
     if not node.wait(listen_s, clock=SYSTEM_CLOCK):
         raise KeyboardInterrupt
-    return time.monotonic() - start_s
+    return scheduler.monotonic() - start_s

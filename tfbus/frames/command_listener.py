@@ -2,7 +2,6 @@
 
 import logging
 import math
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -16,6 +15,7 @@ from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.stamp_units import MOST_AHEAD_NS
 from tfbus.wire.descriptions import NodeDescription
@@ -99,7 +99,7 @@ class _Asked:
 
     def is_due(self) -> bool:
         """Whether it is time to ask again, which is noted."""
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         if now_s - self.at_s < _ASK_EVERY_S:
             return False
         self.at_s = now_s
@@ -160,15 +160,15 @@ def wait_for_clock(node: Node) -> None:
 
 
 def _meet_publishers(heard: Listening, within_s: float) -> None:
-    deadline = time.monotonic() + within_s
-    known, since = _known(heard), time.monotonic()
-    while time.monotonic() < deadline and heard.node.ok:
+    deadline = scheduler.monotonic() + within_s
+    known, since = _known(heard), scheduler.monotonic()
+    while scheduler.monotonic() < deadline and heard.node.ok:
         if not heard.node.wait(0.02, clock=SYSTEM_CLOCK):
             break
         now = _known(heard)
         if now != known:
-            known, since = now, time.monotonic()
-        elif now[0] and now[1] >= now[0] and time.monotonic() - since > _QUIET_S:
+            known, since = now, scheduler.monotonic()
+        elif now[0] and now[1] >= now[0] and scheduler.monotonic() - since > _QUIET_S:
             return
 
 

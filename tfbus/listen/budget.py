@@ -3,7 +3,7 @@
 The sizes are estimates: what the parts of a stream were measured to take.
 """
 
-import threading
+from tfbus.runtime import scheduler
 
 # What the session of one process publishes may take as much, and all streams together. Streams that
 # do not say whose they are count as those of one process.
@@ -27,7 +27,7 @@ class Budget:
     ) -> None:
         self._most_bytes = most_bytes
         self._most_bytes_a_peer = most_bytes_a_peer
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         # The sizes of each peer's streams, the oldest first, and their sums.
         self._sizes: dict[str, dict[str, int]] = {}
         self._sums: dict[str, int] = {}

@@ -1,12 +1,12 @@
 """Which streams claim which frame, and which of them has priority."""
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from itertools import islice
 from typing import Literal, NamedTuple, get_args
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wording import listed
@@ -204,7 +204,7 @@ class Starts:
     of their word. `clock_ns` is the system's clock.
     """
 
-    def __init__(self, clock_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, clock_ns: Callable[[], int] = lambda: scheduler.time_ns()) -> None:
         self._clock_ns = clock_ns
         self._met_ns = clock_ns()
         self._is_late = False

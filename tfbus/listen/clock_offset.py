@@ -5,15 +5,13 @@ answer came. The offset is known to half of the round trip, however it divides i
 """
 
 import logging
-import queue
-import threading
-import time
 from contextlib import suppress
 from typing import NamedTuple
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
 from tfbus.wire.codec import decode_map
 from tfbus.wire.descriptions import StreamDescription
@@ -76,12 +74,12 @@ class ClockOffsets:
         self._session = session
         self._log = log
         self._warns = warns
-        self._changed = threading.Condition()
+        self._changed = scheduler.Condition()
         # By the id of their session; and the session of each stream that is watched.
         self._publishers: dict[str, _Publisher] = {}
         self._sessions: dict[str, str] = {}
-        self._thread: threading.Thread | None = None
-        self._samples: queue.SimpleQueue[ClockOffset | None] = queue.SimpleQueue()
+        self._thread: scheduler.Thread | None = None
+        self._samples: scheduler.SimpleQueue[ClockOffset | None] = scheduler.SimpleQueue()
         self._closed = False
 
     def watch(self, stream: str, description: StreamDescription) -> None:
@@ -94,7 +92,9 @@ class ClockOffsets:
                 return
             if session not in self._publishers and not self._closed:
                 key = _key(description.node, self._session.settings.namespace)
-                publisher = _Publisher(key, description.node, description.host, time.monotonic())
+                publisher = _Publisher(
+                    key, description.node, description.host, scheduler.monotonic()
+                )
                 self._publishers[session] = publisher
                 self._start()
             if session in self._publishers:
@@ -120,7 +120,7 @@ class ClockOffsets:
             self._changed.notify_all()
             self._samples.put(None)
             thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
+        if thread is not None and thread is not scheduler.current_thread():
             thread.join()
 
     def _leave(self, stream: str) -> None:
@@ -133,7 +133,7 @@ class ClockOffsets:
 
     def _start(self) -> None:
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="clock offsets", daemon=True)
+            self._thread = scheduler.Thread(target=self._run, name="clock offsets", daemon=True)
             self._thread.start()
         self._changed.notify_all()
 
@@ -144,7 +144,7 @@ class ClockOffsets:
                 publisher.offset = offset
                 self._warn(publisher, offset)
             with self._changed:
-                publisher.due_s = time.monotonic() + _AGAIN_S
+                publisher.due_s = scheduler.monotonic() + _AGAIN_S
                 self._changed.wait_for(lambda: self._closed, _BETWEEN_S)
 
     def _next(self) -> _Publisher | None:
@@ -152,7 +152,7 @@ class ClockOffsets:
         with self._changed:
             while not self._closed:
                 first = min(self._publishers.values(), key=lambda each: each.due_s, default=None)
-                wait_s = None if first is None else first.due_s - time.monotonic()
+                wait_s = None if first is None else first.due_s - scheduler.monotonic()
                 if wait_s is not None and wait_s <= 0.0:
                     return first
                 self._changed.wait(wait_s)
@@ -169,16 +169,16 @@ class ClockOffsets:
         return min(samples, key=lambda each: each.round_trip_s, default=None)
 
     def _ask(self, key: str) -> ClockOffset | None:
-        samples: queue.SimpleQueue[ClockOffset | None] = queue.SimpleQueue()
+        samples: scheduler.SimpleQueue[ClockOffset | None] = scheduler.SimpleQueue()
         with self._changed:
             if self._closed:
                 return None
             self._samples = samples
-        asked_ns = time.time_ns()
+        asked_ns = scheduler.time_ns()
 
         def on_answer(answer: Answer) -> None:
             # Here, since the waiting thread may wake up later.
-            back_ns = time.time_ns()
+            back_ns = scheduler.time_ns()
             with suppress(DecodeError):
                 samples.put(_sample(asked_ns, answer, back_ns))
 

@@ -9,8 +9,9 @@ description confirms that one. Before that, an epoch from the future ends none f
 """
 
 import math
-import time
 from enum import Enum
+
+from tfbus.runtime import scheduler
 
 # Late messages of a dead process come within a moment: those closer together are counted once.
 _APART_S = 0.35
@@ -140,14 +141,14 @@ class Epochs:
 
     def _begin(self, epoch_ns: int) -> None:
         self.present_ns = epoch_ns
-        self._ahead_ns = max(0, epoch_ns - time.time_ns())
+        self._ahead_ns = max(0, epoch_ns - scheduler.time_ns())
         # A message may precede its publisher's token.
         self.gone = self.was_gone = False
 
 
 def is_from_future(epoch_ns: int) -> bool:
     """Whether an epoch is further ahead of our system's clock than clocks differ."""
-    return epoch_ns > time.time_ns() + _MOST_SKEW_NS
+    return epoch_ns > scheduler.time_ns() + _MOST_SKEW_NS
 
 
 class _OutdatedMessages:

@@ -1,8 +1,9 @@
 """Messages of epochs that are not confirmed yet: kept until they are, or thrown away."""
 
-import threading
 from collections import deque
 from collections.abc import Callable
+
+from tfbus.runtime import scheduler
 
 # A description follows its stream's new epoch within a second. Any peer can send such messages, so
 # the listener keeps few of them, of all streams together.
@@ -20,7 +21,7 @@ class DisputedMessages:
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
         self._most_bytes = most_bytes
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._messages: deque[tuple[str, int, Receive, bytes]] = deque()
         self._bytes = 0
 

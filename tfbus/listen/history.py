@@ -1,6 +1,5 @@
 """What streams sent before a listener met them; lookups of the past wait for it."""
 
-import threading
 from collections.abc import Callable, Iterable
 
 from tfbus.buffer.buffer import Buffer
@@ -8,6 +7,7 @@ from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.listen.reception import StreamReception
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import kept_transforms_selector
 
@@ -43,7 +43,7 @@ class AskedHistory:
         self._buffer = buffer
         self._executor = executor
         self._history_s = history_s
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._closed = False
         # By key; and the streams that the keys are of.
         self._asked: dict[str, AskUntil] = {}

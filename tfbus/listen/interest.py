@@ -6,8 +6,6 @@ leave it a note.
 """
 
 import logging
-import threading
-import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -17,6 +15,7 @@ from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
 from tfbus.listen.stream_state import StreamState
+from tfbus.runtime import scheduler
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
 from tfbus.runtime.structs import Struct
@@ -113,7 +112,7 @@ class Interest:
         forget: Forget,
         *,
         kept_s: float = KEPT_S,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = lambda: scheduler.monotonic(),
         log: logging.Logger = _log,
     ) -> None:
         self._buffer = buffer
@@ -123,15 +122,15 @@ class Interest:
         self._clock = clock
         self._once = LogOnce(log)
         # Guards the questions and the tree; only the buffer is called while it is held.
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._tree = DescribedTree(self._parent_here)
         self._needed: set[Pair] = set()
         self._asked: dict[Pair, _Question] = {}
         self._subscriptions: dict[str, _Subscription] = {}
         self._closed = False
-        self._changed = threading.Event()
+        self._changed = scheduler.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
-        self._thread = threading.Thread(target=self._run, name="interest", daemon=True)
+        self._thread = scheduler.Thread(target=self._run, name="interest", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -140,7 +139,7 @@ class Interest:
         self._closed = True
         self._changed.set()
         # The thread itself may close the listener, in a callback of the buffer.
-        if self._thread is not threading.current_thread():
+        if self._thread is not scheduler.current_thread():
             self._thread.join()
         for subscription in self._subscriptions.values():
             subscription.declaration.close()

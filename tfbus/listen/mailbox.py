@@ -1,8 +1,9 @@
 """Descriptions that wait to be read: in the order of each sender, the senders in turn."""
 
-import threading
 from collections import deque
 from typing import NamedTuple
+
+from tfbus.runtime import scheduler
 
 # As much may wait as a thousand large streams say of themselves.
 _MOST_BYTES = 64 * 2**20
@@ -29,7 +30,7 @@ class Mailbox:
 
     def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
         self._most_bytes = most_bytes
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._waiting: dict[str, deque[Letter]] = {}
         self._sums: dict[str, int] = {}
         self._bytes = 0

@@ -10,8 +10,6 @@ into the buffer; `insert` looks at the epoch again afterwards.
 
 import logging
 import math
-import threading
-import time
 from collections.abc import Callable, Collection
 
 from tfbus.buffer.buffer import Buffer
@@ -26,6 +24,7 @@ from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.listen.stream_rights import FrameRights
+from tfbus.runtime import scheduler
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -102,7 +101,7 @@ class StreamReception:
         reader: TransformReader,
         on_overlap: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
         on_takeover: Callable[[str, int], None] = lambda name, epoch_ns: None,
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float] = lambda: scheduler.monotonic(),
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
@@ -123,7 +122,7 @@ class StreamReception:
         self.on_growth = on_growth
         self.claimed_by_others = claimed_by_others
         self.now_s = now_s
-        self.lock = threading.Lock()
+        self.lock = scheduler.Lock()
         self.epochs = Epochs()
         self.statics = StaticSet()
         self.listing = Listing()
@@ -422,7 +421,9 @@ class StreamReception:
         """Take the whole set of static transforms of the stream, in place of the former one."""
         message = self.decode(payload)
         if message is not None:
-            self._take_static(message, len(payload), time.time_ns(), self.receive_static, payload)
+            self._take_static(
+                message, len(payload), scheduler.time_ns(), self.receive_static, payload
+            )
 
     def take_recorded_statics(self, message: TransformMessage, heard_ns: int) -> None:
         """Take the set of a recording, which came at `heard_ns`, as `receive_static` did then."""
@@ -630,7 +631,7 @@ class DynamicReception:
             epoch_ns, live=True, receive=self.receive, payload=payload
         ):
             return
-        self._take(message, len(payload), time.time_ns())
+        self._take(message, len(payload), scheduler.time_ns())
 
     def take_recorded(self, message: TransformMessage, heard_ns: int) -> None:
         """Take a message of a recording, which came at `heard_ns`, as `receive` did then."""

@@ -1,6 +1,5 @@
 """Static transforms that the buffer refused, and that may fit later: they are not sent again."""
 
-import threading
 from collections.abc import Callable, Collection
 from contextlib import suppress
 
@@ -8,6 +7,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.errors import TransformException
 from tfbus.geometry.columns import Columns
+from tfbus.runtime import scheduler
 
 _InTheWay = dict[str, frozenset[str]]
 
@@ -21,7 +21,7 @@ class RefusedStatics:
     def __init__(self, buffer: Buffer, retry: Callable[[], None]) -> None:
         self._buffer = buffer
         self._retry = retry
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         # The frames in the way of each refused child, and all of them together.
         self._in_the_way: dict[str, frozenset[str]] = {}
         self._blocking: frozenset[str] = frozenset()

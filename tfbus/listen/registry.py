@@ -1,11 +1,11 @@
 """What a listener knows of each stream, and what receives the messages of each key."""
 
-import time
 from collections.abc import Callable, Container
 
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import MOST_GONE
+from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
 from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 
@@ -32,7 +32,7 @@ class Stream(Struct, frozen=False):
     split_keys: set[str] = field(default_factory=set)
     read_keys: set[str] = field(default_factory=set)
     keys: set[str] = field(default_factory=set)
-    met_ns: int = field(default_factory=time.time_ns)
+    met_ns: int = field(default_factory=lambda: scheduler.time_ns())
 
 
 class Registry:
@@ -129,7 +129,7 @@ class Registry:
         """
         if len(self._streams) < 2 * MOST_GONE:
             return
-        silent_since_ns = time.time_ns() - _SILENT_NS
+        silent_since_ns = scheduler.time_ns() - _SILENT_NS
         for name, stream in list(self._streams.items()):
             heard_ns = stream.reception.counts.last_heard_ns or stream.met_ns
             is_silent = heard_ns < silent_since_ns

@@ -3,10 +3,9 @@
 A token may be lost with its link while messages come by another one (eclipse-zenoh/zenoh#2806).
 """
 
-import time
-
 from tfbus.listen.registry import Registry
 from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 
 # A stream that sends for so long after its token was lost is not gone. What is under way when a
@@ -33,7 +32,7 @@ class StillSending:
 
     def note_gone(self, name: str) -> None:
         """Look from now on whether a stream goes on to send."""
-        self._gone_ns[name] = time.time_ns()
+        self._gone_ns[name] = scheduler.time_ns()
         self._back.discard(name)
         self._look_later()
 
@@ -57,7 +56,7 @@ class StillSending:
             heard_ns = None if stream is None else stream.reception.counts.last_heard_ns
             if stream is None or stream.state is None or self._watch.has_token(stream.state.key):
                 self._back.discard(name)
-            elif time.time_ns() - (heard_ns or 0) > _SILENT_NS:
+            elif scheduler.time_ns() - (heard_ns or 0) > _SILENT_NS:
                 self._back.discard(name)
                 self._watch.take_for_gone(stream.state.key)
         self._look_later()

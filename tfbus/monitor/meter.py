@@ -1,7 +1,6 @@
 """Measures how transforms come: the rate, delay and order of each edge, the load of each stream."""
 
 import math
-import threading
 from collections import Counter
 from collections.abc import Iterator, Sized
 from itertools import pairwise
@@ -11,6 +10,7 @@ from tfbus.listen.names import StreamNames
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
 from tfbus.monitor.window import Window, spread_of
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
@@ -66,7 +66,7 @@ class TransformMeter:
         self._clock = clock
         self._recent_s = recent_s
         self._since_s = self._elapsed_s()
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
         self._samples = 0

@@ -1,10 +1,11 @@
 """The last numbers of a measurement, and their spread."""
 
 import math
-import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from tfbus.runtime import scheduler
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Window:
     """The last `size` messages of a topic: the arrival (in s) and a number of each."""
 
     def __init__(self, size: int):
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._messages: deque[tuple[float, float]] = deque(maxlen=size)
         self._total = 0
 

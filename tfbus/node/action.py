@@ -7,7 +7,6 @@ at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. 
 """
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from tfbus.node.arguments import check_part, check_plain, is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
+from tfbus.runtime import scheduler
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
@@ -78,7 +78,7 @@ class GoalHandle:
         self._on_cancel: Callable[[], object] = lambda: None
         self._is_accepted = False
         # Guards the query: one thread may answer while another one ends it.
-        self._lock = threading.RLock()
+        self._lock = scheduler.RLock()
         self._on_end = on_end
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
@@ -235,8 +235,8 @@ class SentGoal:
         self._on_feedback = on_feedback
         self._on_result = on_result
         self._id = ""
-        self._accepted = threading.Event()
-        self._ended = threading.Event()
+        self._accepted = scheduler.Event()
+        self._ended = scheduler.Event()
         self._outcome: GoalResult | ServiceError = ServiceError(f"no action {name!r}")
         session.ask_later(
             name, encode_message(goal), self._on_answer, self._on_end, timeout_s=GOAL_TIMEOUT_S

@@ -1,7 +1,6 @@
 """Zenoh's id where a configuration file sets it: of two processes that share it, one is lost."""
 
 import logging
-import time
 from contextlib import suppress
 
 from tfbus.bus.query import Answer
@@ -9,6 +8,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import id_in_file
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime import scheduler
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
@@ -44,13 +44,13 @@ def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: fl
 
 def _others(session: Session, within_s: float) -> list[NodeDescription]:
     """The nodes on the bus, once one of them has answered; empty where none does in time."""
-    deadline = time.monotonic() + within_s
+    deadline = scheduler.monotonic() + within_s
     while True:
         answers = session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S)
         found = [other for other in map(_described, answers) if other is not None]
-        if found or time.monotonic() >= deadline:
+        if found or scheduler.monotonic() >= deadline:
             return found
-        time.sleep(_AGAIN_AFTER_S)
+        scheduler.sleep(_AGAIN_AFTER_S)
 
 
 def _described(answer: Answer) -> NodeDescription | None:

@@ -2,8 +2,6 @@
 
 import os
 import socket
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -11,6 +9,7 @@ from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.parameters import Parameters
+from tfbus.runtime import scheduler
 from tfbus.runtime.version import installed_version
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS
@@ -37,7 +36,7 @@ class NodeInfo:
         self._started_ns = started_ns
         self._session = session
         self._parameters = parameters
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._endpoints: dict[str, list[Endpoint]] = {
             kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
@@ -98,7 +97,7 @@ class NodeInfo:
         query.close()
 
     def _on_clock_query(self, query: Query) -> None:
-        received_ns = time.time_ns()
-        times = {"received": received_ns, "now": time.time_ns()}
+        received_ns = scheduler.time_ns()
+        times = {"received": received_ns, "now": scheduler.time_ns()}
         query.answer(clock_key(self._name), encode_map(times))
         query.close()

@@ -2,7 +2,6 @@
 
 import atexit
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -29,6 +28,7 @@ from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
 from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
+from tfbus.runtime import scheduler
 from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Timer
@@ -105,7 +105,7 @@ class Node:
         self.namespace = settings.namespace
         self.full_name = settings.full_name
         self.log = open_log(self.full_name, self.name, settings.log_level)
-        self.started_ns = time.time_ns()
+        self.started_ns = scheduler.time_ns()
         self.clock: Clock = SimulatedClock() if settings.sim_time else SYSTEM_CLOCK
         self._lanes = Lanes(self.full_name, self.log, callback_threads)
         self.executor = self._lanes.own

@@ -1,12 +1,10 @@
 """The meshes of robots on other machines, as their robot_state serves them."""
 
-import time
-from threading import Lock
-
 from tfbus.errors import TfbusError
 from tfbus.messages import RobotMesh
 from tfbus.node.node import Node
 from tfbus.node.service import Client
+from tfbus.runtime import scheduler
 from tfbus.wording import printable
 
 # The largest file, how long it and one part of it may take, and how often it may change while it is
@@ -22,7 +20,7 @@ class RobotMeshes:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._lock = Lock()
+        self._lock = scheduler.Lock()
         self._clients: dict[str, Client] = {}
 
     def fetch(self, origin: str, mesh: str, within_s: float = _LONGEST_S) -> bytes:
@@ -30,7 +28,7 @@ class RobotMeshes:
 
         Raises TfbusError where it cannot be had, or not in this time.
         """
-        client, deadline_s = self._client(origin), time.monotonic() + within_s
+        client, deadline_s = self._client(origin), scheduler.monotonic() + within_s
         for _ in range(_MOST_CHANGES):
             found = _fetch(client, mesh, deadline_s)
             if found is not None:
@@ -51,7 +49,7 @@ def _fetch(client: Client, mesh: str, deadline_s: float) -> bytes | None:
     parts: list[bytes] = []
     got, size, version = 0, 1, None
     while got < size:
-        left_s = deadline_s - time.monotonic()
+        left_s = deadline_s - scheduler.monotonic()
         if left_s <= 0.0:
             raise TfbusError("it could not be fetched: it came too slowly")
         try:

@@ -4,7 +4,6 @@ A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
 import math
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -15,6 +14,7 @@ from tfbus.errors import ServiceError
 from tfbus.node.arguments import check_part, is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
+from tfbus.runtime import scheduler
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
@@ -127,9 +127,9 @@ class Client(Caller):
         """
         check_part(f"service {self.name!r}", self.service_type.Request, request)
         wait_s = seconds_to_wait(timeout_s)
-        deadline = math.inf if wait_s is None else time.monotonic() + wait_s
+        deadline = math.inf if wait_s is None else scheduler.monotonic() + wait_s
         self._require_server(wait_s)
-        remaining_s = max(deadline - time.monotonic(), 0.001)
+        remaining_s = max(deadline - scheduler.monotonic(), 0.001)
         payload = encode_message(request)
         for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):
             return self._response(answer)

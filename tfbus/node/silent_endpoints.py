@@ -2,11 +2,11 @@
 
 import logging
 from contextlib import suppress
-from threading import Thread
 
 from tfbus.bus.endpoints import why_unreachable
 from tfbus.bus.session import Session
 from tfbus.errors import BusError
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wording import counted, listed
 
@@ -26,7 +26,7 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
         with suppress(BusError):  # it is closed meanwhile
             if not session.routers():
                 # A host that is not there takes 2 s, in which callbacks of the node go on.
-                Thread(target=ask, name="endpoints", daemon=True).start()
+                scheduler.Thread(target=ask, name="endpoints", daemon=True).start()
 
     def ask() -> None:
         whys = {endpoint: why_unreachable(endpoint) for endpoint in endpoints}

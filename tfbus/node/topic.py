@@ -1,7 +1,6 @@
 """Topics: publishers and subscriptions of messages of one type."""
 
 import logging
-import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -12,6 +11,7 @@ from tfbus.errors import DecodeError
 from tfbus.node.arguments import is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
+from tfbus.runtime import scheduler
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
@@ -124,7 +124,7 @@ class Subscription(Endpoint, Generic[M]):
         self._deliver = self._deliver_async if is_async(callback) else self._deliver_now
         self._awaited = 0
         # Guards the counts, the pending messages, and that each of them has one delivery.
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
         self._too_large = self._of_ros = 0
         self._parts = [_subscriber(session, topic, retained, self._on_message, self._on_too_large)]

@@ -1,6 +1,6 @@
 """A bell: what one thread sleeps on until another rings it."""
 
-import threading
+from tfbus.runtime import scheduler
 
 
 class Bell:
@@ -11,7 +11,7 @@ class Bell:
     __slots__ = ("_silent",)
 
     def __init__(self) -> None:
-        self._silent = threading.Lock()
+        self._silent = scheduler.Lock()
         self._silent.acquire()
 
     def ring(self) -> None:
@@ -23,6 +23,6 @@ class Bell:
 
     def wait(self, timeout_s: float | None) -> None:
         """Sleep until it is rung, at most this long; None: for as long as it takes."""
-        if timeout_s is None or timeout_s > threading.TIMEOUT_MAX:
-            timeout_s = threading.TIMEOUT_MAX
+        if timeout_s is None or timeout_s > scheduler.TIMEOUT_MAX:
+            timeout_s = scheduler.TIMEOUT_MAX
         self._silent.acquire(timeout=timeout_s if timeout_s > 0.0 else 0.0)

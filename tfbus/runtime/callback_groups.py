@@ -1,8 +1,9 @@
 """Groups of callbacks: which callbacks of a node may run at once."""
 
-import threading
 from collections import deque
 from typing import Any
+
+from tfbus.runtime import scheduler
 
 
 class Admission:
@@ -30,7 +31,7 @@ class OneAtATime(Admission):
 
     def __init__(self) -> None:
         # Each step below is a single operation.
-        self._runs = threading.Lock()  # held while a task runs
+        self._runs = scheduler.Lock()  # held while a task runs
         self._waiting: deque[Any] = deque()
 
     def enter(self, task: Any) -> Any:

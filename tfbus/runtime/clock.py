@@ -5,10 +5,9 @@ clock has run, and never goes back: timers and timeouts count by it, and have as
 jump back as before it.
 """
 
-import threading
-import time
 from collections.abc import Callable
 
+from tfbus.runtime import scheduler
 from tfbus.runtime.callback_thread import Closing, here
 
 Wake = Callable[[], object]
@@ -96,10 +95,10 @@ class SystemClock(Clock):
     """The system's time; the seconds of its limits are those of its monotonic clock."""
 
     def now_ns(self) -> int:
-        return time.time_ns()
+        return scheduler.time_ns()
 
     def elapsed_ns(self) -> int:
-        return time.monotonic_ns()
+        return scheduler.monotonic_ns()
 
     def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
         return _RealLimit(timeout_s)
@@ -107,17 +106,17 @@ class SystemClock(Clock):
 
 class _RealLimit(Limit):
     def __init__(self, timeout_s: float | None) -> None:
-        self._deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        self._deadline_s = None if timeout_s is None else scheduler.monotonic() + timeout_s
 
     @property
     def passed(self) -> bool:
-        return self._deadline_s is not None and time.monotonic() >= self._deadline_s
+        return self._deadline_s is not None and scheduler.monotonic() >= self._deadline_s
 
     @property
     def left_s(self) -> float | None:
         if self._deadline_s is None:
             return None
-        return min(max(0.0, self._deadline_s - time.monotonic()), threading.TIMEOUT_MAX)
+        return min(max(0.0, self._deadline_s - scheduler.monotonic()), scheduler.TIMEOUT_MAX)
 
 
 SYSTEM_CLOCK = SystemClock()
@@ -144,7 +143,7 @@ class SimulatedClock(Clock):
     is_simulated = True
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._now_ns = 0
         # -1 before the first `set`, so that an alarm at 0 waits for that.
         self._elapsed_ns = -1

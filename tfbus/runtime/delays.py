@@ -1,12 +1,11 @@
 """Delays: which callbacks of a node held up its timers and topics, and by how much."""
 
 import logging
-import threading
-import time
 from collections import defaultdict, deque
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from tfbus.runtime import scheduler
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import duration
 
@@ -24,7 +23,7 @@ _REMEDY = (
 
 
 class Ran(NamedTuple):
-    """A callback that ran, or still runs: its name, and when, by time.monotonic()."""
+    """A callback that ran, or still runs: its name, and when, by scheduler.monotonic()."""
 
     what: str
     began_s: float
@@ -40,7 +39,7 @@ class Delays:
 
     def __init__(self, log: logging.Logger) -> None:
         self._log_once = LogOnce(log)
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._slow: deque[Ran] = deque(maxlen=_MOST_REMEMBERED)
         # By culprit and the timer or topic: how much was lost, and how long the culprit took.
         self._pairs: dict[tuple[str, str], tuple[int, float]] = {}
@@ -51,7 +50,7 @@ class Delays:
 
     def late(self, what: str, since_s: float, ticks: int, running: Iterable[Ran] = ()) -> None:
         """Note that a timer left out so many ticks, since its tick was due at `since_s`."""
-        late_s = time.monotonic() - since_s
+        late_s = scheduler.monotonic() - since_s
         found = self._culprit(since_s, running)
         # Where its callbacks did not take that time, the machine is busy with other programs.
         if found is None or sum(found[1]) < late_s / 2:
@@ -69,7 +68,7 @@ class Delays:
 
     def dropped(self, what: str, pending: int, running: Iterable[Ran] = ()) -> None:
         """Note that a topic dropped a message, as so many wait already."""
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         found = self._culprit(now_s - 1.0, running)
         by, calls_s = found or (what, [0.0])
         self._count(by, what, 1, max(calls_s))

@@ -5,6 +5,8 @@ from collections import Counter
 from collections.abc import Callable, Coroutine, Generator
 from typing import Any, Protocol
 
+from tfbus.runtime import scheduler
+
 # Cancelled coroutines have this long to end.
 _LAST_STEPS_S = 1.0
 
@@ -31,7 +33,7 @@ class EventLoop:
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
-        self._loop = asyncio.new_event_loop()
+        self._loop = scheduler.new_event_loop()
         self._tasks: set[asyncio.Task[None]] = set()
         # By their names: coroutines that have not ended.
         self.living: Counter[str] = Counter()

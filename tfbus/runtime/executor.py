@@ -3,14 +3,13 @@
 import heapq
 import itertools
 import logging
-import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import TfbusError
+from tfbus.runtime import scheduler
 from tfbus.runtime.bell import Bell
 from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.callback_thread import Closing, here
@@ -46,10 +45,10 @@ class Timer:
         once: bool = False,
         group: CallbackGroup | None = None,
     ):
-        if not 0 < period_s < threading.TIMEOUT_MAX:
+        if not 0 < period_s < scheduler.TIMEOUT_MAX:
             raise ValueError(
                 "a timer's period must be more than 0 s and less than "
-                f"{threading.TIMEOUT_MAX:.0f} s, not {period_s}"
+                f"{scheduler.TIMEOUT_MAX:.0f} s, not {period_s}"
             )
         self.period_s = period_s
         self.period_ns = max(1, round(period_s * 1e9))
@@ -76,7 +75,7 @@ class _Worker:
         self.began_s = 0.0
         self.bell = Bell()
         self.ring = self.bell.ring
-        self.thread = threading.current_thread()
+        self.thread = scheduler.current_thread()
 
 
 class Executor:
@@ -105,11 +104,11 @@ class Executor:
         self._home = home or self
         self.delays = delays
         # It may be entered again by a signal handler in the middle of a call.
-        self._lock = threading.RLock()
+        self._lock = scheduler.RLock()
         self._ready: deque[_Task] = deque()
         self._due: list[tuple[float, int, Timer]] = []
         self._order = itertools.count()
-        self._threads: list[threading.Thread] = []
+        self._threads: list[scheduler.Thread] = []
         self._workers: list[_Worker] = []
         # Those that wait for a task; one of them wakes for the next timer.
         self._asleep: list[_Worker] = []
@@ -173,7 +172,7 @@ class Executor:
     def overdue(self) -> list[tuple[str, int, Ran]]:
         """Timers that leave out ticks now, how many, and the callback that has not returned."""
         with self._lock:
-            running, now_s = self._running()[:1], time.monotonic()
+            running, now_s = self._running()[:1], scheduler.monotonic()
             return [
                 (timer.what, int((now_s - when_s) / timer.period_s), ran)
                 for when_s, _, timer in self._due
@@ -188,7 +187,7 @@ class Executor:
         with self._lock:
             if self._most_threads > 1 or stream not in self.streams:
                 return ""
-            now_s = time.monotonic()
+            now_s = scheduler.monotonic()
             due = [entry for entry in self._due if entry[0] <= now_s and not entry[2].once]
             if due:
                 return min(due)[2].what
@@ -208,12 +207,12 @@ class Executor:
         coroutines are cancelled.
         """
         self.end()
-        deadline_s = time.monotonic() + _LAST_CALLBACK_S
+        deadline_s = scheduler.monotonic() + _LAST_CALLBACK_S
         for thread in [*self._threads]:
-            if thread is not threading.current_thread():
-                thread.join(max(deadline_s - time.monotonic(), 0.0))
+            if thread is not scheduler.current_thread():
+                thread.join(max(deadline_s - scheduler.monotonic(), 0.0))
         for worker in [*self._workers]:
-            if worker.what and worker.thread is not threading.current_thread():
+            if worker.what and worker.thread is not scheduler.current_thread():
                 self._log.warning("Closed while a callback still runs: %s", worker.what)
 
     # For its event loop
@@ -221,12 +220,12 @@ class Executor:
     def begin_step(self, what: str) -> None:
         """A step of a coroutine begins."""
         worker = self._workers[0]
-        worker.what, worker.began_s = what, time.monotonic()
+        worker.what, worker.began_s = what, scheduler.monotonic()
 
     def end_step(self) -> None:
         """A step of a coroutine has ended."""
         worker = self._workers[0]
-        self._note(worker, time.monotonic())
+        self._note(worker, scheduler.monotonic())
         worker.what = ""
 
     def note_failure(self, what: str) -> None:
@@ -257,7 +256,7 @@ class Executor:
         if self._asleep:
             self._asleep.pop().ring()
         elif len(self._threads) < self._most_threads and not self._closed:
-            thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+            thread = scheduler.Thread(target=self._run, name=self._name, daemon=True)
             self._threads.append(thread)
             thread.start()
 
@@ -296,13 +295,13 @@ class Executor:
 
     def _next(self, worker: _Worker) -> _Task | None:
         """Wait for the next callback to run; None when closed."""
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         if now_s - worker.began_s >= SLOW_S:
             self._note(worker, now_s)
         if self._loop is not None and self._loop.living:
             worker.what = ""
             self._loop.turn()
-            now_s = time.monotonic()
+            now_s = scheduler.monotonic()
         while True:
             with self._lock:
                 if self._closed:
@@ -324,7 +323,7 @@ class Executor:
             if worker is self._timekeeper or worker in self._asleep:
                 with self._lock:
                     self._end_sleep(worker)
-            now_s = time.monotonic()
+            now_s = scheduler.monotonic()
 
     def _begin_sleep(self, worker: _Worker, now_s: float) -> float | None:
         """Be found by `_wake`; for how long to sleep at most."""
@@ -372,24 +371,24 @@ class Executor:
             self.delays.ran(worker.what, worker.began_s, now_s)
 
     def _running(self) -> list[Ran]:
-        now_s = time.monotonic()
+        now_s = scheduler.monotonic()
         return [
             Ran(worker.what, worker.began_s, now_s)
             for worker in [*self._workers]
-            if worker.what and worker.thread is not threading.current_thread()
+            if worker.what and worker.thread is not scheduler.current_thread()
         ]
 
     # Timers
 
     def _start(self, timer: Timer) -> Timer:
         with self._lock:
-            self._schedule(time.monotonic() + timer.period_s, timer)
+            self._schedule(scheduler.monotonic() + timer.period_s, timer)
             self._keep_time()
         return timer
 
     def _set_alarm(self, clock: SimulatedClock, when_ns: int, timer: Timer) -> None:
         def ring() -> None:
-            tick = partial(self._tick_simulated, clock, when_ns, time.monotonic(), timer)
+            tick = partial(self._tick_simulated, clock, when_ns, scheduler.monotonic(), timer)
             self.submit(timer.what, tick, group=timer.group)
 
         clock.call_at(when_ns, ring)
@@ -410,7 +409,7 @@ class Executor:
         if timer.once:
             timer.cancel()
         else:
-            late_periods = int((time.monotonic() - when_s) / timer.period_s)
+            late_periods = int((scheduler.monotonic() - when_s) / timer.period_s)
             with self._lock:
                 self._schedule(when_s + (late_periods + 1) * timer.period_s, timer)
                 if self._most_threads > 1:

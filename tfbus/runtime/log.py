@@ -6,10 +6,10 @@ character: each is escaped before any handler sees it.
 
 import logging
 import sys
-import time
 from collections.abc import Mapping
 from typing import Any
 
+from tfbus.runtime import scheduler
 from tfbus.wording import printable
 
 _LEVEL_NAMES = {logging.WARNING: "WARN"}
@@ -100,7 +100,7 @@ class _LineFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         level = _LEVEL_NAMES.get(record.levelno, record.levelname)
-        seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+        seconds, nanoseconds = divmod(scheduler.time_ns(), 1_000_000_000)
         line = f"[{level}] [{seconds}.{nanoseconds:09}] [{self._node}]: {record.getMessage()}"
         return f"{line}\n{record.exc_text}" if record.exc_text else line
 

@@ -2,10 +2,10 @@
 
 import logging
 import math
-import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Hashable
+
+from tfbus.runtime import scheduler
 
 # Kinds may hold names from the bus: where there are this many, the oldest makes room once its line
 # is as old as this. Until then further kinds are neither logged nor counted.
@@ -28,7 +28,7 @@ class LogOnce:
         *,
         again_s: float = math.inf,
         most: int = _MOST_KINDS,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self.counts: Counter[Hashable] = Counter()
         self._log = log
@@ -36,7 +36,7 @@ class LogOnce:
         self._makes_room_after_s = min(again_s, _MAKES_ROOM_AFTER_S)
         self._most = most
         self._clock = clock
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         # When a line of each kind was logged, the oldest first, and the count of events then.
         self._logged: dict[Hashable, tuple[float, int]] = {}
         self._crowded_until_s = -math.inf

@@ -1,7 +1,8 @@
 """Seconds to wait, as callers give them."""
 
 import math
-import threading
+
+from tfbus.runtime import scheduler
 
 
 def seconds_to_wait(timeout_s: float | None) -> float | None:
@@ -19,4 +20,4 @@ def seconds_to_wait(timeout_s: float | None) -> float | None:
     seconds = float(timeout_s)
     if math.isnan(seconds):
         raise ValueError("timeout_s must be a number of seconds, or None to wait for ever, not nan")
-    return max(seconds, 0.0) if seconds < threading.TIMEOUT_MAX else None
+    return max(seconds, 0.0) if seconds < scheduler.TIMEOUT_MAX else None

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from tfbus.runtime import scheduler
+
 # poll() takes 32 bits of milliseconds; longer waits are repeated.
 _LONGEST_MS = 86_400_000
 
@@ -32,7 +34,8 @@ class StopSignals:
 
     def __init__(self) -> None:
         # `_ended` is for good; `_stop` is that or Ctrl-C in a script.
-        self._ended, self._stop = _Stop(), _Stop()
+        stop = _SimulatedStop if scheduler.is_simulated else _Stop
+        self._ended, self._stop = stop(), stop()
         self._is_held = False
         self._is_interrupted = False
         if _in_main_thread():
@@ -107,22 +110,59 @@ class Wakeup:
     """Ends a wait from another thread, once, until the end of its `with`."""
 
     def __enter__(self) -> "Wakeup":
-        self._lock = threading.Lock()
-        self.readable, self._writable = os.pipe()
-        self._is_open = True
+        self._lock = scheduler.Lock()
+        self._is_open = not scheduler.is_simulated
+        # Of a simulated process: what it ends, and whether it has.
+        self.stop: _SimulatedStop | None = None
+        self.is_woken = False
+        if self._is_open:
+            self.readable, self._writable = os.pipe()
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
-            self._is_open = False
-            os.close(self.readable)
-            os.close(self._writable)
+            if self._is_open:
+                self._is_open = False
+                os.close(self.readable)
+                os.close(self._writable)
 
     def wake(self) -> None:
         """End the wait, also one that starts later; after the `with` it does nothing."""
         with self._lock:
+            self.is_woken = True
+            if self.stop is not None:
+                self.stop.ring()
             if self._is_open:
                 os.write(self._writable, b"!")
+
+
+class _SimulatedStop:
+    """A _Stop of a simulated process, to which no signals come."""
+
+    def __init__(self) -> None:
+        self.called = False
+        self._event = scheduler.Event()
+        self.ring = self._event.set
+
+    def call(self) -> None:
+        self.called = True
+        self.ring()
+
+    def wait(
+        self,
+        timeout_s: float | None,
+        wakeup: Wakeup | None = None,
+        signalled: object = None,
+        is_interrupted: object = None,
+    ) -> bool:
+        if not self.called:
+            self._event.clear()
+        if wakeup is not None:
+            wakeup.stop = self
+            if wakeup.is_woken:
+                return self.called
+        self._event.wait(timeout_s)
+        return self.called
 
 
 class _Stop:
@@ -274,7 +314,7 @@ _poker = _Poker()
 
 
 def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+    return not scheduler.is_simulated and (threading.current_thread() is threading.main_thread())
 
 
 def forget_interrupt() -> None:

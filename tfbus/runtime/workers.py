@@ -1,9 +1,9 @@
 """A few threads for jobs that may block, in the background."""
 
-import threading
-import time
 from collections import deque
 from collections.abc import Callable
+
+from tfbus.runtime import scheduler
 
 Job = Callable[[], None]
 
@@ -19,8 +19,8 @@ class Workers:
         self._name = name
         self._most_threads = threads
         self._most_waiting = waiting
-        self._lock = threading.Lock()
-        self._threads: set[threading.Thread] = set()
+        self._lock = scheduler.Lock()
+        self._threads: set[scheduler.Thread] = set()
         self._waiting: deque[Job] = deque()
         self._closed = False
 
@@ -32,7 +32,7 @@ class Workers:
             if self._closed:
                 return False
             if len(self._threads) < self._most_threads:
-                thread = threading.Thread(
+                thread = scheduler.Thread(
                     target=self._run, args=(job,), name=self._name, daemon=True
                 )
                 thread.start()
@@ -48,10 +48,10 @@ class Workers:
         with self._lock:
             self._closed = True
             self._waiting.clear()
-            running = self._threads - {threading.current_thread()}
-        deadline = time.monotonic() + patience_s
+            running = self._threads - {scheduler.current_thread()}
+        deadline = scheduler.monotonic() + patience_s
         for thread in running:
-            thread.join(max(deadline - time.monotonic(), 0.0))
+            thread.join(max(deadline - scheduler.monotonic(), 0.0))
 
     def _run(self, job: Job | None) -> None:
         while job is not None:
@@ -62,5 +62,5 @@ class Workers:
         with self._lock:
             if self._waiting:
                 return self._waiting.popleft()
-            self._threads.discard(threading.current_thread())
+            self._threads.discard(scheduler.current_thread())
             return None

@@ -1,0 +1,1 @@
+"""The protocol between processes, in a simulated network."""

@@ -1,0 +1,646 @@
+"""What applications may observe of Zenoh, as scenarios: each holds in the model and in Zenoh."""
+
+from collections.abc import Callable
+
+from tests.simulation.stages import Stage
+
+SCENARIOS: dict[str, Callable[[Stage], None]] = {}
+
+
+def scenario(play: Callable[[Stage], None]) -> Callable[[Stage], None]:
+    """A scenario of the table."""
+    SCENARIOS[play.__name__] = play
+    return play
+
+
+def _pair(stage: Stage, **options: str):
+    a, b = stage.open("a", "h1", **options), stage.open("b", "h2", **options)
+    b.expect("links", gives=[a.id()])
+    a.expect("links", gives=[b.id()])
+    return a, b
+
+
+# Publications
+
+
+@scenario
+def a_message_reaches_a_subscriber_of_another_host(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k/1")
+    a.publisher("k/1")
+    a.expect("heard", "k/1", gives=True)
+    a.put("k/1", "x")
+    b.expects("in", "k/1=x")
+
+
+@scenario
+def messages_of_one_publisher_come_in_order(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    for number in range(20):
+        a.put("k", str(number))
+    b.expects("in", *(f"k={number}" for number in range(20)))
+
+
+@scenario
+def a_message_reaches_its_own_session_at_once(stage: Stage) -> None:
+    a = stage.open("a")
+    a.subscriber("in", "k")
+    a.publisher("k")
+    a.put("k", "x")
+    assert a.events("in") == ["k=x"]
+
+
+@scenario
+def a_subscriber_of_others_hears_nothing_of_its_own(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.subscriber("in", "k", True)
+    a.publisher("k")
+    b.publisher("k")
+    a.put("k", "mine")
+    b.expect("heard", "k", gives=True)
+    b.put("k", "yours")
+    a.expects("in", "k=yours")
+
+
+@scenario
+def one_star_stands_for_one_chunk(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k/*")
+    for key in ("k/1", "k/1/2", "k"):
+        a.publisher(key)
+    a.expect("heard", "k/1", gives=True)
+    assert [a.heard(key) for key in ("k/1/2", "k")] == [False, False]
+
+
+@scenario
+def two_stars_stand_for_any_chunks_but_hidden_ones(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k/**")
+    for key in ("k", "k/1/2", "k/@x/1"):
+        a.publisher(key)
+    a.expect("heard", "k/1/2", gives=True)
+    a.expect("heard", "k", gives=True)
+    assert a.heard("k/@x/1") is False
+
+
+@scenario
+def a_late_subscriber_misses_what_was_sent_before(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.publisher("k")
+    a.put("k", "early")
+    b.subscriber("in", "k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "late")
+    b.expects("in", "k=late")
+
+
+@scenario
+def a_subscriber_that_ended_is_no_longer_heard(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    b.end("in")
+    a.expect("heard", "k", gives=False)
+
+
+@scenario
+def two_subscribers_of_a_session_get_each_message_once(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("one", "k/*")
+    b.subscriber("other", "k/1")
+    a.publisher("k/1")
+    a.expect("heard", "k/1", gives=True)
+    a.put("k/1", "x")
+    b.expects("one", "k/1=x")
+    b.expects("other", "k/1=x")
+
+
+@scenario
+def a_publisher_is_heard_until_the_last_subscriber_ends(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("one", "k")
+    b.subscriber("other", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    b.end("one")
+    a.put("k", "x")
+    b.expects("other", "k=x")
+    assert a.heard("k") is True
+    b.end("other")
+    a.expect("heard", "k", gives=False)
+
+
+@scenario
+def a_publisher_is_not_heard_once_its_subscriber_is_killed(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    b.kill()
+    a.expect("heard", "k", gives=False)
+
+
+@scenario
+def a_closed_session_refuses_to_send(stage: Stage) -> None:
+    a = stage.open("a")
+    a.publisher("k")
+    a.close()
+    assert a.put("k", "x").startswith("BusError: could not publish k")
+
+
+# Retained messages
+
+
+@scenario
+def a_late_subscriber_gets_the_retained_message(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=1")
+
+
+@scenario
+def a_late_subscriber_gets_only_the_last_retained_message(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    a.put("k", "2")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=2")
+
+
+@scenario
+def a_retained_publisher_that_comes_later_is_found(stage: Stage) -> None:
+    a = stage.open("a", "h1")
+    a.retained_subscriber("in", "k/*")
+    b = stage.open("b", "h2")
+    b.retained_publisher("k/1")
+    b.put("k/1", "x")
+    a.expects_all("in", "k/1=x")
+
+
+@scenario
+def retained_messages_of_two_publishers_both_come(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k")
+    b.retained_publisher("k")
+    a.put("k", "a")
+    b.put("k", "b")
+    c = stage.open("c", "h3")
+    c.retained_subscriber("in", "k")
+    c.expects_all("in", "k=a", "k=b")
+
+
+@scenario
+def a_plain_subscriber_misses_the_retained_message(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.subscriber("in", "k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "2")
+    b.expects("in", "k=2")
+
+
+@scenario
+def what_is_retained_can_be_asked_for(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k/1")
+    a.put("k/1", "x")
+    b.expect("ask_retained", "k/*", gives=["k/1=x"])
+
+
+@scenario
+def a_retained_message_is_gone_with_its_publisher(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("k")
+    a.put("k", "x")
+    b.expect("ask_retained", "k", gives=["k=x"])
+    a.kill()
+    b.expect("ask_retained", "k", gives=[])
+
+
+@scenario
+def a_retained_message_at_a_hidden_key_can_be_asked_for(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.retained_publisher("@h/s/1")
+    a.put("@h/s/1", "x")
+    b.expect("ask_retained", "@h/s/1", gives=["@h/s/1=x"])
+
+
+# Queries
+
+
+@scenario
+def a_query_is_answered(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.queryable("q", "q/1", "yes")
+    b.expect("ask", "q/1", gives=["q/1=yes"])
+
+
+@scenario
+def a_query_brings_its_payload(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.queryable("q", "q", "you said ")
+    b.expect("ask", "q", 5.0, "hello", gives=["q=you said hello"])
+
+
+@scenario
+def a_query_of_nothing_ends_at_once_without_answers(stage: Stage) -> None:
+    a, _ = _pair(stage)
+    assert a.ask("q/none", 20.0) == []
+
+
+@scenario
+def all_queryables_answer(stage: Stage) -> None:
+    a, b = _pair(stage)
+    c = stage.open("c", "h3")
+    a.queryable("q", "q/a", "1")
+    b.queryable("q", "q/b", "2")
+    c.expect("ask", "q/*", gives=["q/a=1", "q/b=2"])
+
+
+@scenario
+def a_session_answers_itself_too(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.queryable("q", "q/a", "1")
+    b.queryable("q", "q/b", "2")
+    a.expect("ask", "q/*", gives=["q/a=1", "q/b=2"])
+
+
+@scenario
+def several_answers_of_one_queryable_all_come(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.queryable("q", "q", "1", "2", "3")
+    b.expect("ask", "q", gives=["q=1", "q=2", "q=3"])
+
+
+@scenario
+def a_refusal_comes_with_its_text(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.refusing_queryable("q", "q", "not now")
+    b.expect("ask", "q", gives=["refused: not now"])
+
+
+@scenario
+def a_query_ends_after_its_time(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    b.expect("served", "q", gives=True)
+    b.ask_later("asked", "q", 1.0)
+    b.expects_all("asked", "end")
+
+
+@scenario
+def a_query_ends_when_the_answering_process_is_killed(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    b.expect("served", "q", gives=True)
+    b.ask_later("asked", "q", 60.0)
+    a.kill()
+    b.expects("asked", "end")
+
+
+@scenario
+def a_query_ends_when_all_have_closed_it(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    b.expect("served", "q", gives=True)
+    b.ask_later("asked", "q", 60.0)
+
+    def is_ended() -> bool:
+        a.release()
+        return b.events("asked") == ["end"]
+
+    assert stage.wait(is_ended)
+
+
+@scenario
+def a_query_of_a_host_without_its_cable_ends(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    b.expect("served", "q", gives=True)
+    b.ask_later("asked", "q", 60.0)
+    stage.set_cable("h1", plugged=False)
+    b.expects("asked", "end")
+
+
+@scenario
+def a_queryable_that_ended_is_no_longer_served(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.queryable("q", "q", "1")
+    b.expect("served", "q", gives=True)
+    a.end("q")
+    b.expect("served", "q", gives=False)
+    assert b.ask("q", 20.0) == []
+
+
+# Tokens
+
+
+@scenario
+def a_token_is_seen(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+
+
+@scenario
+def a_token_that_was_there_before_is_seen(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.token("t/1")
+    b.expect("living", "t/*", gives=["t/1"])
+    b.watch("seen", "t/*")
+    b.expects("seen", "+t/1")
+
+
+@scenario
+def a_token_of_its_own_session_is_seen(stage: Stage) -> None:
+    a = stage.open("a")
+    a.watch("seen", "t/*")
+    a.token("t/1")
+    a.expects("seen", "+t/1")
+
+
+@scenario
+def a_token_ends(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+    a.end("token t/1")
+    b.expects("seen", "+t/1", "-t/1")
+
+
+@scenario
+def a_token_ends_with_its_session(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+    a.close()
+    b.expects("seen", "+t/1", "-t/1")
+
+
+@scenario
+def a_token_ends_with_its_process(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+    a.kill()
+    b.expects("seen", "+t/1", "-t/1")
+
+
+@scenario
+def a_token_ends_when_its_host_is_unplugged_and_comes_back(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+    stage.set_cable("h1", plugged=False)
+    b.expects("seen", "+t/1", "-t/1")
+    stage.set_cable("h1", plugged=True)
+    b.expects("seen", "+t/1", "-t/1", "+t/1")
+
+
+@scenario
+def a_token_of_a_stopped_process_ends_and_comes_back(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    a.token("t/1")
+    b.expects("seen", "+t/1")
+    a.stop()
+    b.expects("seen", "+t/1", "-t/1")
+    a.go_on()
+    b.expects("seen", "+t/1", "-t/1", "+t/1")
+
+
+@scenario
+def one_token_of_two_sessions_is_seen_once_and_ends_with_the_last(stage: Stage) -> None:
+    a, b = _pair(stage)
+    c = stage.open("c", "h3")
+    a.token("t")
+    b.token("t")
+    c.expect("living", "t", gives=["t"])
+    c.expect("links", gives=sorted([a.id(), b.id()]))
+    c.watch("seen", "t")
+    c.expects("seen", "+t")
+    a.kill()
+    c.expect("links", gives=[b.id()])
+    assert c.events("seen") == ["+t"]
+    b.kill()
+    c.expects("seen", "+t", "-t")
+
+
+@scenario
+def tokens_of_several_sessions_are_listed(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.token("t/a")
+    b.token("t/b")
+    c = stage.open("c", "h3")
+    c.expect("living", "t/*", gives=["t/a", "t/b"])
+
+
+@scenario
+def a_watch_that_ended_sees_nothing_more(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t/*")
+    b.watch("beside", "t/*")
+    b.end("seen")
+    a.token("t/1")
+    b.expects("beside", "+t/1")
+    assert b.events("seen") == []
+
+
+@scenario
+def a_token_at_a_hidden_key_is_seen(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "@h/n/*")
+    a.token("@h/n/1")
+    b.expects("seen", "+@h/n/1")
+
+
+# Namespaces
+
+
+@scenario
+def a_session_of_a_namespace_names_its_keys_without_it(stage: Stage) -> None:
+    a, b = _pair(stage, namespace="robot7")
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_session_outside_sees_the_namespace(stage: Stage) -> None:
+    a = stage.open("a", "h1", namespace="robot7")
+    b = stage.open("b", "h2")
+    b.subscriber("in", "**/k")
+    b.watch("seen", "**/@h/*")
+    a.publisher("k")
+    a.token("@h/1")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "robot7/k=x")
+    b.expects("seen", "+robot7/@h/1")
+
+
+@scenario
+def namespaces_are_apart(stage: Stage) -> None:
+    a = stage.open("a", "h1", namespace="robot7")
+    b = stage.open("b", "h2", namespace="robot8")
+    b.expect("links", gives=[a.id()])
+    b.subscriber("in", "k")
+    b.queryable("q", "q", "no")
+    c = stage.open("c", "h3", namespace="robot8")
+    c.publisher("k")
+    c.expect("heard", "k", gives=True)
+    a.publisher("k")
+    assert a.heard("k") is False
+    assert a.ask("q", 20.0) == []
+
+
+# Links
+
+
+@scenario
+def links_are_known_at_both_ends(stage: Stage) -> None:
+    _pair(stage)
+
+
+@scenario
+def a_killed_process_has_no_link(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.kill()
+    a.expect("links", gives=[])
+
+
+@scenario
+def an_unplugged_host_has_no_link_until_it_is_plugged_in(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_cable("h2", plugged=False)
+    a.expect("links", gives=[])
+    b.expect("links", gives=[])
+    stage.set_cable("h2", plugged=True)
+    a.expect("links", gives=[b.id()])
+    b.expect("links", gives=[a.id()])
+
+
+@scenario
+def what_was_declared_while_apart_is_known_when_together(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_cable("h2", plugged=False)
+    a.expect("links", gives=[])
+    b.subscriber("in", "k")
+    b.queryable("q", "q", "yes")
+    b.token("t")
+    a.publisher("k")
+    stage.set_cable("h2", plugged=True)
+    a.expect("heard", "k", gives=True)
+    a.expect("ask", "q", gives=["q=yes"])
+    a.expect("living", "t", gives=["t"])
+
+
+@scenario
+def what_ended_while_apart_is_not_known_when_together(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.token("t")
+    b.queryable("q", "q", "yes")
+    a.expect("ask", "q", gives=["q=yes"])
+    stage.set_cable("h2", plugged=False)
+    a.expect("links", gives=[])
+    b.end("token t")
+    b.end("q")
+    stage.set_cable("h2", plugged=True)
+    a.expect("links", gives=[b.id()])
+    a.expect("living", "t", gives=[])
+    assert a.ask("q", 20.0) == []
+
+
+@scenario
+def a_restarted_process_takes_the_place_of_the_former(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.watch("seen", "t")
+    b.token("t")
+    a.expects("seen", "+t")
+    b.kill()
+    a.expects("seen", "+t", "-t")
+    c = stage.open("b", "h2")
+    c.token("t")
+    a.expects("seen", "+t", "-t", "+t")
+
+
+# Routers
+
+
+def _star(stage: Stage):
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    at = stage.address("h3")
+    a = stage.open("a", "h1", mode="client", connect=at)
+    b = stage.open("b", "h2", mode="client", connect=at)
+    a.expect("links", gives=[hub.id()])
+    b.expect("links", gives=[hub.id()])
+    return hub, a, b
+
+
+@scenario
+def a_message_crosses_a_router(stage: Stage) -> None:
+    _, a, b = _star(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_query_crosses_a_router(stage: Stage) -> None:
+    _, a, b = _star(stage)
+    a.queryable("q", "q", "yes")
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_token_crosses_a_router(stage: Stage) -> None:
+    _, a, b = _star(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    a.kill()
+    b.expects("seen", "+t", "-t")
+
+
+@scenario
+def a_retained_message_crosses_a_router(stage: Stage) -> None:
+    _, a, b = _star(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=1")
+
+
+@scenario
+def a_router_sees_what_its_clients_declare(stage: Stage) -> None:
+    hub, a, _ = _star(stage)
+    hub.watch("seen", "t")
+    a.token("t")
+    hub.expects("seen", "+t")
+
+
+@scenario
+def all_tokens_end_with_the_router(stage: Stage) -> None:
+    hub, a, b = _star(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    hub.kill()
+    b.expects("seen", "+t", "-t")

@@ -1,0 +1,208 @@
+"""Where scenarios are played: in a simulated network, and on real hosts with real Zenoh."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from tests.hosts.network import Hosts
+from tests.simulation.actor import Actor
+from tfbus.testing.network import Network, SimulationError
+from tfbus.testing.processes import Process
+
+DEADLINE_S = 30.0
+
+
+class Player(Protocol):
+    """An actor of a scenario, wherever it is."""
+
+    def do(self, verb: str, *args: Any) -> Any:
+        """Do one thing, and return what comes of it."""
+        ...
+
+
+class Part:
+    """An actor of a scenario: its verbs are methods."""
+
+    def __init__(self, stage: "Stage", player: Player) -> None:
+        self._stage = stage
+        self._player = player
+
+    def __getattr__(self, verb: str) -> Callable[..., Any]:
+        return lambda *args: self._player.do(verb, *args)
+
+    def expect(self, verb: str, *args: Any, gives: Any) -> None:
+        """Wait until doing this gives that."""
+        found: list[Any] = [None]
+
+        def is_there() -> bool:
+            found[0] = self._player.do(verb, *args)
+            return bool(found[0] == gives)
+
+        assert self._stage.wait(is_there), f"{verb}{args} gives {found[0]!r}, not {gives!r}"
+
+    def expects(self, name: str, *events: str) -> None:
+        """Wait until these events, and no others, have come in this order."""
+        self.expect("events", name, gives=list(events))
+
+    def expects_all(self, name: str, *events: str) -> None:
+        """Wait until each of these events has come, in any order."""
+        found: list[str] = []
+
+        def is_there() -> bool:
+            found[:] = self._player.do("events", name)
+            return set(events) <= set(found)
+
+        assert self._stage.wait(is_there), f"{name} has {found}, not {events}"
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        self._stage.signal(self._player, "kill")
+
+    def stop(self) -> None:
+        """SIGSTOP."""
+        self._stage.signal(self._player, "stop")
+
+    def go_on(self) -> None:
+        """SIGCONT."""
+        self._stage.signal(self._player, "go_on")
+
+
+class Stage(Protocol):
+    """What a scenario uses."""
+
+    def open(self, name: str, host: str = "h1", **options: Any) -> Part:
+        """A session on a host."""
+        ...
+
+    def wait(self, condition: Callable[[], bool]) -> bool:
+        """Wait until the condition holds; whether it does."""
+        ...
+
+    def signal(self, player: Player, what: str) -> None:
+        """Send a signal to the process of an actor."""
+        ...
+
+    def set_cable(self, host: str, *, plugged: bool) -> None:
+        """Pull a host's cable out, or plug it in."""
+        ...
+
+    def address(self, host: str) -> str:
+        """The endpoint at which a router of this host listens."""
+        ...
+
+
+class _Simulated:
+    def __init__(self, network: Network, process: Process, name: str, options: Any) -> None:
+        self.network, self.process = network, process
+        with network.within(process):
+            self._actor = Actor(name, options)
+
+    def do(self, verb: str, *args: Any) -> Any:
+        with self.network.within(self.process):
+            return self._actor.do(verb, *args)
+
+
+class SimulatedStage:
+    """A stage in a simulated network."""
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        for host in ("h1", "h2", "h3"):
+            network.host(host)
+
+    def open(self, name: str, host: str = "h1", **options: Any) -> Part:
+        with self.network.process(host, name) as process:
+            pass
+        return Part(self, _Simulated(self.network, process, name, options))
+
+    def wait(self, condition: Callable[[], bool]) -> bool:
+        try:
+            self.network.run(until=condition, timeout_s=DEADLINE_S)
+        except SimulationError:
+            return False
+        return True
+
+    def signal(self, player: Any, what: str) -> None:
+        getattr(self.network, what)(player.process)
+
+    def set_cable(self, host: str, *, plugged: bool) -> None:
+        if plugged:
+            self.network.heal()
+        else:
+            self.network.partition(host)
+
+    def address(self, host: str) -> str:
+        return f"tcp/{host}:7447"
+
+
+class _Real:
+    def __init__(self, hosts: Hosts, host: str, name: str, options: Any) -> None:
+        command = [sys.executable, "-m", "tests.simulation.actor", json.dumps([name, options])]
+        self.process = subprocess.Popen(
+            hosts.command(host, *command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self._read()
+
+    def do(self, verb: str, *args: Any) -> Any:
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps([verb, *args]) + "\n")
+        self.process.stdin.flush()
+        return self._read()
+
+    def _read(self) -> Any:
+        assert self.process.stdout is not None
+        return json.loads(self.process.stdout.readline())
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+_SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "go_on": signal.SIGCONT}
+
+
+class RealStage:
+    """A stage on hosts in network namespaces, where Zenoh's own sessions meet."""
+
+    def __init__(self) -> None:
+        self._hosts = Hosts("h1", "h2", "h3")
+        self._players: list[_Real] = []
+
+    def open(self, name: str, host: str = "h1", **options: Any) -> Part:
+        player = _Real(self._hosts, host, name, options)
+        self._players.append(player)
+        return Part(self, player)
+
+    def wait(self, condition: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.02)
+        return True
+
+    def signal(self, player: Any, what: str) -> None:
+        player.process.send_signal(_SIGNALS[what])
+
+    def set_cable(self, host: str, *, plugged: bool) -> None:
+        self._hosts.set_link(host, up=plugged)
+
+    def address(self, host: str) -> str:
+        return f"tcp/{self._hosts.address[host]}:7447"
+
+    def clear(self) -> None:
+        """End all actors: the next scenario begins alone."""
+        for player in self._players:
+            player.end()
+        self._players.clear()
+        for host in ("h1", "h2", "h3"):
+            self._hosts.set_link(host, up=True)
+
+    def close(self) -> None:
+        """End all, and take the hosts down."""
+        self.clear()
+        self._hosts.close()

@@ -1,0 +1,64 @@
+"""Time, threads and waiting: all of tfbus takes them from here, so that a simulation can stand in.
+
+Use the names through the module, `scheduler.Lock()`, and never bind them at import: a simulation
+replaces them while it runs (`replaced_by`). Outside of one they are Python's own, at no cost.
+"""
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import asyncio
+
+# The readings of clocks.
+monotonic = time.monotonic
+monotonic_ns = time.monotonic_ns
+time_ns = time.time_ns
+sleep = time.sleep
+
+# Threads, and what they wait for.
+Condition = threading.Condition
+Event = threading.Event
+Lock = threading.Lock
+RLock = threading.RLock
+SimpleQueue = queue.SimpleQueue
+Queue = queue.Queue
+Thread = threading.Thread
+Timer = threading.Timer
+current_thread = threading.current_thread
+main_thread = threading.main_thread
+Empty = queue.Empty
+Full = queue.Full
+TIMEOUT_MAX = threading.TIMEOUT_MAX
+
+
+def new_event_loop() -> "asyncio.AbstractEventLoop":
+    """An event loop of asyncio's, for one thread."""
+    import asyncio  # slow to import, and most processes do not need it
+
+    return asyncio.new_event_loop()
+
+
+# What tells one process from another.
+getpid = os.getpid
+urandom = os.urandom
+
+# Whether a simulation stands in for all of these.
+is_simulated = False
+
+
+@contextmanager
+def replaced_by(names: dict[str, Any]) -> Iterator[None]:
+    """Until the end of the `with`, these names of this module are those of a simulation."""
+    ours = globals()
+    former = {name: ours[name] for name in names}
+    ours.update(names, is_simulated=True)
+    try:
+        yield
+    finally:
+        ours.update(former, is_simulated=False)

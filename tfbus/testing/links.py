@@ -1,0 +1,118 @@
+"""Paths between hosts, and the links of sessions over them: what is late, lost or in order.
+
+A link is as TCP makes it: nothing on it is lost or overtakes, a lost packet delays all behind it.
+It ends when an end has heard nothing for the lease, or as soon as it learns that the other end is
+closed.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tfbus.testing.tasks import Tasks
+
+if TYPE_CHECKING:
+    from tfbus.testing.processes import Host
+    from tfbus.testing.zenoh_session import Face
+
+# As tfbus sets it, and Linux.
+LEASE_S = 1.5
+_RESEND_AFTER_S = 0.2
+
+# A queue of Zenoh's holds this much of urgent messages, and of others, before it drops them.
+_URGENT_BYTES = 8 * 65536
+_OTHER_BYTES = 2 * 65536
+
+
+@dataclass
+class Path:
+    """The way from one host to another, in one direction.
+
+    Seconds, bytes a second (0: without bound), and the share of packets that are lost. `is_up` is
+    whether anything arrives.
+    """
+
+    delay_s: float = 0.0002
+    jitter_s: float = 0.0001
+    loss: float = 0.0
+    bytes_a_second: float = 0.0
+    is_up: bool = True
+    changed_ns: int = 0
+
+
+class Lane:
+    """One direction of a link: calls that arrive at its far end, in their order."""
+
+    def __init__(self, tasks: Tasks, path: Path) -> None:
+        self._tasks = tasks
+        self.path = path
+        self._arrived_ns = 0
+        self._free_ns = 0
+        # What waits for the path to be up again.
+        self._held: deque[tuple[Callable[[], object], int]] = deque()
+        self.is_open = True
+
+    def backlog_bytes(self) -> float:
+        """How much waits for the bandwidth, or for the path."""
+        held = sum(size for _, size in self._held)
+        waiting_ns = max(0, self._free_ns - self._tasks.now_ns)
+        return held + waiting_ns / 1e9 * self.path.bytes_a_second
+
+    def has_room(self, urgent: bool) -> bool:
+        """Whether a message that may be dropped is sent."""
+        return self.backlog_bytes() < (_URGENT_BYTES if urgent else _OTHER_BYTES)
+
+    def send(self, call: Callable[[], object], size: int = 100) -> None:
+        """Make a call at the far end, once it has arrived there."""
+        if not self.path.is_up or self._held:
+            self._held.append((call, size))
+            return
+        self._launch(call, size, 0.0)
+
+    def release(self) -> None:
+        """The path is up again: all that waits is sent anew, after TCP's pause."""
+        held, self._held = self._held, deque()
+        down_s = (self._tasks.now_ns - self.path.changed_ns) / 1e9
+        pause_s = self._tasks.random.uniform(0, min(down_s, 2 * LEASE_S))
+        for call, size in held:
+            self._launch(call, size, pause_s)
+
+    def _launch(self, call: Callable[[], object], size: int, pause_s: float) -> None:
+        tasks, path = self._tasks, self.path
+        chance = tasks.random.random
+        late_s = pause_s + path.delay_s + path.jitter_s * chance()
+        resend_s = _RESEND_AFTER_S
+        while path.loss and chance() < path.loss:
+            late_s += resend_s
+            resend_s = min(2 * resend_s, 60.0)
+        begun_ns = tasks.now_ns
+        if path.bytes_a_second:
+            begun_ns = max(begun_ns, self._free_ns) + round(size / path.bytes_a_second * 1e9)
+            self._free_ns = begun_ns
+        self._arrived_ns = max(self._arrived_ns + 1, begun_ns + round(late_s * 1e9))
+
+        def arrive() -> None:
+            if not self.is_open:
+                return
+            if self.path.is_up:
+                call()
+            else:
+                # Lost on its way: TCP sends it again.
+                self._held.append((call, size))
+
+        tasks.call_at(self._arrived_ns, arrive)
+
+
+class Link:
+    """A link between two sessions."""
+
+    def __init__(self, tasks: Tasks, ends: "tuple[Face, Face]") -> None:
+        self._tasks = tasks
+        self.ends = ends
+        self.opened_ns = tasks.now_ns
+
+    def hosts(self) -> "tuple[Host, Host]":
+        """The hosts of its two ends."""
+        one, other = self.ends
+        return one.session.process.host, other.session.process.host

@@ -1,0 +1,253 @@
+"""Locks, events, conditions, queues and threads of simulated tasks.
+
+Each has the methods of Python's own that tfbus uses, with the same meaning.
+"""
+
+import queue
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from tfbus.testing.tasks import SimulationOver, Task, Tasks
+
+
+class Waiting:
+    """The tasks that wait for one thing, woken one by one or all."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        self.tasks = tasks
+        self._waiting: list[Task] = []
+
+    def wait(self, waits_for: str, timeout_s: float | None) -> bool:
+        """Wait until woken, at most this long; whether it was woken."""
+        task = self.tasks.current
+        self._waiting.append(task)
+        try:
+            return self.tasks.wait(waits_for, timeout_s)
+        finally:
+            if task in self._waiting:
+                self._waiting.remove(task)
+
+    def wake_one(self) -> None:
+        """Wake one of them, by choice of the seed."""
+        living = [task for task in self._waiting if not task.place.is_dead]
+        if living:
+            task = living[int(self.tasks.random.random() * len(living))]
+            self._waiting.remove(task)
+            self.tasks.wake(task)
+
+    def wake_all(self) -> None:
+        """Wake all of them."""
+        waiting, self._waiting = self._waiting, []
+        for task in waiting:
+            self.tasks.wake(task)
+
+
+class Lock:
+    """A lock of simulated tasks; `reentrant` ones may be taken again by their holder."""
+
+    def __init__(self, tasks: Tasks, *, reentrant: bool = False) -> None:
+        self._tasks = tasks
+        self._waiting = Waiting(tasks)
+        self._is_reentrant = reentrant
+        self.holder: Task | None = None
+        self._depth = 0
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        tasks = self._tasks
+        tasks.step()
+        me = tasks.current
+        if self._is_reentrant and self.holder is me:
+            self._depth += 1
+            return True
+        deadline_ns = None if timeout < 0 else tasks.end_ns(timeout)
+        while self.holder is not None and not tasks.is_over:
+            if not blocking:
+                return False
+            left_s = None if deadline_ns is None else (deadline_ns - tasks.now_ns) / 1e9
+            if left_s is not None and left_s <= 0:
+                return False
+            self._waiting.wait(f"a lock that {self.holder.name!r} holds", left_s)
+        self.holder = me
+        self._depth = 1
+        return True
+
+    def release(self) -> None:
+        if self.holder is None:
+            if self._tasks.is_over:
+                return
+            raise RuntimeError("release unlocked lock")
+        self._depth -= 1
+        if self._depth == 0 or not self._is_reentrant:
+            self.holder = None
+            self._waiting.wake_one()
+            if not self._tasks.is_over:
+                self._tasks.step()
+
+    def locked(self) -> bool:
+        return self.holder is not None
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+class Event:
+    """A flag that tasks wait for."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        self._tasks = tasks
+        self._waiting = Waiting(tasks)
+        self._is_set = False
+
+    def is_set(self) -> bool:
+        return self._is_set
+
+    def set(self) -> None:
+        self._is_set = True
+        self._waiting.wake_all()
+        self._tasks.step()
+
+    def clear(self) -> None:
+        self._is_set = False
+
+    def wait(self, timeout: float | None = None) -> bool:
+        if not self._is_set:
+            self._waiting.wait("an event", timeout)
+        else:
+            self._tasks.step()
+        return self._is_set
+
+
+class Condition:
+    """A condition, with a lock of its own or a given one."""
+
+    def __init__(self, tasks: Tasks, lock: Lock | None = None) -> None:
+        self._tasks = tasks
+        self._lock = lock or Lock(tasks, reentrant=True)
+        self._waiting = Waiting(tasks)
+        self.acquire = self._lock.acquire
+        self.release = self._lock.release
+
+    def __enter__(self) -> bool:
+        return self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        lock = self._lock
+        depth, lock._depth = lock._depth, 1
+        lock.holder, me = None, lock.holder
+        lock._waiting.wake_one()
+        try:
+            return self._waiting.wait("a condition", timeout)
+        finally:
+            if not self._tasks.is_over:
+                lock.acquire()
+            lock.holder, lock._depth = me, depth
+
+    def wait_for(self, predicate: Callable[[], Any], timeout: float | None = None) -> Any:
+        deadline_ns = None if timeout is None else self._tasks.end_ns(timeout)
+        result = predicate()
+        while not result:
+            left_s = None if deadline_ns is None else (deadline_ns - self._tasks.now_ns) / 1e9
+            if left_s is not None and left_s <= 0:
+                break
+            self.wait(left_s)
+            result = predicate()
+        return result
+
+    def notify(self, n: int = 1) -> None:
+        for _ in range(n):
+            self._waiting.wake_one()
+
+    def notify_all(self) -> None:
+        self._waiting.wake_all()
+
+
+class Queue:
+    """A queue; `maxsize` of 0 is without bound."""
+
+    def __init__(self, tasks: Tasks, maxsize: int = 0) -> None:
+        self._tasks = tasks
+        self._items: deque[Any] = deque()
+        self._most = maxsize
+        self._getting, self._putting = Waiting(tasks), Waiting(tasks)
+
+    def put(self, item: Any, block: bool = True, timeout: float | None = None) -> None:
+        self._tasks.step()
+        while self._most and len(self._items) >= self._most:
+            if not block or not self._putting.wait("room in a queue", timeout):
+                raise queue.Full
+        self._items.append(item)
+        self._getting.wake_one()
+
+    def put_nowait(self, item: Any) -> None:
+        self.put(item, block=False)
+
+    def get(self, block: bool = True, timeout: float | None = None) -> Any:
+        self._tasks.step()
+        while not self._items:
+            if not block or not self._getting.wait("a queue", timeout):
+                raise queue.Empty
+        item = self._items.popleft()
+        self._putting.wake_one()
+        return item
+
+    def get_nowait(self) -> Any:
+        return self.get(block=False)
+
+    def qsize(self) -> int:
+        return len(self._items)
+
+    def empty(self) -> bool:
+        return not self._items
+
+
+class Thread:
+    """A thread: a task of the process that starts it."""
+
+    def __init__(
+        self,
+        tasks: Tasks,
+        target: Callable[..., object] | None = None,
+        name: str | None = None,
+        args: tuple[Any, ...] = (),
+        kwargs: dict[str, Any] | None = None,
+        daemon: bool | None = None,
+    ) -> None:
+        self._tasks = tasks
+        self._target = target
+        self._args, self._kwargs = args, kwargs or {}
+        self.name = str(name or getattr(target, "__qualname__", "thread"))
+        self.daemon = bool(daemon)
+        self._task: Task | None = None
+
+    @property
+    def ident(self) -> int | None:
+        return None if self._task is None else self._task.thread_id
+
+    def start(self) -> None:
+        self._task = self._tasks.start(self.name, self._tasks.current.place, self.run)
+        self._task.thread = self
+        self._tasks.step()
+
+    def run(self) -> None:
+        if self._target is not None:
+            self._target(*self._args, **self._kwargs)
+
+    def is_alive(self) -> bool:
+        return self._task is not None and not self._task.is_over
+
+    def join(self, timeout: float | None = None) -> None:
+        task = self._task
+        if task is not None and not task.is_over:
+            task.joiners.append(self._tasks.current)
+            try:
+                self._tasks.wait(f"the end of {task.name!r}", timeout)
+            except SimulationOver:
+                if not self._tasks.is_over:
+                    raise

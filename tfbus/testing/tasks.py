@@ -1,0 +1,308 @@
+"""Simulated threads in virtual time: one runs at a time, chosen from a seed.
+
+Each task is a thread of Python's that waits for its turn. It gives the turn back where it waits for
+something, and now and then where it could go on, so that the seed also decides how tasks
+interleave. Time stands while any task can run, then jumps to the next moment at which one can.
+"""
+
+import _thread
+import heapq
+import itertools
+import random
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+from tfbus.errors import TfbusError
+
+# A task may run for this long in real time before the simulation calls it stuck.
+_STUCK_AFTER_S = 60.0
+
+# As many turns without any time passing are an endless loop.
+_MOST_TURNS_AT_ONCE = 2_000_000
+
+_STACK_BYTES = 512 * 1024
+
+
+class SimulationError(TfbusError):
+    """The simulation cannot go on: all tasks wait for ever, or one does what it cannot simulate."""
+
+
+class SimulationOver(BaseException):
+    """Ends a task whose simulation is over, or whose process was killed."""
+
+
+class Place(Protocol):
+    """What a task belongs to: a process, which may be stopped or killed."""
+
+    name: str
+    is_stopped: bool
+    is_dead: bool
+    parked: "list[Task]"
+
+
+class Task:
+    """One simulated thread."""
+
+    def __init__(self, name: str, place: Place) -> None:
+        self.name = name
+        self.place = place
+        self.turn = _thread.allocate_lock()
+        self.turn.acquire()
+        self.is_over = False
+        self.thread_id = 0
+        # What it waits for, "" while it can run; and whether the wait has ended in time.
+        self.waits_for = ""
+        self.was_woken = False
+        # Counts the waits, so that an alarm of an earlier one wakes nothing.
+        self.wait_number = 0
+        self.joiners: list[Task] = []
+        # The object that stands for this thread, as `current_thread()` gives it.
+        self.thread: Any = None
+
+
+class Tasks:
+    """All tasks of a simulation, its time and its choices.
+
+    `interleaving` is the mean number of steps between two turns that are given away without need; 0
+    for none.
+    """
+
+    def __init__(self, seed: int, first: Place, *, interleaving: int = 50) -> None:
+        self.random = random.Random(seed)
+        self.now_ns = 0
+        self.is_over = False
+        self.turns = 0
+        self.failure: BaseException | None = None
+        self._interleaving = interleaving
+        self._steps_left = 0
+        self._turns_at_once = 0
+        self._order = itertools.count()
+        self._alarms: list[tuple[int, int, Callable[[], object]]] = []
+        self._able: list[Task] = []
+        self._all: dict[Task, None] = {}
+        self.main = self.current = Task("main", first)
+        self.main.thread_id = _thread.get_ident()
+        self.thread_ids = {self.main.thread_id}
+        self._all[self.main] = None
+        self._draw_steps()
+
+    # What tasks do
+
+    def start(self, name: str, place: Place, run: Callable[[], object]) -> Task:
+        """Start a task; it has its first turn later."""
+        task = Task(name, place)
+        self._all[task] = None
+
+        def body() -> None:
+            task.thread_id = _thread.get_ident()
+            self.thread_ids.add(task.thread_id)
+            task.turn.acquire()
+            try:
+                if not self.is_over:
+                    run()
+            except SimulationOver:
+                pass
+            except BaseException as error:
+                if self.failure is None:
+                    self.failure = error
+                if not self.is_over:
+                    sys.excepthook(type(error), error, error.__traceback__)
+            finally:
+                self._finish(task)
+
+        former = threading.stack_size(_STACK_BYTES)
+        try:
+            _thread.start_new_thread(body, ())
+        finally:
+            threading.stack_size(former)
+        self._able.append(task)
+        return task
+
+    def step(self) -> None:
+        """A place at which another task may have its turn."""
+        if self._steps_left:
+            self._steps_left -= 1
+            if not self._steps_left:
+                self._draw_steps()
+                if self._able and not self.is_over:
+                    self._able.append(self.current)
+                    self._give_turn()
+
+    def wait(self, waits_for: str, timeout_s: float | None = None) -> bool:
+        """Wait until `wake` is called for this task, at most this long; whether it was."""
+        task = self.current
+        if self.is_over:
+            raise SimulationOver
+        task.waits_for = waits_for
+        task.was_woken = False
+        task.wait_number += 1
+        if timeout_s is not None:
+            number = task.wait_number
+
+            def give_up() -> None:
+                if task.waits_for and task.wait_number == number:
+                    task.waits_for = ""
+                    self._able.append(task)
+
+            self.call_at(self.end_ns(timeout_s), give_up)
+        self._give_turn()
+        return task.was_woken
+
+    def end_ns(self, timeout_s: float) -> int:
+        """When a wait of this length ends; rounded up, as one that ends just before its time would
+        be repeated at once.
+        """
+        return self.now_ns + (1 + int(min(timeout_s, 1e9) * 1e9) if timeout_s > 0 else 0)
+
+    def wake(self, task: Task) -> None:
+        """End the wait of a task."""
+        if task.waits_for:
+            task.waits_for = ""
+            task.was_woken = True
+            self._able.append(task)
+
+    def call_at(self, due_ns: int, call: Callable[[], object]) -> None:
+        """Call this at a time of the simulation, between two turns: it must not wait."""
+        heapq.heappush(self._alarms, (due_ns, next(self._order), call))
+
+    def call_after(self, delay_s: float, call: Callable[[], object]) -> None:
+        """As `call_at`, after a delay."""
+        self.call_at(self.now_ns + round(delay_s * 1e9), call)
+
+    @contextmanager
+    def within(self, place: Place) -> Iterator[None]:
+        """The current task belongs to another place until the end of the `with`."""
+        task = self.current
+        former, task.place = task.place, place
+        try:
+            yield
+        finally:
+            task.place = former
+
+    # Whose turn it is
+
+    def _draw_steps(self) -> None:
+        if self._interleaving:
+            self._steps_left = self.random.randrange(1, 2 * self._interleaving + 1)
+
+    def _give_turn(self) -> None:
+        """Let the next task run; returns when it is the turn of the current one again."""
+        me = self.current
+        task = self._next()
+        self.turns += 1
+        if task is not me:
+            self.current = task
+            task.turn.release()
+            if not me.turn.acquire(timeout=_STUCK_AFTER_S):
+                self._wait_out(me)
+        if self.is_over and me is not self.main:
+            raise SimulationOver
+        if self.failure is not None and me is self.main:
+            failure, self.failure = self.failure, None
+            raise failure
+
+    def _wait_out(self, me: Task) -> None:
+        """Another task has not given its turn back for long, unless many have had theirs."""
+        turns = -1
+        while not me.turn.acquire(timeout=_STUCK_AFTER_S):
+            if turns == self.turns and me is self.main:
+                task = self.current
+                raise SimulationError(
+                    f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it "
+                    "waits for something real, such as a lock, a file or a sleep of Python's own\n"
+                    f"{self._stack_of(task)}"
+                )
+            turns = self.turns
+
+    def _next(self) -> Task:
+        """The next task to run; time passes where none can now."""
+        while True:
+            while self._able:
+                able = self._able
+                index = 0 if len(able) == 1 else int(self.random.random() * len(able))
+                task = able[index]
+                able[index] = able[-1]
+                able.pop()
+                if task.place.is_dead:
+                    continue
+                if task.place.is_stopped:
+                    task.place.parked.append(task)
+                    continue
+                self._turns_at_once += 1
+                if self._turns_at_once > _MOST_TURNS_AT_ONCE:
+                    self._turns_at_once = 0
+                    return self._main_for(
+                        self._error(f"{_named(task)} runs for ever without any time passing")
+                    )
+                return task
+            if not self._alarms:
+                return self._main_for(self._error("all tasks wait for ever"))
+            due_ns, _, call = heapq.heappop(self._alarms)
+            if due_ns > self.now_ns:
+                self.now_ns = due_ns
+                self._turns_at_once = 0
+            call()
+
+    def unpark(self, tasks: list[Task]) -> None:
+        """Tasks of a place that goes on can run again."""
+        self._able += tasks
+        tasks.clear()
+
+    def _main_for(self, error: BaseException) -> Task:
+        self.failure = self.failure or error
+        self.main.waits_for = ""
+        if self.main in self._able:
+            self._able.remove(self.main)
+        return self.main
+
+    def _error(self, why: str) -> SimulationError:
+        rows = [
+            f"  {_named(task)} waits for {task.waits_for}"
+            for task in self._all
+            if task.waits_for and not task.place.is_dead
+        ]
+        return SimulationError("\n".join([f"{why} ({self.now_ns / 1e9:.6f} s)", *rows]))
+
+    def _stack_of(self, task: Task) -> str:
+        frame = sys._current_frames().get(task.thread_id)
+        return "".join(traceback.format_stack(frame)) if frame else ""
+
+    # Its end
+
+    def _finish(self, task: Task) -> None:
+        task.is_over = True
+        self.thread_ids.discard(task.thread_id)
+        self._all.pop(task, None)
+        for joiner in task.joiners:
+            self.wake(joiner)
+        if self.is_over:
+            # `end` waits for each in turn.
+            self._ended.release()
+            return
+        following = self._next()
+        self.turns += 1
+        self.current = following
+        following.turn.release()
+
+    def end(self) -> None:
+        """End all tasks, on the main one; what they still do has no effect."""
+        self.is_over = True
+        self._ended = _thread.allocate_lock()
+        self._ended.acquire()
+        self._all.pop(self.main, None)
+        for task in list(self._all):
+            task.waits_for = ""
+            self.current = task
+            task.turn.release()
+            self._ended.acquire(timeout=_STUCK_AFTER_S)
+        self.current = self.main
+        self._able.clear()
+        self._alarms.clear()
+
+
+def _named(task: Task) -> str:
+    return f"{task.name!r} of {task.place.name!r}"

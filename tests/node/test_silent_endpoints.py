@@ -12,6 +12,7 @@ import pytest
 from tests.live_bus import Bus, eventually
 from tfbus import NodeSettings
 from tfbus.bus.session import Session
+from tfbus.node import silent_endpoints
 from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor

@@ -1,6 +1,5 @@
 """Foxglove's server: what it does while clients come, go, and do not read."""
 
-import gc
 import logging
 import os
 import socket
@@ -130,23 +129,6 @@ def test_a_client_with_a_wrong_id_harms_no_other(server: Server, front: Front) -
         eventually(lambda: channel.is_watched)
         channel.send(b"{}", 1)
         eventually(lambda: client.of("/topic"))
-
-
-def test_a_client_that_breaks_off_leaves_no_error_behind(
-    server: Server, front: Front, caplog: pytest.LogCaptureFixture
-) -> None:
-    """As where its cable is pulled while it is sent to: asyncio logs what nobody asks for."""
-    channel = server.open_channel("/topic", "json")
-    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as gone:
-        _subscribe(gone, channel)
-        for number in range(500):
-            channel.send(b"0" * 100_000, number)
-        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    eventually(lambda: front.clients == 0)
-    gc.collect()
-    with Client(front.port) as client:
-        eventually(lambda: client.texts_of("serverInfo"))
-    assert not [each for each in caplog.records if each.levelno >= logging.ERROR]
 
 
 def test_one_that_ends_without_reading_harms_no_newcomer(

@@ -88,7 +88,7 @@ class NodeParameters:
         return Parameter(name, None, value)
 
     def with_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Those whose names begin with the prefix and a dot, by the rest of the name."""
+        """The parameters whose names begin with the prefix and a dot, by the rest of the name."""
         before = f"{prefix}." if prefix else ""
         return {
             name.removeprefix(before): Parameter(name, None, self._value(name))

@@ -11,7 +11,7 @@ import pytest
 
 from tests.compat.spinning import spin_until
 from tests.fakes import Lines
-from tests.live_bus import DEADLINE_S, eventually
+from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus.compat import tf2_ros
 from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.callback_groups import (
@@ -25,10 +25,13 @@ from tfbus.compat.rclpy.executors import (
     MultiThreadedExecutor,
     SingleThreadedExecutor,
 )
+from tfbus.compat.rclpy.node import SetParametersResult
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.time import Time
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Empty
+from tfbus.discover.parameters import set_parameter
+from tfbus.errors import TfbusError
 
 
 @contextmanager
@@ -265,6 +268,25 @@ def test_the_timers_of_tfbus_go_on_while_a_ported_node_is_not_spun(rclpy: Module
     eventually(lambda: len(ticks) > 20)
     assert not answers
     spin_until(node, lambda: answers)
+
+
+def test_a_parameter_that_is_set_while_a_node_is_not_spun_holds_up_nothing(
+    rclpy: ModuleType, bus: Bus
+) -> None:
+    """Its callback runs once the node is spun; messages are taken meanwhile."""
+    node, ticks, values = rclpy.create_node("ported"), [], []
+
+    def take(parameters: list[Any]) -> Any:
+        values.append(parameters[0].value)
+        return SetParametersResult(successful=True)
+
+    node.declare_parameter("speed", 1.0)
+    node.add_on_set_parameters_callback(take)
+    with suppress(TfbusError):  # it is not answered in time
+        set_parameter(bus.node("setter").session, "ported", "speed", 2.0, print)
+    node.tfbus_node.create_timer(0.01, lambda: ticks.append(1))
+    eventually(lambda: ticks)
+    spin_until(node, lambda: values == [2.0])
 
 
 def test_an_executor_runs_tasks(rclpy: ModuleType) -> None:

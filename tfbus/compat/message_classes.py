@@ -20,7 +20,7 @@ _OURS = ("turtlesim/", "std_srvs/srv/Empty")
 
 
 class RosMessage:
-    """What all messages have. Fields are set by keywords of the constructor, or as attributes.
+    """The base of all messages. Fields are set by keywords of the constructor, or as attributes.
 
     A value is checked when the message is sent: TypeError and ValueError name the field. Sequences
     of numbers become arrays when they are set.
@@ -114,7 +114,7 @@ def interface_class(name: str) -> type[Any]:
 
 
 def bus_name(name: str) -> str:
-    """What an interface of ROS is called on the bus: its full name there too, unless tfbus's own
+    """The name of an interface of ROS on the bus: its full name there too, unless tfbus's own
     nodes have it.
     """
     return name.rpartition("/")[2] if name.startswith(_OURS) else name
@@ -129,7 +129,7 @@ def message_class(name: str) -> Any:
         field.name: field_codec(field.type, field.default, message_class)
         for field in message.fields
     }
-    # What is assigned to these is made an array or a list, behind another name.
+    # Values that are assigned to these become arrays or lists, behind another name.
     accepted = {name: codec for name, codec in codecs.items() if codec.accept is not None}
     slots = [f"_{name}" if name in accepted else name for name in codecs]
     contents: dict[str, Any] = {

@@ -52,7 +52,7 @@ def field_codec(type_: Type, default: Any, class_of: ClassOf) -> FieldCodec:
     return _sequence(type_, default, class_of)
 
 
-# One value
+# Single values
 
 # As ROS calls them to programs.
 _SHOWN = {

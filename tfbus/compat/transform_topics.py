@@ -27,7 +27,7 @@ class TransformsTopic:
     namespace: str
 
     def key(self, node: Node) -> str:
-        """Where the streams of it are, as the node's session has it."""
+        """The key of its streams, as the node's session has it."""
         return self.kind if self.namespace == node.namespace else self.ros_name
 
     @property

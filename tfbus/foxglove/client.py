@@ -1,4 +1,4 @@
-"""One client of Foxglove's server: the messages that it sends, and what it has subscribed to."""
+"""A client of Foxglove's server: the messages that it sends, and its subscriptions."""
 
 import json
 import struct
@@ -53,7 +53,7 @@ _NEEDS = {
 
 
 class Requests:
-    """What clients ask and send; a bridge overrides what it answers.
+    """The requests and messages of clients; a bridge overrides the answers.
 
     All but `set_parameters` and `asset` come on the thread that serves all clients: return at once.
     """
@@ -136,7 +136,7 @@ class Client:
         self._server.guarded(lambda: self._unadvertise(list(self._advertised)))
 
     def _wish(self, given: Mapping[str, Any]) -> Callable[[], None]:
-        """What a text asks for. Raises where it is malformed."""
+        """The call that a text asks for. Raises if it is malformed."""
         match given["op"]:
             case "subscribe":
                 wanted = [(number(x["id"]), number(x["channelId"])) for x in given["subscriptions"]]
@@ -168,7 +168,7 @@ class Client:
                 raise ValueError(f"there is no operation {printable(op)!r}")
 
     def _binary_wish(self, data: bytes) -> Callable[[], None]:
-        """What a binary message asks for. Raises where it is malformed."""
+        """The call that a binary message asks for. Raises if it is malformed."""
         match data[0]:
             case kind if kind == PUBLISHED:
                 return partial(self._publish, *published(data))
@@ -182,7 +182,7 @@ class Client:
             case kind:
                 raise ValueError(f"there is no kind {kind} of binary messages")
 
-    # What it wishes
+    # Its wishes
 
     def _subscribe(self, wanted: Sequence[tuple[int, int]]) -> None:
         for subscription, channel_id in wanted:

@@ -93,7 +93,7 @@ class Channel:
 
 
 class Server:
-    """What the clients of a `Front` get, until `close()`; its methods return at once, on any
+    """The server of the clients of a `Front`, until `close()`; its methods return at once, on any
     thread.
 
     `time_range_ns`, the first and last time of a recording, brings Foxglove's playback bar.
@@ -381,7 +381,7 @@ class Server:
 
 
 def graph_update(former: Connections, now: Connections) -> str:
-    """What has changed between two graphs."""
+    """The changes from one graph to another, as a message."""
     topics = former.published.keys() | former.subscribed.keys()
     left = now.published.keys() | now.subscribed.keys()
     return text(

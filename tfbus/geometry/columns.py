@@ -178,7 +178,7 @@ class Kind:
 
 
 class FoundOfRows:
-    """What has been found of rows by their names and edges, for rows that are alike but for their
+    """Findings about rows by their names and edges, for rows that are alike but for their
     stamps and poses; of at most `most` rows in all, then it begins again. Of several kinds with the
     same child in the last row it keeps the last.
     """
@@ -190,7 +190,7 @@ class FoundOfRows:
         self._kinds: dict[str, Kind] = {}
 
     def get(self, columns: Columns) -> Any:
-        """What was found of such rows; None for nothing."""
+        """The finding about such rows; None for none."""
         if columns.count == 0:
             return None
         kind = self._kinds.get(columns.last_child())
@@ -199,7 +199,7 @@ class FoundOfRows:
         return kind.found
 
     def put(self, columns: Columns, found: object) -> None:
-        """Keep what was found of rows."""
+        """Keep a finding about rows."""
         if columns.count == 0 or columns.count > self._most:
             return
         last_child = columns.last_child()

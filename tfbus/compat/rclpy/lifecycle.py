@@ -87,7 +87,7 @@ _SHUTDOWNS = (
 
 
 class ManagedEntity:
-    """What is switched on and off with a node."""
+    """A part that is switched on and off with its node."""
 
     def __init__(self) -> None:
         self._enabled = False

@@ -15,6 +15,7 @@ from tfbus.compat.rclpy.exceptions import (
 )
 from tfbus.compat.rclpy.parameter import ZEROS, Parameter
 from tfbus.errors import ParameterError
+from tfbus.runtime.callback_groups import MutuallyExclusiveCallbackGroup
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.work import Work
@@ -43,6 +44,8 @@ class NodeParameters:
         self._declared: dict[str, TfbusParameter | None] = {}
         self._descriptors: dict[str, Any] = {}
         self._setting = threading.local()
+        # A change from the bus waits until the node is spun: not on the thread that takes messages.
+        self._group = MutuallyExclusiveCallbackGroup()
 
     def declare(
         self, name: str, value: Any, descriptor: Any, *, ignore_override: bool
@@ -85,7 +88,7 @@ class NodeParameters:
         return Parameter(name, None, value)
 
     def with_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Those whose names begin with the prefix and a dot, by the rest of the name."""
+        """The parameters whose names begin with the prefix and a dot, by the rest of the name."""
         before = f"{prefix}." if prefix else ""
         return {
             name.removeprefix(before): Parameter(name, None, self._value(name))
@@ -150,7 +153,11 @@ class NodeParameters:
             self._on_change(Parameter(name, None, changed))
 
         self._declared[name] = self._node.declare_parameter(
-            name, value, description=description, on_change=on_change
+            name,
+            value,
+            description=description,
+            on_change=on_change,
+            callback_group=self._group,
         )
 
     def _on_change(self, parameter: Parameter) -> None:

@@ -165,6 +165,8 @@ def test_topics_and_services_of_ros_types_are_used_with_their_full_names(bus: Bu
     eventually(
         lambda: bus.run("service", "find", "std_srvs/srv/Trigger").stdout == "blink\n",
     )
+    for named in ("blink", "std_srvs/srv/Trigger"):
+        assert "  success: boolean\n" in bus.run("service", "show", named).stdout
     done = bus.run("call", "blink", "std_srvs/srv/Trigger", "{}")
     assert (done.returncode, done.stdout) == (0, '{"success": true, "message": ""}\n')
 

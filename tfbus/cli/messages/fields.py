@@ -42,14 +42,14 @@ def prototype(message_type: type) -> dict[str, Any]:
 
 def parts_of(type_: type) -> Iterator[PartInfo]:
     """The message itself, or the parts of a service or action."""
-    if is_dataclass(type_):
-        yield PartInfo(type_.__name__, doc_of(type_), tuple(_fields(type_)))
-    elif hasattr(type_, "get_fields_and_field_types"):
-        yield PartInfo(type_.__name__, doc_of(type_), tuple(_fields_of_ros(type_)))
-    for name in _PARTS:
-        part = getattr(type_, name, None)
+    for name, part in [
+        (type_.__name__, type_),
+        *((name, getattr(type_, name, None)) for name in _PARTS),
+    ]:
         if isinstance(part, type) and is_dataclass(part):
             yield PartInfo(name, doc_of(part), tuple(_fields(part)))
+        elif isinstance(part, type) and hasattr(part, "get_fields_and_field_types"):
+            yield PartInfo(name, doc_of(part), tuple(_fields_of_ros(part)))
 
 
 def is_called(type_: object) -> bool:

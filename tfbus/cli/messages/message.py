@@ -103,6 +103,18 @@ def type_of_ros(text: str) -> type | None:
     return supplied_type(type_name(bus_type_of(found, "", SYSTEM_CLOCK).type)) or found
 
 
+def call_of_ros(text: str) -> type | None:
+    """The type of a service or action of ROS, `std_srvs/srv/Trigger`; None for any other text."""
+    if text.split("/")[1:-1] not in (["srv"], ["action"]):
+        return None
+    from tfbus.compat.message_classes import interface_class  # which tfbus's own do not need
+
+    try:
+        return interface_class(text)
+    except DecodeError:
+        return None
+
+
 def reader_of(type_name: str) -> Reader:
     """Reads messages of the type of this name, and checks those of `tfbus.messages`."""
     if type_name == TRANSFORMS_TYPE:

@@ -159,10 +159,14 @@ def test_topics_and_services_of_ros_types_are_used_with_their_full_names(bus: Bu
     assert (done.returncode, done.stdout) == (0, '{"data": true}\n')
     for typed in ("std_msgs/msg/Bool", "Bool"):
         assert bus.run("topic", "find", typed).stdout == "lit\n"
+    for named in ("lit", "std_msgs/msg/Bool"):
+        assert bus.run("topic", "show", named).stdout.splitlines()[1:] == ["  data: boolean"]
     assert published.stop() == 0
     eventually(
         lambda: bus.run("service", "find", "std_srvs/srv/Trigger").stdout == "blink\n",
     )
+    for named in ("blink", "std_srvs/srv/Trigger"):
+        assert "  success: boolean\n" in bus.run("service", "show", named).stdout
     done = bus.run("call", "blink", "std_srvs/srv/Trigger", "{}")
     assert (done.returncode, done.stdout) == (0, '{"success": true, "message": ""}\n')
 

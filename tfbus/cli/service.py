@@ -10,6 +10,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.call import CALLED_IN_ROS, TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.messages.message import (
+    call_of_ros,
     find_call,
     supplied_call,
     supplied_calls,
@@ -146,7 +147,11 @@ def show_command(settings: NodeSettings, service: str | None, as_json: bool) -> 
     if service is None:
         print_types(supplied_calls())
         return
-    type_ = supplied_call(bare(service)) or (find_call(service) if ":" in service else None)
+    type_ = (
+        supplied_call(bare(service))
+        or call_of_ros(service)
+        or (find_call(service) if ":" in service else None)
+    )
     if type_ is None:
         service = relative(service, settings.namespace)
         with open_bus(settings) as session:
@@ -161,7 +166,7 @@ def show_command(settings: NodeSettings, service: str | None, as_json: bool) -> 
 
 
 def _type_of(info: ServiceInfo) -> type:
-    known = [type_ for name in info.types if (type_ := supplied_call(name))]
+    known = [type_ for name in info.types if (type_ := supplied_call(name) or call_of_ros(name))]
     if not known:
         raise ServiceError(
             f"{info.name!r} is of type {types_of(info)}, whose fields only its nodes know: name it "

@@ -42,12 +42,14 @@ def prototype(message_type: type) -> dict[str, Any]:
 
 def parts_of(type_: type) -> Iterator[PartInfo]:
     """The message itself, or the parts of a service or action."""
-    if is_dataclass(type_):
-        yield PartInfo(type_.__name__, doc_of(type_), tuple(_fields(type_)))
-    for name in _PARTS:
-        part = getattr(type_, name, None)
+    for name, part in [
+        (type_.__name__, type_),
+        *((name, getattr(type_, name, None)) for name in _PARTS),
+    ]:
         if isinstance(part, type) and is_dataclass(part):
             yield PartInfo(name, doc_of(part), tuple(_fields(part)))
+        elif isinstance(part, type) and hasattr(part, "get_fields_and_field_types"):
+            yield PartInfo(name, doc_of(part), tuple(_fields_of_ros(part)))
 
 
 def is_called(type_: object) -> bool:
@@ -75,6 +77,18 @@ def _fields(message_type: type) -> Iterator[FieldInfo]:
         has_default = entry.default is not MISSING or entry.default_factory is not MISSING
         default = _value(entry, hint) if has_default and not nested else None
         yield FieldInfo(entry.name, _type_name(hint), default, nested)
+
+
+def _fields_of_ros(message_type: Any) -> Iterator[FieldInfo]:
+    """The fields of a message of ROS; defaults are shown where they are neither zero nor empty."""
+    made = message_type()
+    for name, shown in message_type.get_fields_and_field_types().items():
+        value = getattr(made, name)
+        if hasattr(value, "get_fields_and_field_types"):
+            yield FieldInfo(name, shown, None, tuple(_fields_of_ros(type(value))))
+        else:
+            is_scalar = isinstance(value, bool | int | float | str)
+            yield FieldInfo(name, shown, value if is_scalar and value else None)
 
 
 def _type_name(hint: Any) -> str:

@@ -79,7 +79,7 @@ def find_type(text: str, otherwise: str = "") -> type:
     module, colon, name = text.partition(":")
     if colon:
         return _imported(module, name, is_dataclass, "no dataclass {!r}; a message must be one")
-    found = _type_of_ros(text) or supplied_type(bare(text))
+    found = type_of_ros(text) or supplied_type(bare(text))
     if found is None:
         hint = did_you_mean(bare(text), _supplied(), none="")
         raise click.UsageError(
@@ -89,7 +89,7 @@ def find_type(text: str, otherwise: str = "") -> type:
     return found
 
 
-def _type_of_ros(text: str) -> type | None:
+def type_of_ros(text: str) -> type | None:
     """The type on the bus of ROS's `sensor_msgs/msg/LaserScan`; None for any other text."""
     if text.split("/")[1:-1] != ["msg"]:
         return None
@@ -101,6 +101,18 @@ def _type_of_ros(text: str) -> type | None:
     except DecodeError:
         return None
     return supplied_type(type_name(bus_type_of(found, "", SYSTEM_CLOCK).type)) or found
+
+
+def call_of_ros(text: str) -> type | None:
+    """The type of a service or action of ROS, `std_srvs/srv/Trigger`; None for any other text."""
+    if text.split("/")[1:-1] not in (["srv"], ["action"]):
+        return None
+    from tfbus.compat.message_classes import interface_class  # which tfbus's own do not need
+
+    try:
+        return interface_class(text)
+    except DecodeError:
+        return None
 
 
 def reader_of(type_name: str) -> Reader:

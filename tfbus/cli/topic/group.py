@@ -7,7 +7,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
-from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
+from tfbus.cli.messages.message import find_type, supplied_names, supplied_type, type_of_ros
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
 from tfbus.cli.messages.transforms import TRANSFORMS_TYPES, TransformMessage
@@ -165,7 +165,11 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
     if topic is None:
         print_types(filter(None, map(supplied_type, supplied_names())))
         return
-    type_ = supplied_type(bare(topic)) or (find_type(topic) if ":" in topic else None)
+    type_ = (
+        type_of_ros(topic)
+        or supplied_type(bare(topic))
+        or (find_type(topic) if ":" in topic else None)
+    )
     if bare(topic) in TRANSFORMS_TYPES or type_of(Graph(), topic) == TRANSFORMS_TYPE:
         type_ = TransformMessage
     if type_ is None:
@@ -182,7 +186,7 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
 def _type_of(info: TopicInfo) -> type:
     if TRANSFORMS_TYPE in info.types:
         return TransformMessage
-    known = [type_ for name in info.types if (type_ := supplied_type(name))]
+    known = [type_ for name in info.types if (type_ := supplied_type(name) or type_of_ros(name))]
     if not known:
         raise BusError(
             f"{info.name!r} is of type {_types(info)}, whose fields only its nodes know: name it "

@@ -15,6 +15,7 @@ from tfbus.cli.messages.message import (
     find_type,
     read_map,
     supplied_type,
+    type_of_ros,
 )
 from tfbus.cli.messages.of_type import bare
 from tfbus.cli.messages.prototype import complete_message
@@ -140,7 +141,7 @@ def pub_command(
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:
             raise click.UsageError(_NO_TRANSFORMS.format(topic))
-        message_type = given_type or supplied_type(announced)
+        message_type = given_type or supplied_type(announced) or type_of_ros(announced)
         if message_type:
             values = complete_values(values, message_type)
         payload = encode_values(values, "VALUES")

@@ -45,6 +45,16 @@ def test_a_link_that_joins_one_that_is_lost_is_half() -> None:
     assert links.take().half == {NEW}
 
 
+def test_a_link_that_comes_after_the_last_was_lost_is_left_to_zenoh() -> None:
+    """A link added to a connection that has lost its last one ends with it, and is not half."""
+    links = told(("+", "a", None), ("+", "a", OLD))
+    links.take()
+    tell(links, ("-", "a", OLD), ("+", "a", NEW))
+    assert links.take().half == set()
+    tell(links, ("-", "a", None))
+    assert links.take().lost == {"a": NEW.dst}
+
+
 def test_two_links_of_two_that_connect_at_once_are_whole() -> None:
     """Two processes that connect to each other at once have two links, and both count."""
     links = told(("+", "a", None), ("+", "a", OLD), ("+", "a", NEW))

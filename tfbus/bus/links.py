@@ -3,6 +3,10 @@
 A process that has lost another may connect again before that one has noticed. Zenoh then adds the
 new link to what the other still has, and tells the first nothing of what it had declared: the two
 stay half linked for good (eclipse-zenoh/zenoh#2806).
+
+Where the last link is lost before the new one comes, Zenoh ends the connection by itself, once it
+has closed the lost link. If the new one were ended before that, it would end twice, the second time
+with the next connection: that one would look alive from then on, and carry nothing.
 """
 
 from collections import deque
@@ -13,8 +17,8 @@ import zenoh
 from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
 
-# The loss of an old link that is noticed this long after, or before, a new one has come was that
-# of a connection which the other process had given up already.
+# The loss of an old link that is noticed this long after a new one has come was that of a
+# connection which the other process had given up already.
 _SAME_LOSS_S = 5.0
 
 
@@ -38,13 +42,8 @@ class _Connection(Struct, frozen=False):
     links: set[Link] = field(default_factory=set)
     has_had_first: bool = False
     added_s: float = float("-inf")
-    removed_s: float = float("-inf")
+    is_half: bool = False
     dst: str = ""
-
-    def is_half(self, now_s: float) -> bool:
-        """Whether a link was lost and another one added, in the same loss."""
-        since_s = now_s - _SAME_LOSS_S
-        return bool(self.links) and self.added_s > since_s and self.removed_s > since_s
 
 
 class Changes(NamedTuple):
@@ -93,15 +92,14 @@ class Links:
     def take(self) -> Changes:
         """Take what was noted."""
         lost: dict[str, str] = {}
-        now_s = scheduler.monotonic()
         former = self.all()
         while self._events:
             self._take_event(self._events.popleft(), lost)
         half: set[Link] = set()
         for each in self._connections.values():
-            if each.is_half(now_s):
+            if each.is_half:
                 half |= each.links
-                each.added_s = each.removed_s = float("-inf")
+                each.is_half = False
         return Changes(lost, self.all() - former, half)
 
     def _take_event(self, event: _Event, lost: dict[str, str]) -> None:
@@ -123,4 +121,6 @@ class Links:
             connection.has_had_first = True
         else:
             connection.links.discard(link)
-            connection.removed_s = at_s
+            connection.is_half |= (
+                bool(connection.links) and at_s - connection.added_s < _SAME_LOSS_S
+            )

@@ -69,7 +69,6 @@ def check_alone(seen: Examination) -> Finding:
     if seen.host.scouted is None:
         return skipped("scouting is off, by the mode or the configuration")
     scouts = seen.host.scouts
-    scouts = seen.host.scouts
     if not scouts:
         return ok("no other program of this host scouts")
     met = {node.pid for node in seen.nodes} & scouts.keys()
@@ -79,8 +78,8 @@ def check_alone(seen: Examination) -> Finding:
     return Finding(
         "warn",
         (f"programs of this host scout, and none of them is on this bus: {names}",),
-        "if they should be: restart those that began before the network was there, and give all "
-        "the same --secure and --config",
+        "if they should be: give all the same --secure and --config, and restart programs of Zenoh "
+        "without tfbus that began before the network was there",
     )
 
 

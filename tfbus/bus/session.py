@@ -108,7 +108,12 @@ class Session:
         # as a router is. All others listen too; of these tfbus doctor tells.
         is_given = bool(settings.listen) and not settings.closed
         self.open_to = listens_beyond_loopback(config) if is_given else ()
-        self._neighbours = self._meet_neighbours(config, is_second=is_second)
+        try:
+            self._neighbours = self._meet_neighbours(config, is_second=is_second)
+        except BaseException:
+            # Such as too many open files: nobody could close the session that is open.
+            self.zenoh.close()
+            raise
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
         _end_at_a_signal_once_main_has_ended()

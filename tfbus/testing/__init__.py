@@ -1,7 +1,22 @@
 """A simulated network for tests: nodes run unchanged in virtual time, everything from one seed."""
 
-from tfbus.testing.network import Network
-from tfbus.testing.processes import Host, Process
-from tfbus.testing.tasks import SimulationError
+from tfbus.runtime.lazy_exports import exported
 
-__all__ = ["Host", "Network", "Process", "SimulationError"]
+# As in tfbus/__init__.py: names are imported when first used. Each pytest imports the plugin.
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from tfbus.testing.network import Network as Network
+    from tfbus.testing.processes import Host as Host
+    from tfbus.testing.processes import Process as Process
+    from tfbus.testing.tasks import SimulationError as SimulationError
+
+_MODULES = {
+    "Host": "tfbus.testing.processes",
+    "Network": "tfbus.testing.network",
+    "Process": "tfbus.testing.processes",
+    "SimulationError": "tfbus.testing.tasks",
+}
+__all__ = ["Host", "Network", "Process", "SimulationError"]  # imported when used
+
+__getattr__ = exported(__name__, _MODULES)

@@ -168,7 +168,7 @@ class Run:
         logging.disable(logging.CRITICAL)
         try:
             with self.network as network:
-                network.lost_declarations = self.plan.lost_declarations
+                network.faults.lost_declarations = self.plan.lost_declarations
                 for host in self.plan.hosts:
                     network.host(host)
                 for action in self.plan.actions:

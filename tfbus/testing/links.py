@@ -1,12 +1,10 @@
-"""Paths between hosts, and the links of sessions over them: what is late, lost or in order.
+"""Paths between hosts, and the lanes of links over them: what is late, lost or in order.
 
 A link is as TCP makes it: nothing on it is lost or overtakes, a lost packet delays all behind it.
-It ends when an end has heard nothing for the lease, or as soon as it learns that the other end is
-closed.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +12,6 @@ from tfbus.testing.tasks import Tasks
 
 if TYPE_CHECKING:
     from tfbus.testing.processes import Host
-    from tfbus.testing.zenoh_session import Face
 
 # As tfbus sets it, and Linux.
 LEASE_S = 1.5
@@ -41,6 +38,26 @@ class Path:
     changed_ns: int = 0
 
 
+class Paths:
+    """The paths between all hosts."""
+
+    def __init__(self) -> None:
+        self._paths: dict[tuple[Host, Host], Path] = {}
+
+    def between(self, one: "Host", other: "Host") -> Path:
+        """The path from one host to another, or to itself."""
+        path = self._paths.get((one, other))
+        if path is None:
+            path = Path(0.00005, 0.00005) if one is other else Path()
+            self._paths[one, other] = path
+        return path
+
+    def both_ways(self, one: "Host", other: "Host") -> Iterator[Path]:
+        """The path from one host to another, and the path back."""
+        yield self.between(one, other)
+        yield self.between(other, one)
+
+
 class Lane:
     """One direction of a link: calls that arrive at its far end, in their order."""
 
@@ -49,7 +66,7 @@ class Lane:
         self.path = path
         self._arrived_ns = 0
         self._free_ns = 0
-        # What waits for the path to be up again.
+        # Calls that wait for the path to be up again.
         self._held: deque[tuple[Callable[[], object], int]] = deque()
         self.is_open = True
 
@@ -102,17 +119,3 @@ class Lane:
                 self._held.append((call, size))
 
         tasks.call_at(self._arrived_ns, arrive)
-
-
-class Link:
-    """A link between two sessions."""
-
-    def __init__(self, tasks: Tasks, ends: "tuple[Face, Face]") -> None:
-        self._tasks = tasks
-        self.ends = ends
-        self.opened_ns = tasks.now_ns
-
-    def hosts(self) -> "tuple[Host, Host]":
-        """The hosts of its two ends."""
-        one, other = self.ends
-        return one.session.process.host, other.session.process.host

@@ -9,16 +9,12 @@ from typing import Any
 
 import zenoh
 
-from tfbus.testing.zenoh_session import (
-    Declared,
-    Handler,
-    Publisher,
-    Query,
-    Reply,
-    Sample,
-    Source,
-    ZenohSession,
-)
+from tfbus.testing.callers import Handler
+from tfbus.testing.declarations import Declared
+from tfbus.testing.matching import Publisher
+from tfbus.testing.messages import Reply, Sample, Source
+from tfbus.testing.queries import Query
+from tfbus.testing.zenoh_session import ZenohSession
 
 _BELOW = "/@adv/pub/"
 _HEARTBEAT_S = 0.5
@@ -33,7 +29,7 @@ class AdvancedPublisher(Publisher):
     ) -> None:
         super().__init__(session, key, options)
         self._sent: deque[tuple[int, bytes]] = deque(maxlen=cache)
-        self.id = Source(session.zid_text, next(session._numbers), 0)
+        self.id = Source(session.zid_text, next(session.publisher_numbers), 0)
         self._own_key = f"{key}{_BELOW}{self.id.zid}/{self.id.eid}/_"
         self._number = 0
         self._beats = 0

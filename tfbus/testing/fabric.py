@@ -1,0 +1,227 @@
+"""The sessions of a simulated network and the links between them: who meets, and who is lost.
+
+A link ends when an end has heard nothing for the lease, or as soon as it learns that the other end
+is closed. This is what `zenoh_library.simulated()` gives to the bus.
+"""
+
+from functools import partial
+from typing import Any
+
+import zenoh
+
+from tfbus.testing import retained
+from tfbus.testing.faces import Face
+from tfbus.testing.faults import Faults
+from tfbus.testing.links import LEASE_S, Lane, Paths
+from tfbus.testing.processes import Host, Process
+from tfbus.testing.tasks import Tasks
+from tfbus.testing.zenoh_session import ZenohSession
+
+# A peer meets others within this time, and one that it has lost within the longer one.
+_MEETS_WITHIN_S = 0.15
+_MEETS_AGAIN_WITHIN_S = 4.0
+
+# A peer that meets no others opens alone after this time, a client fails.
+_OPENS_ALONE_S = 0.5
+
+
+class Fabric:
+    """All sessions of a network, and their links."""
+
+    def __init__(self, tasks: Tasks, paths: Paths, faults: Faults) -> None:
+        self.tasks = tasks
+        self._paths = paths
+        self._faults = faults
+        # Messages that congested links have dropped.
+        self.dropped = 0
+        self._sessions: dict[ZenohSession, None] = {}
+        self._meeting: set[tuple[ZenohSession, ZenohSession]] = set()
+
+    # The bus opens sessions
+
+    def declare_advanced_publisher(self, *args: Any, **options: Any) -> Any:
+        """As Zenoh's extension."""
+        return retained.declare_advanced_publisher(*args, **options)
+
+    def declare_advanced_subscriber(self, *args: Any, **options: Any) -> Any:
+        """As Zenoh's extension."""
+        return retained.declare_advanced_subscriber(*args, **options)
+
+    def open_session(self, settings: Any) -> ZenohSession:
+        """Open a session in the process whose turn it is, as `zenoh.open`."""
+        process: Process = self.tasks.current.place  # type: ignore[assignment]
+        session = ZenohSession(
+            self,
+            process,
+            mode=settings.mode or "peer",
+            namespace=settings.namespace,
+            zid=f"a{process.urandom(15).hex()}",
+            connect=tuple(settings.connect),
+            listen=tuple(settings.listen),
+        )
+        process.sessions.append(session)
+        self._sessions[session] = None
+        self._meet_others(session, _MEETS_WITHIN_S)
+        deadline_ns = self.tasks.now_ns + round(_OPENS_ALONE_S * 1e9)
+        while not session.faces and self.tasks.now_ns < deadline_ns:
+            self.tasks.wait("others on the network", 0.02)
+        if session.mode == "client" and not session.faces:
+            self._sessions.pop(session, None)
+            raise zenoh.ZError("Unable to connect to any of the routers")
+        return session
+
+    def leave(self, session: ZenohSession) -> None:
+        """A session closes: others know at once."""
+        for face in list(session.faces.values()):
+            face.send(lambda far: self.lose(far))
+            self._close(face)
+        self._sessions.pop(session, None)
+
+    # Asked by sessions
+
+    def loses_declaration(self) -> bool:
+        """Whether a declaration of a queryable is lost now."""
+        return self._happens(self._faults.lost_declarations)
+
+    def _happens(self, share: float) -> bool:
+        return bool(share) and self.tasks.random.random() < share
+
+    def round_trip_s(self, session: ZenohSession) -> float:
+        """How long the farthest of its links takes to answer."""
+        here = session.process.host
+        paths = [self._paths.between(here, far.process.host) for far in session.faces]
+        return 2 * max((path.delay_s + path.jitter_s for path in paths), default=0.0)
+
+    # Events of hosts, processes and paths
+
+    def process_ended(self, process: Process) -> None:
+        """A process has ended at once: its host closes its sockets."""
+        for session in process.sessions:
+            for face in list(session.faces.values()):
+                far = face.far
+                face.is_open = False
+                face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
+            session.faces.clear()
+            self._sessions.pop(session, None)
+
+    def process_vanished(self, process: Process) -> None:
+        """A process is gone without a word to others."""
+        for session in process.sessions:
+            for face in list(session.faces.values()):
+                face.is_open = face.lane.is_open = False
+                self._watch_silence(face.far)
+            session.faces.clear()
+            self._sessions.pop(session, None)
+
+    def process_stopped(self, process: Process) -> None:
+        """A process says nothing more."""
+        for session in process.sessions:
+            for face in list(session.faces.values()):
+                self._watch_silence(face.far)
+
+    def process_goes_on(self, process: Process) -> None:
+        """A stopped process goes on."""
+        for session in process.sessions:
+            self._meet_others(session, _MEETS_AGAIN_WITHIN_S)
+
+    def set_up(self, one: Host, other: Host, is_up: bool) -> None:
+        """Let all pass from one host to another, or nothing."""
+        path = self._paths.between(one, other)
+        if one is other or path.is_up == is_up:
+            return
+        path.is_up = is_up
+        if not is_up:
+            path.changed_ns = self.tasks.now_ns
+        for session in [each for each in self._sessions if each.process.host is one]:
+            for face in list(session.faces.values()):
+                if face.far_session.process.host is other:
+                    if is_up:
+                        face.lane.release()
+                    else:
+                        self._watch_silence(face.far)
+            if is_up:
+                self._meet_others(session, _MEETS_AGAIN_WITHIN_S)
+
+    # Who meets
+
+    def _meet_others(self, session: ZenohSession, within_s: float) -> None:
+        for other in list(self._sessions):
+            if other is not session and _look_for_each_other(session, other):
+                self._meet_soon(session, other, within_s)
+
+    def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:
+        pair = (one, other) if one.zid_text > other.zid_text else (other, one)
+        if pair in self._meeting or other in one.faces:
+            return
+        self._meeting.add(pair)
+
+        def try_it() -> None:
+            self._meeting.discard(pair)
+            are_there = all(session in self._sessions for session in pair)
+            # Where nothing passes, healing begins it again.
+            if are_there and pair[1] not in pair[0].faces and self._can_talk(*pair):
+                self._link(*pair)
+
+        self.tasks.call_after(self.tasks.random.uniform(0.001, within_s), try_it)
+
+    def _can_talk(self, one: ZenohSession, other: ZenohSession) -> bool:
+        paths = self._paths.both_ways(one.process.host, other.process.host)
+        are_up = all(path.is_up for path in paths)
+        return are_up and one.process.is_running and other.process.is_running
+
+    def _link(self, one: ZenohSession, other: ZenohSession) -> None:
+        faces = []
+        for near, far in ((one, other), (other, one)):
+            path = self._paths.between(near.process.host, far.process.host)
+            faces.append(Face(near, Lane(self.tasks, path)))
+        faces[0].far, faces[1].far = faces[1], faces[0]
+        for face in faces:
+            stale = face.session.faces.get(face.far_session)
+            if stale is not None:
+                self._close(stale)
+        for face in faces:
+            face.session.greet(face)
+
+    # Who is lost
+
+    def _close(self, face: Face) -> None:
+        """This end of a link is closed; what was sent before still arrives."""
+        if face.is_open:
+            face.is_open = False
+            face.session.part(face)
+
+    def lose(self, face: Face) -> None:
+        """This end learns that its link is lost; both sides meet again if they can."""
+        if not face.is_open:
+            return
+        self._close(face)
+        face.lane.is_open = False
+        far = face.far
+        if far.is_open:
+            # Its connection is closed: it learns that as soon as anything passes.
+            self._watch_silence(far, 0.0)
+        one, other = face.session, far.session
+        if one in self._sessions and other in self._sessions:
+            self._meet_soon(one, other, _MEETS_AGAIN_WITHIN_S)
+
+    def _watch_silence(self, face: Face, after_s: float = LEASE_S) -> None:
+        """Lose the link of a face that has heard nothing for the lease."""
+        far = face.far
+        path = self._paths.between(far.session.process.host, face.session.process.host)
+
+        def look() -> None:
+            if not face.is_open or face.session.process.is_dead:
+                return
+            quiet_ns = self.tasks.now_ns - path.changed_ns
+            is_silent = not far.is_open or not far.session.process.is_running
+            if is_silent or (not path.is_up and quiet_ns >= round(after_s * 1e9)):
+                face.session.process.receive(lambda: self.lose(face))
+
+        self.tasks.call_after(max(after_s, path.delay_s), look)
+
+
+def _look_for_each_other(one: ZenohSession, other: ZenohSession) -> bool:
+    modes = {one.mode, other.mode}
+    if "client" in modes:
+        return "router" in modes
+    return True

@@ -1,0 +1,66 @@
+"""The end of a link in one session: declarations of the far end, and the lane to it."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from tfbus.testing.declarations import KINDS, QUERYABLE
+from tfbus.testing.keys import intersect
+from tfbus.testing.links import Lane
+
+if TYPE_CHECKING:
+    from tfbus.testing.queries import Asked
+    from tfbus.testing.zenoh_session import ZenohSession
+
+
+class Face:
+    """The end of a link in one session."""
+
+    def __init__(self, session: "ZenohSession", lane: Lane) -> None:
+        self.session = session
+        self.lane = lane
+        self.far: Face
+        self.is_open = True
+        self._has_lost = False
+        # Declarations of the far end, by kind.
+        self.declared: dict[str, dict[str, None]] = {kind: {} for kind in KINDS}
+        # How often the far end was told of a declaration, by kind and key.
+        self._told: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+        # The queries that went out by it and have not ended.
+        self.asked: dict[int, Asked] = {}
+
+    @property
+    def far_session(self) -> "ZenohSession":
+        """The session at its far end."""
+        return self.far.session
+
+    def wants(self, kind: str, key: str) -> bool:
+        """Whether the far end has declared something of this kind that a key meets."""
+        declared = self.declared[kind]
+        return key in declared or any(intersect(each, key) for each in declared)
+
+    def send(self, call: Callable[["Face"], object], size: int = 100) -> None:
+        """Make `call(far end)` there, in the order of the calls."""
+        far = self.far
+
+        def arrive() -> None:
+            if far.is_open:
+                call(far)
+
+        self.lane.send(lambda: far.session.process.receive(arrive), size)
+
+    def tell(self, kind: str, key: str, change: int) -> None:
+        """One declaration more, or less: the far end hears of the first and of the last."""
+        told = self._told[kind]
+        former = told[key]
+        told[key] += change
+        if told[key] == 0:
+            del told[key]
+        if former == 0:
+            if kind == QUERYABLE and not self._has_lost and self.session.fabric.loses_declaration():
+                # More than one of a link was never seen to be lost.
+                self._has_lost = True
+                return
+            self.send(lambda far: far.session.declarations.hear(far, kind, key, True))
+        elif key not in told:
+            self.send(lambda far: far.session.declarations.hear(far, kind, key, False))

@@ -1,0 +1,36 @@
+"""Keys of a simulated session: which expressions meet, and the namespace before each."""
+
+from functools import lru_cache
+
+import zenoh
+
+
+@lru_cache(maxsize=200_000)
+def intersect(one: str, other: str) -> bool:
+    """Whether two key expressions have a key in common."""
+    if one == other:
+        return True
+    if "*" not in one and "*" not in other:
+        return False
+    return zenoh.KeyExpr(one).intersects(zenoh.KeyExpr(other))
+
+
+@lru_cache(maxsize=200_000)
+def checked(key: str) -> str:
+    """The key expression in its one form. Raises Zenoh's error where it is none."""
+    return str(zenoh.KeyExpr.autocanonize(key)) if "*" in key else str(zenoh.KeyExpr(key))
+
+
+class Names:
+    """Names of one session: its namespace is before all its keys on the network."""
+
+    def __init__(self, namespace: str) -> None:
+        self._prefix = f"{namespace}/" if namespace else ""
+
+    def full(self, key: str) -> str:
+        """A key of the session as the network has it. Raises Zenoh's error where it is none."""
+        return f"{self._prefix}{checked(key)}"
+
+    def seen(self, full: str) -> str | None:
+        """A key of the network as the session names it; None for a key of another namespace."""
+        return full.removeprefix(self._prefix) if full.startswith(self._prefix) else None

@@ -1,0 +1,399 @@
+"""The ways of messages and declarations between sessions: peers pass nothing on, routers do.
+
+As in Zenoh each router tells all others its links, its peers and what is declared at it. A message
+goes along the tree of shortest ways from the router that it came to first. A router passes messages
+between two of its peers only where these have no link to each other.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from tfbus.testing.declarations import KINDS
+from tfbus.testing.keys import intersect
+
+if TYPE_CHECKING:
+    from tfbus.testing.faces import Face
+    from tfbus.testing.zenoh_session import ZenohSession
+
+
+class Way(NamedTuple):
+    """A face by which a message goes on, and its journey from there."""
+
+    face: "Face"
+    journey: "Journey"
+
+
+@dataclass(frozen=True)
+class Journey:
+    """Where a message has been: its first router, the peer it is of, all routers it crossed."""
+
+    root: str = ""
+    peer: str = ""
+    crossed: frozenset[str] = frozenset()
+
+
+class Direct:
+    """The routing of peers and clients: they pass nothing on."""
+
+    def __init__(self, session: "ZenohSession") -> None:
+        self._session = session
+
+    def spread(self, source: object, kind: str, key: str, change: int) -> None:
+        """Tell others of a declaration of the session itself."""
+        if source is self._session:
+            for face in self._session.faces.values():
+                face.tell(kind, key, change)
+
+    def sources(self) -> Iterator[tuple[object, dict[str, dict[str, None]]]]:
+        """All sources of declarations, and what is declared there."""
+        own = self._session.declarations.own
+        yield self._session, {kind: dict.fromkeys(keys) for kind, keys in own.items()}
+        for face in self._session.faces.values():
+            yield face, face.declared
+
+    def has(self, kind: str, full: str) -> bool:
+        """Whether a declaration of another session meets a key."""
+        return any(face.wants(kind, full) for face in self._session.faces.values())
+
+    def ways(
+        self, kind: str, full: str, journey: Journey | None = None, came_by: "Face | None" = None
+    ) -> list[Way]:
+        """The faces by which a message goes on; without `journey` it is of this session."""
+        if came_by is not None:
+            return []
+        faces = list(self._session.faces.values())
+        return [Way(face, Journey()) for face in faces if face.is_open and face.wants(kind, full)]
+
+    def greet(self, face: "Face") -> None:
+        """Tell the far end of a new face all that it has to know."""
+        for kind, keys in self._session.declarations.own.items():
+            for key in list(keys):
+                face.tell(kind, key, 1)
+        self._tell_routers()
+
+    def part(self, face: "Face") -> None:
+        """A face has ended."""
+        self._tell_routers()
+
+    def _tell_routers(self) -> None:
+        """Tell routers who this peer has a link to, as Zenoh's gossip does."""
+        session = self._session
+        if session.mode != "peer":
+            return
+        linked = frozenset(far.zid_text for far in session.faces)
+        for face in session.faces.values():
+            if isinstance(face.far_session.routing, Router):
+                face.send(lambda far: far.session.routing.hear_peer(far, linked))
+
+    def hear_peer(self, face: "Face", linked: frozenset[str]) -> None:
+        """News for routers only."""
+
+
+class Table:
+    """All that a router has told others, up to the change of this number."""
+
+    def __init__(self, zid: str) -> None:
+        self.zid = zid
+        self.number = 0
+        self.routers: dict[str, None] = {}
+        # The peers at this router, each with the sessions it has a link to.
+        self.peers: dict[str, frozenset[str]] = {}
+        self.declared: dict[str, dict[str, None]] = {kind: {} for kind in KINDS}
+
+    def copy(self) -> "Table":
+        """The same, apart from later changes."""
+        table = Table(self.zid)
+        table.number = self.number
+        table.routers = dict(self.routers)
+        table.peers = dict(self.peers)
+        table.declared = {kind: dict(keys) for kind, keys in self.declared.items()}
+        return table
+
+    def wants(self, kind: str, full: str) -> bool:
+        """Whether something of this kind that a key meets is declared there."""
+        declared = self.declared[kind]
+        return full in declared or any(intersect(each, full) for each in declared)
+
+
+class Change(NamedTuple):
+    """One change of a table. `kind` is of a declaration, or "router", or "peer"."""
+
+    zid: str
+    number: int
+    kind: str
+    key: str
+    is_new: bool
+    linked: frozenset[str] = frozenset()
+
+
+class Router(Direct):
+    """The routing of a router."""
+
+    def __init__(self, session: "ZenohSession") -> None:
+        super().__init__(session)
+        self._own = Table(session.zid_text)
+        self._tables: dict[str, Table] = {}
+        # Those of other routers that a way leads to.
+        self._reached: set[str] = set()
+        # How often each key is declared here, by the session itself, its clients and peers.
+        self._count: dict[tuple[str, str], int] = {}
+        self._trees: dict[str, dict[str, list[str]]] = {}
+        # Pairs of peers that have no link to each other, and are served here.
+        self._served: set[tuple[Face, Face]] = set()
+
+    # Declarations
+
+    def spread(self, source: object, kind: str, key: str, change: int) -> None:
+        """Tell peers and clients, and other routers where it is of this one."""
+        for face in self._leaves():
+            if face is not source and self._tells(source, face):
+                face.tell(kind, key, change)
+        if not isinstance(source, Table):
+            former = self._count.get((kind, key), 0)
+            self._count[kind, key] = now = former + change
+            if not now:
+                del self._count[kind, key]
+            if bool(former) != bool(now):
+                self._publish(kind, key, is_new=bool(now))
+
+    def sources(self) -> Iterator[tuple[object, dict[str, dict[str, None]]]]:
+        """All sources of declarations, and what is declared there."""
+        yield from super().sources()
+        for zid in sorted(self._reached):
+            yield self._tables[zid], self._tables[zid].declared
+
+    def has(self, kind: str, full: str) -> bool:
+        """Whether a declaration of another session meets a key."""
+        if super().has(kind, full):
+            return True
+        return any(self._tables[zid].wants(kind, full) for zid in self._reached)
+
+    def _tells(self, source: object, face: "Face") -> bool:
+        """Whether the far end of a face hears of what a source declares."""
+        if source in self._peers() and face in self._peers():
+            return (source, face) in self._served
+        return True
+
+    # Links
+
+    def greet(self, face: "Face") -> None:
+        """Tell the far end of a new face all that it has to know."""
+        if _is_router(face):
+            for table in (self._own, *self._tables.values()):
+                self._send_table(face, table)
+            self._publish("router", face.far_session.zid_text, is_new=True)
+            return
+        for source, declared in list(self.sources()):
+            if source is not face and self._tells(source, face):
+                for kind, keys in declared.items():
+                    for key in list(keys):
+                        face.tell(kind, key, 1)
+
+    def part(self, face: "Face") -> None:
+        """A face has ended."""
+        zid = face.far_session.zid_text
+        if _is_router(face):
+            self._publish("router", zid, is_new=False)
+        elif zid in self._own.peers:
+            self._served = {pair for pair in self._served if face not in pair}
+            self._publish("peer", zid, is_new=False)
+
+    def hear_peer(self, face: "Face", linked: frozenset[str]) -> None:
+        """A peer tells the sessions it has a link to."""
+        self._publish("peer", face.far_session.zid_text, is_new=True, linked=linked)
+        for other in self._peers():
+            if other is not face:
+                self._serve(face, other)
+
+    def _serve(self, one: "Face", other: "Face") -> None:
+        """Pass on between two peers while they have no link to each other."""
+        ends = one.far_session.zid_text, other.far_session.zid_text
+        # Without news of a peer's links it is taken to have all.
+        known = [self._own.peers.get(zid) for zid in ends]
+        are_apart = all(known) and not any(
+            zid in (linked or ()) for zid, linked in zip(reversed(ends), known, strict=True)
+        )
+        for source, face in ((one, other), (other, one)):
+            if ((source, face) in self._served) != are_apart:
+                for kind, keys in source.declared.items():
+                    for key in list(keys):
+                        face.tell(kind, key, 1 if are_apart else -1)
+                (self._served.add if are_apart else self._served.discard)((source, face))
+
+    def _leaves(self) -> "list[Face]":
+        """The faces of peers and clients."""
+        return [face for face in self._session.faces.values() if not _is_router(face)]
+
+    def _peers(self) -> "list[Face]":
+        return [face for face in self._leaves() if face.far_session.mode == "peer"]
+
+    def _router_faces(self) -> "list[Face]":
+        return [face for face in self._session.faces.values() if _is_router(face)]
+
+    # Tables
+
+    def _publish(
+        self, kind: str, key: str, *, is_new: bool, linked: frozenset[str] = frozenset()
+    ) -> None:
+        own = self._own
+        change = Change(own.zid, own.number + 1, kind, key, is_new, linked)
+        self._apply(own, change)
+        self._pass_change(change, None)
+
+    def _send_table(self, face: "Face", table: Table) -> None:
+        sent = table.copy()
+        size = 100 + 50 * sum(map(len, sent.declared.values()))
+        face.send(lambda far: far.session.routing.hear_table(far, sent), size)
+
+    def hear_table(self, face: "Face", table: Table) -> None:
+        """A router tells all that it knows of itself or another one."""
+        known = self._tables.get(table.zid)
+        if table.zid == self._own.zid or (known is not None and known.number >= table.number):
+            return
+        if table.zid in self._reached:
+            self._spread_table(self._tables[table.zid], -1)
+            self._reached.discard(table.zid)
+        self._tables[table.zid] = table.copy()
+        for other in self._router_faces():
+            if other is not face:
+                self._send_table(other, table)
+        self._find_trees()
+
+    def _pass_change(self, change: Change, came_by: "Face | None") -> None:
+        for face in self._router_faces():
+            if face is not came_by:
+                face.send(lambda far: far.session.routing.hear_change(far, change))
+
+    def hear_change(self, face: "Face", change: Change) -> None:
+        """A router tells a change of itself or another one."""
+        table = self._tables.get(change.zid)
+        if table is None or change.number <= table.number:
+            return
+        self._apply(table, change)
+        self._pass_change(change, face)
+
+    def _apply(self, table: Table, change: Change) -> None:
+        table.number = change.number
+        _, _, kind, key, is_new, linked = change
+        if kind == "router":
+            _set(table.routers, key, is_new)
+            self._find_trees()
+        elif kind == "peer":
+            table.peers.pop(key, None)
+            if is_new:
+                table.peers[key] = linked
+        else:
+            _set(table.declared[kind], key, is_new)
+            if table.zid in self._reached:
+                self._session.declarations.spread(table, kind, key, 1 if is_new else -1)
+
+    def _find_trees(self) -> None:
+        """The links of routers have changed: find anew who is reached, and how."""
+        self._trees.clear()
+        reached = set(self._tree(self._own.zid)) - {self._own.zid}
+        former, self._reached = self._reached, reached
+        for zid in sorted(former - reached):
+            self._spread_table(self._tables[zid], -1)
+        for zid in sorted(reached - former):
+            self._spread_table(self._tables[zid], 1)
+
+    def _spread_table(self, table: Table, change: int) -> None:
+        for kind, keys in table.declared.items():
+            for key in list(keys):
+                self._session.declarations.spread(table, kind, key, change)
+
+    def _neighbours(self, zid: str) -> list[str]:
+        """The routers that have a link to one, by what both of them say."""
+        table = self._own if zid == self._own.zid else self._tables[zid]
+        return [
+            other
+            for other in sorted(table.routers)
+            if other == self._own.zid or (other in self._tables)
+            if zid in (self._own if other == self._own.zid else self._tables[other]).routers
+        ]
+
+    def _tree(self, root: str) -> dict[str, list[str]]:
+        """The children of each router in the tree of shortest ways from a root."""
+        tree = self._trees.get(root)
+        if tree is None:
+            tree = self._trees[root] = {root: []}
+            edge = [root]
+            while edge:
+                following = []
+                for zid in edge:
+                    for other in self._neighbours(zid):
+                        if other not in tree:
+                            tree[zid].append(other)
+                            tree[other] = []
+                            following.append(other)
+                edge = following
+        return tree
+
+    # Messages
+
+    def ways(
+        self, kind: str, full: str, journey: Journey | None = None, came_by: "Face | None" = None
+    ) -> list[Way]:
+        """The faces by which a message goes on; without `journey` it is of this session."""
+        own = self._own.zid
+        onwards = replace(journey or Journey(), root=own)
+        if came_by is not None:
+            sender = came_by.far_session
+            if _is_router(came_by):
+                onwards = journey or onwards
+            elif sender.mode == "peer":
+                if not self._is_elected(sender.zid_text):
+                    return []
+                onwards = replace(onwards, peer=sender.zid_text)
+        onwards = replace(onwards, crossed=onwards.crossed | {own})
+        faces = [
+            face
+            for face in self._leaves()
+            if face is not came_by and face.wants(kind, full) and self._serves(onwards.peer, face)
+        ]
+        faces += self._onward_routers(kind, full, onwards)
+        return [Way(face, onwards) for face in faces if face.is_open]
+
+    def _serves(self, peer: str, face: "Face") -> bool:
+        """Whether the far end of a face gets from here what a peer sends."""
+        far = face.far_session
+        if far.mode != "peer":
+            return True
+        if not self._is_elected(far.zid_text):
+            return False
+        linked = self._own.peers.get(far.zid_text, frozenset())
+        return not peer or (bool(linked) and peer not in linked)
+
+    def _is_elected(self, peer: str) -> bool:
+        """Whether this router serves a peer, of all routers that have a link to it."""
+        others = [zid for zid in self._reached if peer in self._tables[zid].peers]
+        return all(self._own.zid < zid for zid in others)
+
+    def _onward_routers(self, kind: str, full: str, journey: Journey) -> "list[Face]":
+        if journey.root != self._own.zid and journey.root not in self._reached:
+            return []
+        tree = self._tree(journey.root)
+        faces = {face.far_session.zid_text: face for face in self._router_faces()}
+        return [
+            faces[zid]
+            for zid in tree.get(self._own.zid, ())
+            if zid in faces and zid not in journey.crossed
+            if self._wants_below(tree, zid, kind, full)
+        ]
+
+    def _wants_below(self, tree: dict[str, list[str]], zid: str, kind: str, full: str) -> bool:
+        return self._tables[zid].wants(kind, full) or any(
+            self._wants_below(tree, child, kind, full) for child in tree[zid]
+        )
+
+
+def _is_router(face: "Face") -> bool:
+    return face.far_session.mode == "router"
+
+
+def _set(entries: dict[str, None], key: str, is_there: bool) -> None:
+    if is_there:
+        entries[key] = None
+    else:
+        entries.pop(key, None)

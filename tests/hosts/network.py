@@ -15,6 +15,9 @@ from tests.live_bus import Bus, Process
 BRIDGE = "tfbr"
 ROUTER_HOST = "hub"
 
+# A hardware address that no host has.
+_NOBODY = "02:00:00:00:00:99"
+
 _TESTS = Path(__file__).parents[1]
 
 _SHARED_MEMORY = "/dev/shm"
@@ -100,6 +103,24 @@ class Hosts:
     def set_mute(self, host: str, *, mute: bool) -> None:
         """Drop all that the host sends, or none of it."""
         _set_dropping(self._space[host], self._interface[host], mute)
+
+    def set_way(self, one: str, other: str, *, is_open: bool) -> None:
+        """Let what one host sends to the address of another (IPv4) arrive there, or get lost."""
+        at = [self.address[other], "dev", self._interface[one]]
+        space = self._space[one]
+        if is_open:
+            _ip("-n", space, "neigh", "del", *at)
+        else:
+            _ip("-n", space, "neigh", "replace", *at, "lladdr", _NOBODY, "nud", "permanent")
+
+    def set_rate(self, host: str, bytes_a_second: int | None) -> None:
+        """Let the host send so much at most, or without bound."""
+        space, interface = self._space[host], self._interface[host]
+        if bytes_a_second is None:
+            _ip("netns", "exec", space, "tc", "qdisc", "del", "dev", interface, "root")
+        else:
+            bucket = ["tbf", "rate", f"{8 * bytes_a_second}", "burst", "64kb", "latency", "50ms"]
+            _ip("netns", "exec", space, "tc", "qdisc", "add", "dev", interface, "root", *bucket)
 
     def set_multicast(self, host: str, *, on: bool) -> None:
         """Carry packets for many to and from the host, or drop them."""

@@ -164,11 +164,19 @@ class Network:
         jitter_s: float = 0.0001,
         loss: float = 0.0,
         bytes_a_second: float = 0.0,
+        multicast: bool = True,
     ) -> None:
-        """Set how two hosts reach each other, both ways."""
+        """Set how two hosts reach each other, both ways.
+
+        Each packet takes `delay_s`, and up to `jitter_s` more. The share `loss` of all packets is
+        lost: on links of TCP they are sent again and delay those behind them; on links of UDP they
+        are lost, and so is one that another overtakes. More than `bytes_a_second` (0: no bound)
+        waits, and is dropped where too much does. Without `multicast` peers meet only at the
+        endpoints of `connect`, or introduced by others.
+        """
         for path in self._paths.both_ways(self._host(one), self._host(other)):
             path.delay_s, path.jitter_s, path.loss = delay_s, jitter_s, loss
-            path.bytes_a_second = bytes_a_second
+            path.bytes_a_second, path.multicast = bytes_a_second, multicast
 
     def partition(self, *groups: Iterable[Host | str] | Host | str) -> None:
         """Let nothing pass between the groups; hosts of no group are one more."""
@@ -186,6 +194,16 @@ class Network:
         self._fabric.set_up(self._host(one), self._host(other), False)
         if both_ways:
             self._fabric.set_up(self._host(other), self._host(one), False)
+
+    def roam(self, host: Host | str, address: str = "") -> None:
+        """Give a host another address, as another access point does: its links are lost.
+
+        The host notices at once, the others after the lease. `path` says how it is reached then.
+        Endpoints that name it by `address` lead to it from now on.
+        """
+        moved = self._host(host)
+        moved.address = address or moved.name
+        self._fabric.address_changed(moved)
 
     def heal(self) -> None:
         """Let everything pass again."""

@@ -21,6 +21,8 @@ class Host:
     ) -> None:
         self._tasks = tasks
         self.name = name
+        # Endpoints name a host by its name, or by the address that it has now.
+        self.address = name
         self.drift_ppm = drift_ppm
         self._offset_ns = round(offset_s * 1e9)
         self.processes: list[Process] = []

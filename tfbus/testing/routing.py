@@ -267,11 +267,21 @@ class Router(Direct):
 
     def hear_change(self, face: "Face", change: Change) -> None:
         """A router tells a change of itself or another one."""
+        if change.zid == self._own.zid:
+            return
         table = self._tables.get(change.zid)
-        if table is None or change.number <= table.number:
+        if table is None:
+            face.send(lambda far: far.session.routing.repeat_table(far, change.zid))
+            return
+        if change.number <= table.number:
             return
         self._apply(table, change)
         self._pass_change(change, face)
+
+    def repeat_table(self, face: "Face", zid: str) -> None:
+        """Another router lacks a table."""
+        if zid in self._tables:
+            self._send_table(face, self._tables[zid])
 
     def _apply(self, table: Table, change: Change) -> None:
         table.number = change.number
@@ -294,7 +304,8 @@ class Router(Direct):
         reached = set(self._tree(self._own.zid)) - {self._own.zid}
         former, self._reached = self._reached, reached
         for zid in sorted(former - reached):
-            self._spread_table(self._tables[zid], -1)
+            # It may have changed when it is reached again: then it is told anew.
+            self._spread_table(self._tables.pop(zid), -1)
         for zid in sorted(reached - former):
             self._spread_table(self._tables[zid], 1)
 

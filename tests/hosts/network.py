@@ -105,13 +105,21 @@ class Hosts:
         _set_dropping(self._space[host], self._interface[host], mute)
 
     def set_way(self, one: str, other: str, *, is_open: bool) -> None:
-        """Let what one host sends to the address of another (IPv4) arrive there, or get lost."""
-        at = [self.address[other], "dev", self._interface[one]]
+        """Let what one host sends to the addresses of another arrive there, or get lost; packets
+        for many still arrive.
+        """
         space = self._space[one]
-        if is_open:
-            _ip("-n", space, "neigh", "del", *at)
-        else:
-            _ip("-n", space, "neigh", "replace", *at, "lladdr", _NOBODY, "nud", "permanent")
+        for address in self._addresses(other):
+            at = [address, "dev", self._interface[one]]
+            if is_open:
+                _ip("-n", space, "neigh", "del", *at)
+            else:
+                _ip("-n", space, "neigh", "replace", *at, "lladdr", _NOBODY, "nud", "permanent")
+
+    def _addresses(self, host: str) -> list[str]:
+        """The addresses of the host's interface, of IPv4 and IPv6."""
+        shown = _ip("-n", self._space[host], "-j", "addr", "show", "dev", self._interface[host])
+        return [each["local"] for each in json.loads(shown)[0]["addr_info"]]
 
     def set_rate(self, host: str, bytes_a_second: int | None) -> None:
         """Let the host send so much at most, or without bound."""
@@ -192,5 +200,9 @@ def _set_dropping(space: str, interface: str, dropping: bool) -> None:
     _ip("netns", "exec", space, "tc", "qdisc", *verb)
 
 
-def _ip(*arguments: str) -> None:
-    subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True, timeout=10)
+def _ip(*arguments: str) -> str:
+    """Run it; returns what it prints."""
+    done = subprocess.run(
+        ["ip", *arguments], check=True, capture_output=True, text=True, timeout=10
+    )
+    return done.stdout

@@ -768,8 +768,7 @@ def a_mesh_of_routers_finds_another_way(stage: Stage) -> None:
     b.subscriber("in", "k")
     a.publisher("k")
     a.expect("heard", "k", gives=True)
-    for one, other in (("h1", "h3"), ("h3", "h1")):
-        stage.set_way(one, other, is_open=False)
+    _set_ways(stage, "h1", "h3", are_open=False)
     r3.expect("links", gives=sorted([r2.id(), b.id()]))
 
     def has_come() -> bool:
@@ -861,6 +860,72 @@ def two_peers_beside_a_router_get_each_message_once(stage: Stage) -> None:
 
 
 @scenario
+def a_router_does_not_serve_two_peers_that_never_met(stage: Stage) -> None:
+    _set_ways(stage, "h1", "h2", are_open=False)
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    c = stage.open("c", "h3", mode="client", connect=stage.address("h3"))
+    a.expect("links", gives=[hub.id()])
+    b.expect("links", gives=[hub.id()])
+    a.token("t/a")
+    c.token("t/c")
+    b.expect("living", "t/*", gives=["t/c"])
+    b.subscriber("in", "k")
+    c.publisher("k")
+    c.expect("heard", "k", gives=True)
+    a.publisher("k")
+    assert a.heard("k") is False
+
+
+@scenario
+def a_peer_beside_two_routers_is_served_once(stage: Stage) -> None:
+    r1 = stage.open("r1", "h1", mode="router", listen="tcp/[::]:7447")
+    at = stage.address("h1")
+    r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447", connect=at)
+    a = stage.open("a", "h3")
+    b = stage.open("b", "h2", mode="client", connect=stage.address("h2"))
+    a.expect("links", gives=sorted([r1.id(), r2.id()]))
+    r1.expect("links", gives=sorted([a.id(), r2.id()]))
+    b.subscriber("in", "k")
+    b.watch("seen", "t")
+    a.queryable("q", "q", "yes")
+    a.publisher("k")
+    a.token("t")
+    b.expects("seen", "+t")
+    a.expect("heard", "k", gives=True)
+    for number in range(10):
+        a.put("k", str(number))
+    b.expects("in", *(f"k={number}" for number in range(10)))
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_router_does_not_serve_two_peers_that_lost_each_other(stage: Stage) -> None:
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.expect("links", gives=sorted([hub.id(), b.id()]))
+    b.expect("links", gives=sorted([hub.id(), a.id()]))
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    _set_ways(stage, "h1", "h2", are_open=False)
+    a.expect("links", gives=[hub.id()])
+    b.expect("links", gives=[hub.id()])
+    a.expect("heard", "k", gives=False)
+    a.put("k", "lost")
+    _set_ways(stage, "h1", "h2", are_open=True)
+    a.expect("links", gives=sorted([hub.id(), b.id()]))
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+def _set_ways(stage: Stage, one: str, other: str, *, are_open: bool) -> None:
+    stage.set_way(one, other, is_open=are_open)
+    stage.set_way(other, one, is_open=are_open)
+
+
+@scenario
 def a_namespace_crosses_routers(stage: Stage) -> None:
     hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
     at = stage.address("h3")
@@ -922,6 +987,22 @@ def a_mute_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
     stage.set_mute("h1", mute=False)
     a.expect("links", gives=[b.id()])
     b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def hosts_with_a_way_in_one_direction_lose_each_other(stage: Stage) -> None:
+    a, b = _pair(stage)
+    c = stage.open("c", "h3")
+    c.expect("links", gives=sorted([a.id(), b.id()]))
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_way("h1", "h2", is_open=False)
+    b.expects("seen", "+t", "-t")
+    a.expect("links", gives=[c.id()])
+    stage.set_way("h1", "h2", is_open=True)
+    b.expects("seen", "+t", "-t", "+t")
+    a.expect("links", gives=sorted([b.id(), c.id()]))
 
 
 @scenario

@@ -27,17 +27,25 @@ _OTHER_BYTES = 2 * 65536
 class Path:
     """The way from one host to another, in one direction.
 
-    Seconds, bytes a second (0: without bound), and the share of packets that are lost. `is_up` is
-    whether anything arrives, `multicast` whether peers find each other by it.
+    Seconds, bytes a second (0: without bound), and the shares of packets that are lost, and that
+    take twice as long, so that others overtake them. `is_up` is whether anything arrives,
+    `multicast` whether peers find each other by it.
     """
 
     delay_s: float = 0.0002
     jitter_s: float = 0.0001
     loss: float = 0.0
+    reordering: float = 0.0
     bytes_a_second: float = 0.0
     multicast: bool = True
     is_up: bool = True
     changed_ns: int = 0
+
+    def delays_s(self, chance: Callable[[], float]) -> tuple[float, float]:
+        """How long one packet takes, and how much longer where others overtake it."""
+        is_late = self.reordering and chance() < self.reordering
+        more_s = self.delay_s + self.jitter_s if is_late else 0.0
+        return self.delay_s + self.jitter_s * chance(), more_s
 
 
 class Paths:
@@ -108,7 +116,7 @@ class Lane:
     def _launch(self, call: Callable[[], object], size: int, pause_s: float) -> None:
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
-        late_s = pause_s + path.delay_s + path.jitter_s * chance()
+        late_s = pause_s + sum(path.delays_s(chance))
         resend_s = _RESEND_AFTER_S
         while path.loss and chance() < path.loss:
             late_s += resend_s
@@ -133,7 +141,11 @@ class Lane:
         chance = tasks.random.random
         if path.loss and chance() < path.loss:
             return
-        due_ns = self._sent_ns(size) + round((path.delay_s + path.jitter_s * chance()) * 1e9)
+        delay_s, more_s = path.delays_s(chance)
+        due_ns = self._sent_ns(size) + round(delay_s * 1e9)
+        # Jitter alone changes no order: packets of one way wait in one queue.
+        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
+        due_ns += round(more_s * 1e9)
         self._number += 1
         number = self._number
 

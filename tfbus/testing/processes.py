@@ -57,6 +57,8 @@ class Process:
         # What has arrived while it was stopped.
         self._arrived: list[Callable[[], object]] = []
         self.main: Task | None = None
+        # Starts it anew, where it has a main function.
+        self.begin: Callable[[], Process] | None = None
 
     def receive(self, call: Callable[[], object]) -> None:
         """Do what the network brings, now or as soon as the process goes on."""

@@ -15,6 +15,9 @@ from tests.live_bus import Bus, Process
 BRIDGE = "tfbr"
 ROUTER_HOST = "hub"
 
+# A hardware address that no host has.
+_NOBODY = "02:00:00:00:00:99"
+
 _TESTS = Path(__file__).parents[1]
 
 _SHARED_MEMORY = "/dev/shm"
@@ -101,6 +104,32 @@ class Hosts:
         """Drop all that the host sends, or none of it."""
         _set_dropping(self._space[host], self._interface[host], mute)
 
+    def set_way(self, one: str, other: str, *, is_open: bool) -> None:
+        """Let what one host sends to the addresses of another arrive there, or get lost; packets
+        for many still arrive.
+        """
+        space = self._space[one]
+        for address in self._addresses(other):
+            at = [address, "dev", self._interface[one]]
+            if is_open:
+                _ip("-n", space, "neigh", "del", *at)
+            else:
+                _ip("-n", space, "neigh", "replace", *at, "lladdr", _NOBODY, "nud", "permanent")
+
+    def _addresses(self, host: str) -> list[str]:
+        """The addresses of the host's interface, of IPv4 and IPv6."""
+        shown = _ip("-n", self._space[host], "-j", "addr", "show", "dev", self._interface[host])
+        return [each["local"] for each in json.loads(shown)[0]["addr_info"]]
+
+    def set_rate(self, host: str, bytes_a_second: int | None) -> None:
+        """Let the host send so much at most, or without bound."""
+        space, interface = self._space[host], self._interface[host]
+        if bytes_a_second is None:
+            _ip("netns", "exec", space, "tc", "qdisc", "del", "dev", interface, "root")
+        else:
+            bucket = ["tbf", "rate", f"{8 * bytes_a_second}", "burst", "64kb", "latency", "50ms"]
+            _ip("netns", "exec", space, "tc", "qdisc", "add", "dev", interface, "root", *bucket)
+
     def set_multicast(self, host: str, *, on: bool) -> None:
         """Carry packets for many to and from the host, or drop them."""
         # From the host, the only one that is asked for it; to the host, as an access point may.
@@ -171,5 +200,9 @@ def _set_dropping(space: str, interface: str, dropping: bool) -> None:
     _ip("netns", "exec", space, "tc", "qdisc", *verb)
 
 
-def _ip(*arguments: str) -> None:
-    subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True, timeout=10)
+def _ip(*arguments: str) -> str:
+    """Run it; returns what it prints."""
+    done = subprocess.run(
+        ["ip", *arguments], check=True, capture_output=True, text=True, timeout=10
+    )
+    return done.stdout

@@ -52,6 +52,10 @@ class Actor:
     def _put(self, key: str, text: str) -> None:
         self._declared[f"publisher {key}"].put(text.encode())
 
+    def _flood(self, key: str, messages: int, size: int) -> None:
+        for number in range(messages):
+            self._declared[f"publisher {key}"].put(f"{number} ".ljust(size).encode())
+
     def _heard(self, key: str) -> bool:
         name = f"heard {key}"
         if name not in self._declared:
@@ -62,6 +66,12 @@ class Actor:
         note = self._note(name)
         self._declared[name] = self.session.subscriber(
             key, lambda at, payload: note(f"{at}={payload.decode()}"), others=others
+        )
+
+    def _flooded(self, name: str, key: str) -> None:
+        note = self._note(name)
+        self._declared[name] = self.session.subscriber(
+            key, lambda at, payload: note(payload.split()[0].decode())
         )
 
     def _retained_subscriber(self, name: str, key: str) -> None:

@@ -644,3 +644,460 @@ def all_tokens_end_with_the_router(stage: Stage) -> None:
     b.expects("seen", "+t")
     hub.kill()
     b.expects("seen", "+t", "-t")
+
+
+def _line(stage: Stage, *, is_mesh: bool = False):
+    """A router on each host, the second linked to the others; a client at the first and last."""
+    r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447")
+    middle = stage.address("h2")
+    r1 = stage.open("r1", "h1", mode="router", listen="tcp/[::]:7447", connect=middle)
+    ends = [middle, stage.address("h1")] if is_mesh else middle
+    r3 = stage.open("r3", "h3", mode="router", listen="tcp/[::]:7447", connect=ends)
+    a = stage.open("a", "h1", mode="client", connect=stage.address("h1"))
+    b = stage.open("b", "h3", mode="client", connect=stage.address("h3"))
+    a.expect("links", gives=[r1.id()])
+    b.expect("links", gives=[r3.id()])
+    r3.expect("links", gives=sorted([r2.id(), b.id(), *([r1.id()] if is_mesh else [])]))
+    return (r1, r2, r3), a, b
+
+
+@scenario
+def a_message_crosses_three_routers(stage: Stage) -> None:
+    _, a, b = _line(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_query_crosses_three_routers(stage: Stage) -> None:
+    _, a, b = _line(stage)
+    a.queryable("q", "q", "1", "2")
+    b.expect("ask", "q", gives=["q=1", "q=2"])
+
+
+@scenario
+def a_retained_message_crosses_three_routers(stage: Stage) -> None:
+    _, a, b = _line(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=1")
+
+
+@scenario
+def a_token_crosses_three_routers_and_ends(stage: Stage) -> None:
+    _, a, b = _line(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    a.kill()
+    b.expects("seen", "+t", "-t")
+
+
+@scenario
+def a_token_ends_with_a_router_on_its_way_and_comes_back(stage: Stage) -> None:
+    (_, r2, _), a, b = _line(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    r2.kill()
+    b.expects("seen", "+t", "-t")
+    stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447")
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_token_ends_while_its_router_is_unplugged(stage: Stage) -> None:
+    _, a, b = _line(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_cable("h1", plugged=False)
+    b.expects("seen", "+t", "-t")
+    stage.set_cable("h1", plugged=True)
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_token_of_a_router_is_seen_by_clients_of_others(stage: Stage) -> None:
+    (r1, _, _), _, b = _line(stage)
+    b.watch("seen", "t")
+    r1.token("t")
+    b.expects("seen", "+t")
+    r1.kill()
+    b.expects("seen", "+t", "-t")
+
+
+@scenario
+def a_stopped_router_takes_its_clients_tokens_away(stage: Stage) -> None:
+    (r1, _, _), a, b = _line(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    r1.stop()
+    b.expects("seen", "+t", "-t")
+    r1.go_on()
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_mesh_of_routers_delivers_each_message_once(stage: Stage) -> None:
+    _, a, b = _line(stage, is_mesh=True)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    for number in range(10):
+        a.put("k", str(number))
+    b.expects("in", *(f"k={number}" for number in range(10)))
+
+
+@scenario
+def a_mesh_of_routers_answers_once(stage: Stage) -> None:
+    (r1, _, _), a, b = _line(stage, is_mesh=True)
+    a.queryable("q", "q/a", "1")
+    r1.queryable("q", "q/r", "2")
+    b.expect("ask", "q/*", gives=["q/a=1", "q/r=2"])
+
+
+@scenario
+def a_mesh_of_routers_finds_another_way(stage: Stage) -> None:
+    (_, r2, r3), a, b = _line(stage, is_mesh=True)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    _set_ways(stage, "h1", "h3", are_open=False)
+    r3.expect("links", gives=sorted([r2.id(), b.id()]))
+
+    def has_come() -> bool:
+        a.put("k", "x")
+        return "k=x" in b.events("in")
+
+    assert stage.wait(has_come)
+
+
+@scenario
+def a_mesh_of_routers_outlives_one_of_them(stage: Stage) -> None:
+    (_, r2, r3), a, b = _line(stage, is_mesh=True)
+    a.queryable("q", "q", "yes")
+    b.expect("ask", "q", gives=["q=yes"])
+    r2.kill()
+    r3.expect("ask", "q", gives=["q=yes"])
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_client_moves_to_its_second_router(stage: Stage) -> None:
+    r1 = stage.open("r1", "h1", mode="router", listen="tcp/[::]:7447")
+    at = stage.address("h1")
+    r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447", connect=at)
+    both = [at, stage.address("h2")]
+    a = stage.open("a", "h3", mode="client", connect=both)
+    b = stage.open("b", "h2", mode="client", connect=stage.address("h2"))
+    assert stage.wait(lambda: len(a.links()) == 1)
+    first, second = (r1, r2) if a.links() == [r1.id()] else (r2, r1)
+    if first is r2:
+        return
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    first.kill()
+    a.expect("links", gives=[second.id()])
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_restarted_router_gets_its_clients_back(stage: Stage) -> None:
+    hub, a, b = _star(stage)
+    b.watch("seen", "t")
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.token("t")
+    b.expects("seen", "+t")
+    hub.kill()
+    b.expects("seen", "+t", "-t")
+    stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    b.expects("seen", "+t", "-t", "+t")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_peer_reaches_a_client_of_a_router(stage: Stage) -> None:
+    hub, a, b = _star(stage)
+    c = stage.open("c", "h1")
+    c.expect("links", gives=[hub.id()])
+    c.watch("seen", "t/*")
+    c.subscriber("in", "k")
+    a.token("t/a")
+    a.publisher("k")
+    c.expects("seen", "+t/a")
+    b.watch("seen", "t/c")
+    c.token("t/c")
+    b.expects("seen", "+t/c")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    c.expects("in", "k=x")
+
+
+@scenario
+def two_peers_beside_a_router_get_each_message_once(stage: Stage) -> None:
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.expect("links", gives=sorted([hub.id(), b.id()]))
+    b.expect("links", gives=sorted([hub.id(), a.id()]))
+    b.subscriber("in", "k")
+    b.queryable("q", "q", "yes")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    for number in range(10):
+        a.put("k", str(number))
+    b.expects("in", *(f"k={number}" for number in range(10)))
+    a.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_router_does_not_serve_two_peers_that_never_met(stage: Stage) -> None:
+    _set_ways(stage, "h1", "h2", are_open=False)
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    c = stage.open("c", "h3", mode="client", connect=stage.address("h3"))
+    a.expect("links", gives=[hub.id()])
+    b.expect("links", gives=[hub.id()])
+    a.token("t/a")
+    c.token("t/c")
+    b.expect("living", "t/*", gives=["t/c"])
+    b.subscriber("in", "k")
+    c.publisher("k")
+    c.expect("heard", "k", gives=True)
+    a.publisher("k")
+    assert a.heard("k") is False
+
+
+@scenario
+def a_peer_beside_two_routers_is_served_once(stage: Stage) -> None:
+    r1 = stage.open("r1", "h1", mode="router", listen="tcp/[::]:7447")
+    at = stage.address("h1")
+    r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447", connect=at)
+    a = stage.open("a", "h3")
+    b = stage.open("b", "h2", mode="client", connect=stage.address("h2"))
+    a.expect("links", gives=sorted([r1.id(), r2.id()]))
+    r1.expect("links", gives=sorted([a.id(), r2.id()]))
+    b.subscriber("in", "k")
+    b.watch("seen", "t")
+    a.queryable("q", "q", "yes")
+    a.publisher("k")
+    a.token("t")
+    b.expects("seen", "+t")
+    a.expect("heard", "k", gives=True)
+    for number in range(10):
+        a.put("k", str(number))
+    b.expects("in", *(f"k={number}" for number in range(10)))
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_router_does_not_serve_two_peers_that_lost_each_other(stage: Stage) -> None:
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.expect("links", gives=sorted([hub.id(), b.id()]))
+    b.expect("links", gives=sorted([hub.id(), a.id()]))
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    _set_ways(stage, "h1", "h2", are_open=False)
+    a.expect("links", gives=[hub.id()])
+    b.expect("links", gives=[hub.id()])
+    a.expect("heard", "k", gives=False)
+    a.put("k", "lost")
+    _set_ways(stage, "h1", "h2", are_open=True)
+    a.expect("links", gives=sorted([hub.id(), b.id()]))
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+def _set_ways(stage: Stage, one: str, other: str, *, are_open: bool) -> None:
+    stage.set_way(one, other, is_open=are_open)
+    stage.set_way(other, one, is_open=are_open)
+
+
+@scenario
+def a_namespace_crosses_routers(stage: Stage) -> None:
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    at = stage.address("h3")
+    a = stage.open("a", "h1", mode="client", connect=at, namespace="robot7")
+    b = stage.open("b", "h2", mode="client", connect=at)
+    b.expect("links", gives=[hub.id()])
+    b.subscriber("in", "robot7/k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "robot7/k=x")
+
+
+@scenario
+def a_client_reaches_its_router_over_udp(stage: Stage) -> None:
+    hub = stage.open("hub", "h3", mode="router", listen="udp/[::]:7447")
+    at = stage.address("h3", protocol="udp")
+    a = stage.open("a", "h1", mode="client", connect=at)
+    b = stage.open("b", "h2", mode="client", connect=at)
+    a.expect("links", gives=[hub.id()])
+    b.watch("seen", "t")
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.token("t")
+    b.expects("seen", "+t")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+    a.kill()
+    b.expects("seen", "+t", "-t")
+
+
+# Hosts that hear nothing, say nothing, or move
+
+
+@scenario
+def a_deaf_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_deaf("h2", deaf=True)
+    a.expect("links", gives=[])
+    b.expect("links", gives=[])
+    stage.set_deaf("h2", deaf=False)
+    a.expect("links", gives=[b.id()])
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_mute_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_mute("h1", mute=True)
+    b.expect("links", gives=[])
+    a.expect("links", gives=[])
+    stage.set_mute("h1", mute=False)
+    a.expect("links", gives=[b.id()])
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def hosts_with_a_way_in_one_direction_lose_each_other(stage: Stage) -> None:
+    a, b = _pair(stage)
+    c = stage.open("c", "h3")
+    c.expect("links", gives=sorted([a.id(), b.id()]))
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_way("h1", "h2", is_open=False)
+    b.expects("seen", "+t", "-t")
+    a.expect("links", gives=[c.id()])
+    stage.set_way("h1", "h2", is_open=True)
+    b.expects("seen", "+t", "-t", "+t")
+    a.expect("links", gives=sorted([b.id(), c.id()]))
+
+
+@scenario
+def a_query_of_a_deaf_host_ends(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    b.expect("served", "q", gives=True)
+    stage.set_deaf("h1", deaf=True)
+    b.ask_later("asked", "q", 60.0)
+    b.expects("asked", "end")
+
+
+@scenario
+def a_host_with_another_address_is_met_again(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.roam("h1")
+    b.expects("seen", "+t", "-t", "+t")
+    a.expect("links", gives=[b.id()])
+
+
+@scenario
+def a_client_with_another_address_finds_its_router_again(stage: Stage) -> None:
+    hub, a, b = _star(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.roam("h1")
+    b.expects("seen", "+t", "-t", "+t")
+    a.expect("links", gives=[hub.id()])
+
+
+# Meeting without multicast
+
+
+@scenario
+def peers_without_multicast_meet_at_an_endpoint(stage: Stage) -> None:
+    stage.set_multicast("h2", on=False)
+    a = stage.open("a", "h1", listen="tcp/[::]:7448")
+    b = stage.open("b", "h2", connect=stage.address("h1", 7448))
+    a.expect("links", gives=[b.id()])
+    b.expect("links", gives=[a.id()])
+
+
+@scenario
+def peers_without_multicast_are_introduced_by_a_third(stage: Stage) -> None:
+    for host in ("h1", "h2", "h3"):
+        stage.set_multicast(host, on=False)
+    a = stage.open("a", "h1", listen="tcp/[::]:7448")
+    at = stage.address("h1", 7448)
+    b = stage.open("b", "h2", connect=at)
+    c = stage.open("c", "h3", connect=at)
+    b.expect("links", gives=sorted([a.id(), c.id()]))
+    c.expect("links", gives=sorted([a.id(), b.id()]))
+
+
+@scenario
+def peers_without_multicast_or_endpoint_stay_apart(stage: Stage) -> None:
+    stage.set_multicast("h2", on=False)
+    a = stage.open("a", "h1")
+    b = stage.open("b", "h2")
+    c = stage.open("c", "h1")
+    a.expect("links", gives=[c.id()])
+    assert b.links() == []
+
+
+# Congestion
+
+
+@scenario
+def a_congested_link_drops_messages_and_recovers(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_rate("h1", 2_000_000)
+    b.flooded("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.flood("k", 400, 50_000)
+
+    def has_recovered() -> bool:
+        a.put("k", "last")
+        return "last" in b.events("in")
+
+    assert stage.wait(has_recovered)
+    numbers = [int(each) for each in b.events("in") if each != "last"]
+    assert 0 < len(numbers) < 400 and numbers == sorted(numbers)
+
+
+@scenario
+def a_congested_link_delays_retained_messages(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_rate("h1", 2_000_000)
+    b.flooded("in", "k")
+    a.retained_publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.flood("k", 100, 50_000)
+    b.expects("in", *map(str, range(100)))

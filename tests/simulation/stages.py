@@ -90,9 +90,36 @@ class Stage(Protocol):
         """Pull a host's cable out, or plug it in."""
         ...
 
-    def address(self, host: str) -> str:
-        """The endpoint at which a router of this host listens."""
+    def set_deaf(self, host: str, *, deaf: bool) -> None:
+        """Drop all that is sent to a host, or none of it."""
         ...
+
+    def set_mute(self, host: str, *, mute: bool) -> None:
+        """Drop all that a host sends, or none of it."""
+        ...
+
+    def set_way(self, one: str, other: str, *, is_open: bool) -> None:
+        """Let what one host sends to another arrive there, or get lost."""
+        ...
+
+    def set_rate(self, host: str, bytes_a_second: int) -> None:
+        """Let a host send so much at most."""
+        ...
+
+    def set_multicast(self, host: str, *, on: bool) -> None:
+        """Carry packets for many to and from a host, or drop them."""
+        ...
+
+    def roam(self, host: str) -> None:
+        """Give a host another address."""
+        ...
+
+    def address(self, host: str, port: int = 7447, protocol: str = "tcp") -> str:
+        """The endpoint at which a session of this host listens."""
+        ...
+
+
+HOSTS = "h1", "h2", "h3"
 
 
 class _Simulated:
@@ -111,7 +138,7 @@ class SimulatedStage:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        for host in ("h1", "h2", "h3"):
+        for host in HOSTS:
             network.host(host)
 
     def open(self, name: str, host: str = "h1", **options: Any) -> Part:
@@ -135,8 +162,37 @@ class SimulatedStage:
         else:
             self.network.partition(host)
 
-    def address(self, host: str) -> str:
-        return f"tcp/{host}:7447"
+    def set_deaf(self, host: str, *, deaf: bool) -> None:
+        for other in _others(host):
+            self.set_way(other, host, is_open=not deaf)
+
+    def set_mute(self, host: str, *, mute: bool) -> None:
+        for other in _others(host):
+            self.set_way(host, other, is_open=not mute)
+
+    def set_way(self, one: str, other: str, *, is_open: bool) -> None:
+        if is_open:
+            self.network.heal()
+        else:
+            self.network.cut(one, other, both_ways=False)
+
+    def set_rate(self, host: str, bytes_a_second: int) -> None:
+        for other in _others(host):
+            self.network.path(host, other, bytes_a_second=bytes_a_second)
+
+    def set_multicast(self, host: str, *, on: bool) -> None:
+        for other in _others(host):
+            self.network.path(host, other, multicast=on)
+
+    def roam(self, host: str) -> None:
+        self.network.roam(host, "elsewhere")
+
+    def address(self, host: str, port: int = 7447, protocol: str = "tcp") -> str:
+        return f"{protocol}/{host}:{port}"
+
+
+def _others(host: str) -> list[str]:
+    return [each for each in HOSTS if each != host]
 
 
 class _Real:
@@ -169,8 +225,10 @@ class RealStage:
     """A stage on hosts in network namespaces, where Zenoh's own sessions meet."""
 
     def __init__(self) -> None:
-        self._hosts = Hosts("h1", "h2", "h3")
+        self._hosts = Hosts(*HOSTS)
         self._players: list[_Real] = []
+        # What takes back each change of the network.
+        self._heals: dict[tuple[str, ...], Callable[[], None]] = {}
 
     def open(self, name: str, host: str = "h1", **options: Any) -> Part:
         player = _Real(self._hosts, host, name, options)
@@ -189,18 +247,61 @@ class RealStage:
         player.process.send_signal(_SIGNALS[what])
 
     def set_cable(self, host: str, *, plugged: bool) -> None:
-        self._hosts.set_link(host, up=plugged)
+        set_link = self._hosts.set_link
+        self._change(("cable", host), not plugged, lambda injured: set_link(host, up=not injured))
 
-    def address(self, host: str) -> str:
-        return f"tcp/{self._hosts.address[host]}:7447"
+    def set_deaf(self, host: str, *, deaf: bool) -> None:
+        set_deaf = self._hosts.set_deaf
+        self._change(("deaf", host), deaf, lambda injured: set_deaf(host, deaf=injured))
+
+    def set_mute(self, host: str, *, mute: bool) -> None:
+        set_mute = self._hosts.set_mute
+        self._change(("mute", host), mute, lambda injured: set_mute(host, mute=injured))
+
+    def set_way(self, one: str, other: str, *, is_open: bool) -> None:
+        def change(injured: bool) -> None:
+            self._hosts.set_way(one, other, is_open=not injured)
+
+        self._change(("way", one, other), not is_open, change)
+
+    def set_rate(self, host: str, bytes_a_second: int) -> None:
+        def change(injured: bool) -> None:
+            self._hosts.set_rate(host, bytes_a_second if injured else None)
+
+        self._change(("rate", host), True, change)
+
+    def set_multicast(self, host: str, *, on: bool) -> None:
+        def change(injured: bool) -> None:
+            self._hosts.set_multicast(host, on=not injured)
+
+        self._change(("multicast", host), not on, change)
+
+    def roam(self, host: str) -> None:
+        former = self._hosts.address[host]
+
+        def change(injured: bool) -> None:
+            self._hosts.set_network(host, "10.99.0.77" if injured else former)
+
+        self._change(("roam", host), True, change)
+
+    def address(self, host: str, port: int = 7447, protocol: str = "tcp") -> str:
+        return f"{protocol}/{self._hosts.address[host]}:{port}"
+
+    def _change(self, what: tuple[str, ...], injured: bool, change: Callable[[bool], None]) -> None:
+        """Change the network, unless it is so already."""
+        if injured and what not in self._heals:
+            change(True)
+            self._heals[what] = lambda: change(False)
+        elif not injured and what in self._heals:
+            self._heals.pop(what)()
 
     def clear(self) -> None:
-        """End all actors: the next scenario begins alone."""
+        """End all actors, and take all changes of the network back: the next scenario is alone."""
         for player in self._players:
             player.end()
         self._players.clear()
-        for host in ("h1", "h2", "h3"):
-            self._hosts.set_link(host, up=True)
+        while self._heals:
+            self._heals.popitem()[1]()
 
     def close(self) -> None:
         """End all, and take the hosts down."""

@@ -13,6 +13,7 @@ from tfbus.testing import retained
 from tfbus.testing.faces import Face
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import LEASE_S, Lane, Paths
+from tfbus.testing.meeting import Meeting
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.tasks import Tasks
 from tfbus.testing.zenoh_session import ZenohSession
@@ -23,6 +24,12 @@ _MEETS_AGAIN_WITHIN_S = 4.0
 
 # A peer that meets no others opens alone after this time, a client fails.
 _OPENS_ALONE_S = 0.5
+
+# News of a token that come late are at most so late.
+_LATE_TOKEN_S = 1.0
+
+# One that links again before the other has noticed that it was lost does it within this time.
+_TOO_SOON_S = 0.3
 
 
 class Fabric:
@@ -35,7 +42,10 @@ class Fabric:
         # Messages that congested links have dropped.
         self.dropped = 0
         self._sessions: dict[ZenohSession, None] = {}
-        self._meeting: set[tuple[ZenohSession, ZenohSession]] = set()
+        self._looking: set[tuple[ZenohSession, ZenohSession]] = set()
+        self._meeting = Meeting(paths)
+        # Faces whose far end has lost the link, which they will not notice in time.
+        self._unaware: set[Face] = set()
 
     # The bus opens sessions
 
@@ -83,6 +93,24 @@ class Fabric:
         """Whether a declaration of a queryable is lost now."""
         return self._happens(self._faults.lost_declarations)
 
+    def times_of_a_token(self) -> int:
+        """How often the news of a token are told."""
+        return 2 if self._happens(self._faults.repeated_tokens) else 1
+
+    def late_of_a_token_s(self) -> float:
+        """How late the news of a token are."""
+        if not self._happens(self._faults.late_tokens):
+            return 0.0
+        return self.tasks.random.uniform(0.0, _LATE_TOKEN_S)
+
+    def ends_short(self) -> bool:
+        """Whether the end of a query overtakes an answer now."""
+        return self._happens(self._faults.short_queries)
+
+    def never_ends(self) -> bool:
+        """Whether the end of a query is lost now."""
+        return self._happens(self._faults.endless_queries)
+
     def _happens(self, share: float) -> bool:
         return bool(share) and self.tasks.random.random() < share
 
@@ -100,7 +128,10 @@ class Fabric:
             for face in list(session.faces.values()):
                 far = face.far
                 face.is_open = False
-                face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
+                if face.lane.is_reliable:
+                    face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
+                else:
+                    self._watch_silence(far)
             session.faces.clear()
             self._sessions.pop(session, None)
 
@@ -132,7 +163,7 @@ class Fabric:
         path.is_up = is_up
         if not is_up:
             path.changed_ns = self.tasks.now_ns
-        for session in [each for each in self._sessions if each.process.host is one]:
+        for session in self._sessions_of(one):
             for face in list(session.faces.values()):
                 if face.far_session.process.host is other:
                     if is_up:
@@ -142,45 +173,82 @@ class Fabric:
             if is_up:
                 self._meet_others(session, _MEETS_AGAIN_WITHIN_S)
 
+    def address_changed(self, host: Host) -> None:
+        """The addresses of a host's links are gone: it ends them, the others hear nothing more."""
+        for session in self._sessions_of(host):
+            for face in list(session.faces.values()):
+                if face.far_session.process.host is not host:
+                    face.lane.is_open = face.far.lane.is_open = False
+                    self._close(face)
+                    self._watch_silence(face.far)
+                    self._meet_others(face.far_session, _MEETS_AGAIN_WITHIN_S)
+            self._meet_others(session, _MEETS_AGAIN_WITHIN_S)
+
+    def _sessions_of(self, host: Host) -> list[ZenohSession]:
+        return [session for session in self._sessions if session.process.host is host]
+
     # Who meets
 
     def _meet_others(self, session: ZenohSession, within_s: float) -> None:
         for other in list(self._sessions):
-            if other is not session and _look_for_each_other(session, other):
+            if other is not session and self._meeting.protocol(session, other):
                 self._meet_soon(session, other, within_s)
 
     def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:
         pair = (one, other) if one.zid_text > other.zid_text else (other, one)
-        if pair in self._meeting or other in one.faces:
+        if pair in self._looking or other in one.faces:
             return
-        self._meeting.add(pair)
+        self._looking.add(pair)
 
         def try_it() -> None:
-            self._meeting.discard(pair)
+            self._looking.discard(pair)
             are_there = all(session in self._sessions for session in pair)
             # Where nothing passes, healing begins it again.
-            if are_there and pair[1] not in pair[0].faces and self._can_talk(*pair):
-                self._link(*pair)
+            if are_there and self._can_talk(*pair) and not self._are_linked(*pair):
+                protocol = self._meeting.protocol(*pair)
+                if protocol:
+                    self._link(*pair, is_reliable=protocol != "udp")
 
         self.tasks.call_after(self.tasks.random.uniform(0.001, within_s), try_it)
+
+    def _are_linked(self, one: ZenohSession, other: ZenohSession) -> bool:
+        return other in one.faces and one in other.faces
 
     def _can_talk(self, one: ZenohSession, other: ZenohSession) -> bool:
         paths = self._paths.both_ways(one.process.host, other.process.host)
         are_up = all(path.is_up for path in paths)
         return are_up and one.process.is_running and other.process.is_running
 
-    def _link(self, one: ZenohSession, other: ZenohSession) -> None:
+    def _link(self, one: ZenohSession, other: ZenohSession, *, is_reliable: bool) -> None:
         faces = []
         for near, far in ((one, other), (other, one)):
             path = self._paths.between(near.process.host, far.process.host)
-            faces.append(Face(near, Lane(self.tasks, path)))
+            faces.append(Face(near, Lane(self.tasks, path, is_reliable=is_reliable)))
         faces[0].far, faces[1].far = faces[1], faces[0]
-        for face in faces:
-            stale = face.session.faces.get(face.far_session)
-            if stale is not None:
-                self._close(stale)
-        for face in faces:
-            face.session.greet(face)
+        unaware = [self._take_over(face) for face in faces]
+        for face, is_unaware in zip(faces, unaware, strict=True):
+            if not is_unaware:
+                face.session.greet(face)
+        self._meeting.note_link(one, other)
+        for session in (one, other):
+            # Each may be introduced now to those that the other knows.
+            self._meet_others(session, _MEETS_WITHIN_S)
+
+    def _take_over(self, face: Face) -> bool:
+        """A new link in the place of a former one; whether its end has not noticed any loss."""
+        session = face.session
+        stale = session.faces.get(face.far_session)
+        if stale is None:
+            return False
+        if stale not in self._unaware:
+            self._close(stale)
+            return False
+        self._unaware.discard(stale)
+        stale.is_open = False
+        face.continue_of(stale)
+        session.faces[face.far_session] = face
+        self.tasks.call_after(LEASE_S, lambda: session.process.receive(lambda: self.lose(face)))
+        return True
 
     # Who is lost
 
@@ -188,6 +256,7 @@ class Fabric:
         """This end of a link is closed; what was sent before still arrives."""
         if face.is_open:
             face.is_open = False
+            self._unaware.discard(face)
             face.session.part(face)
 
     def lose(self, face: Face) -> None:
@@ -196,13 +265,19 @@ class Fabric:
             return
         self._close(face)
         face.lane.is_open = False
-        far = face.far
-        if far.is_open:
+        one, other = face.session, face.far_session
+        within_s = _MEETS_AGAIN_WITHIN_S
+        if face.far.is_open:
+            there, here = other.process.host, one.process.host
+            if self._happens(self._faults.half_links):
+                self._unaware.add(face.far)
+                within_s = _TOO_SOON_S
             # Its connection is closed: it learns that as soon as anything passes.
-            self._watch_silence(far, 0.0)
-        one, other = face.session, far.session
-        if one in self._sessions and other in self._sessions:
-            self._meet_soon(one, other, _MEETS_AGAIN_WITHIN_S)
+            passes = self._paths.between(here, there).is_up and face.far not in self._unaware
+            self._watch_silence(face.far, 0.0 if passes else LEASE_S)
+        for session in (one, other):
+            if session in self._sessions:
+                self._meet_others(session, within_s)
 
     def _watch_silence(self, face: Face, after_s: float = LEASE_S) -> None:
         """Lose the link of a face that has heard nothing for the lease."""
@@ -218,10 +293,3 @@ class Fabric:
                 face.session.process.receive(lambda: self.lose(face))
 
         self.tasks.call_after(max(after_s, path.delay_s), look)
-
-
-def _look_for_each_other(one: ZenohSession, other: ZenohSession) -> bool:
-    modes = {one.mode, other.mode}
-    if "client" in modes:
-        return "router" in modes
-    return True

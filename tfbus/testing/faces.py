@@ -39,6 +39,10 @@ class Face:
         declared = self.declared[kind]
         return key in declared or any(intersect(each, key) for each in declared)
 
+    def continue_of(self, former: "Face") -> None:
+        """Take over all that a former end knew and told: a link was added to it."""
+        self.declared, self._told, self.asked = former.declared, former._told, former.asked
+
     def send(self, call: Callable[["Face"], object], size: int = 100) -> None:
         """Make `call(far end)` there, in the order of the calls."""
         far = self.far

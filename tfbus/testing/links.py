@@ -1,6 +1,7 @@
 """Paths between hosts, and the lanes of links over them: what is late, lost or in order.
 
-A link is as TCP makes it: nothing on it is lost or overtakes, a lost packet delays all behind it.
+On a link of TCP nothing is lost or overtakes: a lost packet delays all behind it. On one of UDP a
+lost packet is lost, and Zenoh drops one that another has overtaken.
 """
 
 from collections import deque
@@ -26,16 +27,25 @@ _OTHER_BYTES = 2 * 65536
 class Path:
     """The way from one host to another, in one direction.
 
-    Seconds, bytes a second (0: without bound), and the share of packets that are lost. `is_up` is
-    whether anything arrives.
+    Seconds, bytes a second (0: without bound), and the shares of packets that are lost, and that
+    take twice as long, so that others overtake them. `is_up` is whether anything arrives,
+    `multicast` whether peers find each other by it.
     """
 
     delay_s: float = 0.0002
     jitter_s: float = 0.0001
     loss: float = 0.0
+    reordering: float = 0.0
     bytes_a_second: float = 0.0
+    multicast: bool = True
     is_up: bool = True
     changed_ns: int = 0
+
+    def delays_s(self, chance: Callable[[], float]) -> tuple[float, float]:
+        """How long one packet takes, and how much longer where others overtake it."""
+        is_late = self.reordering and chance() < self.reordering
+        more_s = self.delay_s + self.jitter_s if is_late else 0.0
+        return self.delay_s + self.jitter_s * chance(), more_s
 
 
 class Paths:
@@ -59,13 +69,19 @@ class Paths:
 
 
 class Lane:
-    """One direction of a link: calls that arrive at its far end, in their order."""
+    """One direction of a link: calls that arrive at its far end, in their order.
 
-    def __init__(self, tasks: Tasks, path: Path) -> None:
+    All of them where it `is_reliable`.
+    """
+
+    def __init__(self, tasks: Tasks, path: Path, *, is_reliable: bool = True) -> None:
         self._tasks = tasks
         self.path = path
+        self.is_reliable = is_reliable
         self._arrived_ns = 0
         self._free_ns = 0
+        # The numbers of packets, where they may overtake.
+        self._number = self._arrived_number = 0
         # Calls that wait for the path to be up again.
         self._held: deque[tuple[Callable[[], object], int]] = deque()
         self.is_open = True
@@ -82,10 +98,12 @@ class Lane:
 
     def send(self, call: Callable[[], object], size: int = 100) -> None:
         """Make a call at the far end, once it has arrived there."""
-        if not self.path.is_up or self._held:
+        if not self.is_reliable:
+            self._launch_once(call, size)
+        elif not self.path.is_up or self._held:
             self._held.append((call, size))
-            return
-        self._launch(call, size, 0.0)
+        else:
+            self._launch(call, size, 0.0)
 
     def release(self) -> None:
         """The path is up again: all that waits is sent anew, after TCP's pause."""
@@ -98,16 +116,13 @@ class Lane:
     def _launch(self, call: Callable[[], object], size: int, pause_s: float) -> None:
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
-        late_s = pause_s + path.delay_s + path.jitter_s * chance()
+        late_s = pause_s + sum(path.delays_s(chance))
         resend_s = _RESEND_AFTER_S
         while path.loss and chance() < path.loss:
             late_s += resend_s
             resend_s = min(2 * resend_s, 60.0)
-        begun_ns = tasks.now_ns
-        if path.bytes_a_second:
-            begun_ns = max(begun_ns, self._free_ns) + round(size / path.bytes_a_second * 1e9)
-            self._free_ns = begun_ns
-        self._arrived_ns = max(self._arrived_ns + 1, begun_ns + round(late_s * 1e9))
+        sent_ns = self._sent_ns(size)
+        self._arrived_ns = max(self._arrived_ns + 1, sent_ns + round(late_s * 1e9))
 
         def arrive() -> None:
             if not self.is_open:
@@ -119,3 +134,32 @@ class Lane:
                 self._held.append((call, size))
 
         tasks.call_at(self._arrived_ns, arrive)
+
+    def _launch_once(self, call: Callable[[], object], size: int) -> None:
+        """Send a packet that is lost where the path loses it, or where another overtakes it."""
+        tasks, path = self._tasks, self.path
+        chance = tasks.random.random
+        if path.loss and chance() < path.loss:
+            return
+        delay_s, more_s = path.delays_s(chance)
+        due_ns = self._sent_ns(size) + round(delay_s * 1e9)
+        # Jitter alone changes no order: packets of one way wait in one queue.
+        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
+        due_ns += round(more_s * 1e9)
+        self._number += 1
+        number = self._number
+
+        def arrive() -> None:
+            if self.is_open and path.is_up and number > self._arrived_number:
+                self._arrived_number = number
+                call()
+
+        tasks.call_at(due_ns, arrive)
+
+    def _sent_ns(self, size: int) -> int:
+        """When the last byte has left, by the bandwidth of the path."""
+        sent_ns = self._tasks.now_ns
+        if self.path.bytes_a_second:
+            sent_ns = max(sent_ns, self._free_ns) + round(size / self.path.bytes_a_second * 1e9)
+            self._free_ns = sent_ns
+        return sent_ns

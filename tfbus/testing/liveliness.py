@@ -20,6 +20,9 @@ class _Watch:
     def __init__(self, full: str, handler: Handler) -> None:
         self.full = full
         self.handler = handler
+        self.is_over = False
+        # When the latest news of a token come that come late.
+        self.late: dict[str, int] = {}
 
 
 class Tokens:
@@ -56,7 +59,12 @@ class Tokens:
             for source, keys in self._by_source():
                 for key in keys:
                     self._report(watch, key, zenoh.SampleKind.PUT, source)
-        return Declared(self._session, lambda: self._watches.pop(number, None))
+
+        def undeclare() -> None:
+            watch.is_over = True
+            self._watches.pop(number, None)
+
+        return Declared(self._session, undeclare)
 
     def clear(self) -> None:
         """Watch nothing more."""
@@ -65,11 +73,26 @@ class Tokens:
     def _report(self, watch: _Watch, key: str, kind: Any, source: object) -> None:
         session = self._session
         seen = session.names.seen(key)
-        if seen is not None and intersect(watch.full, key):
-            sample = Sample(seen, kind=kind)
-            session.callers.post(
-                ("token", source), lambda: guarded(partial(watch.handler.call, sample))
-            )
+        if seen is None or not intersect(watch.full, key):
+            return
+        sample = Sample(seen, kind=kind)
+
+        def tell() -> None:
+            if not watch.is_over:
+                guarded(partial(watch.handler.call, sample))
+
+        def post() -> None:
+            session.callers.post(("token", source), tell)
+
+        for _ in range(session.fabric.times_of_a_token()):
+            late_s = session.fabric.late_of_a_token_s()
+            # The news of one token stay in order.
+            due_ns = max(session.tasks.now_ns + round(late_s * 1e9), watch.late.get(key, 0))
+            if due_ns <= session.tasks.now_ns:
+                post()
+            else:
+                watch.late[key] = due_ns
+                session.tasks.call_at(due_ns, lambda: session.process.receive(post))
 
     def _by_source(self) -> list[tuple[object, list[str]]]:
         found: list[tuple[object, list[str]]] = []

@@ -1,18 +1,12 @@
 """A simulated network: hosts, the paths between them, what runs there, and what goes wrong.
 
-    with Network(seed=1) as network:
-        robot, base = network.host("robot"), network.host("base")
-        network.path(robot, base, delay_s=0.02, loss=0.05)
-        with robot.process("sim"):
-            node = tfbus.Node("sim")
-        network.run(10.0)
-
 The real code runs on it, in virtual time, one task at a time. The same seed gives the same run.
 """
 
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from types import TracebackType
 from typing import Any
 
@@ -32,9 +26,18 @@ _LOOK_EVERY_S = 0.005
 
 
 class Network:
-    """Hosts and all that runs on them, from a seed; in force until the end of its `with`.
+    """A simulated network, in force until the end of its `with`: hosts, and all that runs on them.
 
-    `interleaving` is the mean number of steps after which a task gives its turn away without need.
+        with Network(seed=1) as network:
+            robot, base = network.host("robot"), network.host("base")
+            network.path(robot, base, delay_s=0.02, loss=0.05)
+            with network.process(robot, "sim"):
+                node = tfbus.Node("sim")
+            network.run(10.0)
+
+    The seed decides all that is left to chance. `interleaving` is the mean number of steps after
+    which a task gives its turn away without need. `faults` says how often Zenoh fails. Hosts and
+    processes are given as what `host` and `process` hand out, or by their names.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:
@@ -45,13 +48,14 @@ class Network:
         self._hosts: dict[str, Host] = {}
         self._paths = Paths()
         self._pids = 1000
+        self._tasks: Tasks | None = None
 
     # In force
 
     def __enter__(self) -> "Network":
         if scheduler.is_simulated:
             raise SimulationError("one simulated network at a time")
-        self.tasks = Tasks(self.seed, _Driver(), interleaving=self._interleaving)
+        self._tasks = Tasks(self.seed, _Driver(), interleaving=self._interleaving)
         self._fabric = Fabric(self.tasks, self._paths, self.faults)
         self._was_collecting = gc.isenabled()
         gc.disable()  # finalizers at any moment would make no two runs the same
@@ -85,8 +89,10 @@ class Network:
     # Hosts and processes
 
     def host(self, name: str, *, offset_s: float = 0.0, drift_ppm: float = 0.0) -> Host:
-        """The host of this name, made the first time: its clock is `offset_s` ahead of the others
-        and gains `drift_ppm` microseconds a second.
+        """The host of this name, made the first time.
+
+        Its clock is `offset_s` ahead of the others and gains `drift_ppm` microseconds a second;
+        `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`.
         """
         if name not in self._hosts:
             host = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
@@ -115,38 +121,58 @@ class Network:
     def start(
         self, host: Host | str, name: str, main: Callable[..., object], *args: Any, **named: Any
     ) -> Process:
-        """Start a process that runs `main(*args, **named)` and ends with it."""
+        """Start a process that runs `main(*args, **named)` and ends with it.
+
+        What `main` raises fails the test. SystemExit(0) of a command line does not.
+        """
         process = self._new_process(self._host(host), name)
 
         def run() -> None:
             try:
                 main(*args, **named)
+            except SystemExit as error:
+                if error.code:
+                    raise
             finally:
                 if not self.tasks.is_over:
                     self._end(process)
 
+        process.begin = partial(self.start, process.host, name, main, *args, **named)
         process.main = self.tasks.start(name, process, run)
         return process
 
-    def kill(self, process: Process) -> None:
+    def kill(self, process: Process | str) -> None:
         """End a process at once, as SIGKILL does: its host closes its sockets."""
-        self._end(process)
+        self._end(self._process(process))
+
+    def restart(self, process: Process | str) -> Process:
+        """Kill a process that `start` began, if it still runs, and start it anew."""
+        former = self._process(process)
+        if former.begin is None:
+            raise SimulationError(
+                f"process {former.name!r} has no main function to restart: begin it by "
+                "network.start(host, name, main)"
+            )
+        self._end(former)
+        return former.begin()
 
     def power_off(self, host: Host | str) -> None:
-        """End all processes of a host without a word to others."""
+        """End all processes of a host without a word to others, as a pulled plug does."""
         for process in self._host(host).processes:
             process.is_dead = True
             self._fabric.process_vanished(process)
 
-    def stop(self, process: Process) -> None:
+    def stop(self, process: Process | str) -> None:
         """Stop a process, as SIGSTOP does."""
-        process.is_stopped = True
-        self._fabric.process_stopped(process)
+        stopped = self._process(process)
+        stopped.is_stopped = True
+        self._fabric.process_stopped(stopped)
 
-    def go_on(self, process: Process) -> None:
+    def go_on(self, process: Process | str) -> None:
         """Let a stopped process go on."""
-        process.go_on()
-        self._fabric.process_goes_on(process)
+        stopped = self._process(process)
+        stopped.go_on()
+        self._fabric.process_goes_on(stopped)
 
     def _end(self, process: Process) -> None:
         if not process.is_dead:
@@ -163,29 +189,61 @@ class Network:
         delay_s: float = 0.0002,
         jitter_s: float = 0.0001,
         loss: float = 0.0,
+        reordering: float = 0.0,
         bytes_a_second: float = 0.0,
+        multicast: bool = True,
     ) -> None:
-        """Set how two hosts reach each other, both ways."""
+        """Set how two hosts reach each other, both ways.
+
+        Each packet takes `delay_s`, and up to `jitter_s` more; the share `loss` of all packets is
+        lost, and the share `reordering` takes twice as long. On links of TCP, which tfbus uses
+        unless an endpoint says `udp`, both only delay those behind; on links of UDP a lost packet
+        is lost, and so is one that another overtakes. More than `bytes_a_second` (0: no bound)
+        waits, and is dropped where too much does. Without `multicast` peers meet only at the
+        endpoints of `connect`, or introduced by others.
+        """
         for path in self._paths.both_ways(self._host(one), self._host(other)):
             path.delay_s, path.jitter_s, path.loss = delay_s, jitter_s, loss
+            path.reordering, path.multicast = reordering, multicast
             path.bytes_a_second = bytes_a_second
 
     def partition(self, *groups: Iterable[Host | str] | Host | str) -> None:
-        """Let nothing pass between the groups; hosts of no group are one more."""
-        sides: dict[Host, int] = {}
-        for number, group in enumerate(groups, 1):
-            for host in [group] if isinstance(group, Host | str) else group:
-                sides[self._host(host)] = number
-        for one in self._hosts.values():
-            for other in self._hosts.values():
-                if sides.get(one, 0) != sides.get(other, 0):
-                    self._fabric.set_up(one, other, False)
+        """Let nothing pass between the groups, such as `"robot", "base"` or `["a", "b"], "c"`.
+
+        Hosts of no group still reach all others, except of a single group, which is cut off from
+        all of them.
+        """
+        sides = [
+            [self._host(each) for each in ([group] if isinstance(group, Host | str) else group)]
+            for group in groups
+        ]
+        if len(sides) == 1:
+            sides.append([host for host in self._hosts.values() if host not in sides[0]])
+        named = [host for side in sides for host in side]
+        for host in named:
+            if named.count(host) > 1:
+                raise SimulationError(f"host {host.name!r} is in two groups of a partition")
+        for side in sides:
+            for one in side:
+                for other in named:
+                    if other not in side:
+                        self._fabric.set_up(one, other, False)
 
     def cut(self, one: Host | str, other: Host | str, *, both_ways: bool = True) -> None:
-        """Let nothing pass from one host to another, or both ways."""
+        """Let nothing pass between two hosts, or only not from the first to the second."""
         self._fabric.set_up(self._host(one), self._host(other), False)
         if both_ways:
             self._fabric.set_up(self._host(other), self._host(one), False)
+
+    def roam(self, host: Host | str, address: str = "") -> None:
+        """Give a host another address, as another access point does: its links are lost.
+
+        The host notices at once, the others after the lease. `path` says how it is reached then.
+        Endpoints that name it by `address` lead to it from now on.
+        """
+        moved = self._host(host)
+        moved.address = address or moved.name
+        self._fabric.address_changed(moved)
 
     def heal(self) -> None:
         """Let everything pass again."""
@@ -194,7 +252,28 @@ class Network:
                 self._fabric.set_up(one, other, True)
 
     def _host(self, host: Host | str) -> Host:
-        return host if isinstance(host, Host) else self._hosts[host]
+        if isinstance(host, Host):
+            return host
+        if host not in self._hosts:
+            known = ", ".join(repr(each) for each in self._hosts)
+            raise SimulationError(
+                f"the network has no host {host!r}, but {known}: make it by network.host({host!r})"
+            )
+        return self._hosts[host]
+
+    def _process(self, process: Process | str) -> Process:
+        """A process, or the latest of the name "host/process"."""
+        if isinstance(process, Process):
+            return process
+        names = []
+        for host in self._hosts.values():
+            for each in reversed(host.processes):
+                if each.name == process:
+                    return each
+                names.append(repr(each.name))
+        raise SimulationError(
+            f"the network has no process {process!r}, but {', '.join(sorted(set(names)))}"
+        )
 
     # Running
 
@@ -223,6 +302,13 @@ class Network:
                     )
                 self.tasks.wait("a condition of the test", _LOOK_EVERY_S)
         return (self.tasks.now_ns - begun_ns) / 1e9
+
+    @property
+    def tasks(self) -> Tasks:
+        """The tasks of all processes. Raises SimulationError before the `with`."""
+        if self._tasks is None:
+            raise SimulationError("the network is in force within its `with`: with Network() as n")
+        return self._tasks
 
     @property
     def dropped(self) -> int:

@@ -21,6 +21,8 @@ class Host:
     ) -> None:
         self._tasks = tasks
         self.name = name
+        # Endpoints name a host by its name, or by the address that it has now.
+        self.address = name
         self.drift_ppm = drift_ppm
         self._offset_ns = round(offset_s * 1e9)
         self.processes: list[Process] = []
@@ -55,6 +57,8 @@ class Process:
         # What has arrived while it was stopped.
         self._arrived: list[Callable[[], object]] = []
         self.main: Task | None = None
+        # Starts it anew, where it has a main function.
+        self.begin: Callable[[], Process] | None = None
 
     def receive(self, call: Callable[[], object]) -> None:
         """Do what the network brings, now or as soon as the process goes on."""

@@ -262,11 +262,18 @@ class Queries:
     def receive_reply(self, face: "Face", number: int, reply: Reply) -> None:
         """An answer comes back."""
         asked = face.asked.get(number)
-        if asked is not None:
+        if asked is None:
+            return
+        if self._session.fabric.ends_short():
+            face.asked.pop(number)
+            asked.end_of(face)
+        else:
             asked.answer(reply)
 
     def receive_end(self, face: "Face", number: int) -> None:
         """The far end of a face has closed a query."""
+        if self._session.fabric.never_ends():
+            return
         asked = face.asked.pop(number, None)
         if asked is not None:
             asked.end_of(face)

@@ -1,12 +1,13 @@
 """The ways of messages and declarations between sessions: peers pass nothing on, routers do.
 
 As in Zenoh each router tells all others its links, its peers and what is declared at it. A message
-goes along the tree of shortest ways from the router that it came to first. A router passes messages
-between two of its peers only where these have no link to each other.
+goes along the tree of shortest ways from the router that it came to first. A peer that several
+routers have a link to is served by one of them. No router passes anything between two peers, also
+where these have no link to each other (eclipse-zenoh/zenoh#498).
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfbus.testing.declarations import KINDS
@@ -26,10 +27,9 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True)
 class Journey:
-    """Where a message has been: its first router, the peer it is of, all routers it crossed."""
+    """Where a message has been: its first router, and all routers that it crossed."""
 
     root: str = ""
-    peer: str = ""
     crossed: frozenset[str] = frozenset()
 
 
@@ -70,24 +70,9 @@ class Direct:
         for kind, keys in self._session.declarations.own.items():
             for key in list(keys):
                 face.tell(kind, key, 1)
-        self._tell_routers()
 
     def part(self, face: "Face") -> None:
         """A face has ended."""
-        self._tell_routers()
-
-    def _tell_routers(self) -> None:
-        """Tell routers who this peer has a link to, as Zenoh's gossip does."""
-        session = self._session
-        if session.mode != "peer":
-            return
-        linked = frozenset(far.zid_text for far in session.faces)
-        for face in session.faces.values():
-            if isinstance(face.far_session.routing, Router):
-                face.send(lambda far: far.session.routing.hear_peer(far, linked))
-
-    def hear_peer(self, face: "Face", linked: frozenset[str]) -> None:
-        """News for routers only."""
 
 
 class Table:
@@ -97,8 +82,7 @@ class Table:
         self.zid = zid
         self.number = 0
         self.routers: dict[str, None] = {}
-        # The peers at this router, each with the sessions it has a link to.
-        self.peers: dict[str, frozenset[str]] = {}
+        self.peers: dict[str, None] = {}
         self.declared: dict[str, dict[str, None]] = {kind: {} for kind in KINDS}
 
     def copy(self) -> "Table":
@@ -124,7 +108,6 @@ class Change(NamedTuple):
     kind: str
     key: str
     is_new: bool
-    linked: frozenset[str] = frozenset()
 
 
 class Router(Direct):
@@ -139,15 +122,13 @@ class Router(Direct):
         # How often each key is declared here, by the session itself, its clients and peers.
         self._count: dict[tuple[str, str], int] = {}
         self._trees: dict[str, dict[str, list[str]]] = {}
-        # Pairs of peers that have no link to each other, and are served here.
-        self._served: set[tuple[Face, Face]] = set()
 
     # Declarations
 
     def spread(self, source: object, kind: str, key: str, change: int) -> None:
         """Tell peers and clients, and other routers where it is of this one."""
         for face in self._leaves():
-            if face is not source and self._tells(source, face):
+            if face is not source and not (_is_peer(face) and source in self._peers()):
                 face.tell(kind, key, change)
         if not isinstance(source, Table):
             former = self._count.get((kind, key), 0)
@@ -169,12 +150,6 @@ class Router(Direct):
             return True
         return any(self._tables[zid].wants(kind, full) for zid in self._reached)
 
-    def _tells(self, source: object, face: "Face") -> bool:
-        """Whether the far end of a face hears of what a source declares."""
-        if source in self._peers() and face in self._peers():
-            return (source, face) in self._served
-        return True
-
     # Links
 
     def greet(self, face: "Face") -> None:
@@ -184,8 +159,10 @@ class Router(Direct):
                 self._send_table(face, table)
             self._publish("router", face.far_session.zid_text, is_new=True)
             return
+        if _is_peer(face):
+            self._publish("peer", face.far_session.zid_text, is_new=True)
         for source, declared in list(self.sources()):
-            if source is not face and self._tells(source, face):
+            if source is not face and not (_is_peer(face) and source in self._peers()):
                 for kind, keys in declared.items():
                     for key in list(keys):
                         face.tell(kind, key, 1)
@@ -195,49 +172,24 @@ class Router(Direct):
         zid = face.far_session.zid_text
         if _is_router(face):
             self._publish("router", zid, is_new=False)
-        elif zid in self._own.peers:
-            self._served = {pair for pair in self._served if face not in pair}
+        elif _is_peer(face):
             self._publish("peer", zid, is_new=False)
-
-    def hear_peer(self, face: "Face", linked: frozenset[str]) -> None:
-        """A peer tells the sessions it has a link to."""
-        self._publish("peer", face.far_session.zid_text, is_new=True, linked=linked)
-        for other in self._peers():
-            if other is not face:
-                self._serve(face, other)
-
-    def _serve(self, one: "Face", other: "Face") -> None:
-        """Pass on between two peers while they have no link to each other."""
-        ends = one.far_session.zid_text, other.far_session.zid_text
-        # Without news of a peer's links it is taken to have all.
-        known = [self._own.peers.get(zid) for zid in ends]
-        are_apart = all(known) and not any(
-            zid in (linked or ()) for zid, linked in zip(reversed(ends), known, strict=True)
-        )
-        for source, face in ((one, other), (other, one)):
-            if ((source, face) in self._served) != are_apart:
-                for kind, keys in source.declared.items():
-                    for key in list(keys):
-                        face.tell(kind, key, 1 if are_apart else -1)
-                (self._served.add if are_apart else self._served.discard)((source, face))
 
     def _leaves(self) -> "list[Face]":
         """The faces of peers and clients."""
         return [face for face in self._session.faces.values() if not _is_router(face)]
 
     def _peers(self) -> "list[Face]":
-        return [face for face in self._leaves() if face.far_session.mode == "peer"]
+        return [face for face in self._leaves() if _is_peer(face)]
 
     def _router_faces(self) -> "list[Face]":
         return [face for face in self._session.faces.values() if _is_router(face)]
 
     # Tables
 
-    def _publish(
-        self, kind: str, key: str, *, is_new: bool, linked: frozenset[str] = frozenset()
-    ) -> None:
+    def _publish(self, kind: str, key: str, *, is_new: bool) -> None:
         own = self._own
-        change = Change(own.zid, own.number + 1, kind, key, is_new, linked)
+        change = Change(own.zid, own.number + 1, kind, key, is_new)
         self._apply(own, change)
         self._pass_change(change, None)
 
@@ -267,22 +219,30 @@ class Router(Direct):
 
     def hear_change(self, face: "Face", change: Change) -> None:
         """A router tells a change of itself or another one."""
+        if change.zid == self._own.zid:
+            return
         table = self._tables.get(change.zid)
-        if table is None or change.number <= table.number:
+        if table is None:
+            face.send(lambda far: far.session.routing.repeat_table(far, change.zid))
+            return
+        if change.number <= table.number:
             return
         self._apply(table, change)
         self._pass_change(change, face)
 
+    def repeat_table(self, face: "Face", zid: str) -> None:
+        """Another router lacks a table."""
+        if zid in self._tables:
+            self._send_table(face, self._tables[zid])
+
     def _apply(self, table: Table, change: Change) -> None:
         table.number = change.number
-        _, _, kind, key, is_new, linked = change
+        _, _, kind, key, is_new = change
         if kind == "router":
             _set(table.routers, key, is_new)
             self._find_trees()
         elif kind == "peer":
-            table.peers.pop(key, None)
-            if is_new:
-                table.peers[key] = linked
+            _set(table.peers, key, is_new)
         else:
             _set(table.declared[kind], key, is_new)
             if table.zid in self._reached:
@@ -294,7 +254,8 @@ class Router(Direct):
         reached = set(self._tree(self._own.zid)) - {self._own.zid}
         former, self._reached = self._reached, reached
         for zid in sorted(former - reached):
-            self._spread_table(self._tables[zid], -1)
+            # It may have changed when it is reached again: then it is told anew.
+            self._spread_table(self._tables.pop(zid), -1)
         for zid in sorted(reached - former):
             self._spread_table(self._tables[zid], 1)
 
@@ -337,36 +298,25 @@ class Router(Direct):
     ) -> list[Way]:
         """The faces by which a message goes on; without `journey` it is of this session."""
         own = self._own.zid
-        onwards = replace(journey or Journey(), root=own)
-        if came_by is not None:
-            sender = came_by.far_session
-            if _is_router(came_by):
-                onwards = journey or onwards
-            elif sender.mode == "peer":
-                if not self._is_elected(sender.zid_text):
-                    return []
-                onwards = replace(onwards, peer=sender.zid_text)
-        onwards = replace(onwards, crossed=onwards.crossed | {own})
+        is_onward = came_by is not None and _is_router(came_by) and journey is not None
+        root = journey.root if journey is not None and is_onward else own
+        crossed = journey.crossed if journey is not None else frozenset()
+        onwards = Journey(root, crossed | {own})
+        is_of_peer = came_by is not None and _is_peer(came_by)
+        if came_by is not None and is_of_peer and not self._serves(came_by):
+            return []
         faces = [
             face
             for face in self._leaves()
-            if face is not came_by and face.wants(kind, full) and self._serves(onwards.peer, face)
+            if face is not came_by and face.wants(kind, full)
+            if not _is_peer(face) or (not is_of_peer and self._serves(face))
         ]
         faces += self._onward_routers(kind, full, onwards)
         return [Way(face, onwards) for face in faces if face.is_open]
 
-    def _serves(self, peer: str, face: "Face") -> bool:
-        """Whether the far end of a face gets from here what a peer sends."""
-        far = face.far_session
-        if far.mode != "peer":
-            return True
-        if not self._is_elected(far.zid_text):
-            return False
-        linked = self._own.peers.get(far.zid_text, frozenset())
-        return not peer or (bool(linked) and peer not in linked)
-
-    def _is_elected(self, peer: str) -> bool:
-        """Whether this router serves a peer, of all routers that have a link to it."""
+    def _serves(self, face: "Face") -> bool:
+        """Whether this router serves the peer at a face, of all routers that have a link to it."""
+        peer = face.far_session.zid_text
         others = [zid for zid in self._reached if peer in self._tables[zid].peers]
         return all(self._own.zid < zid for zid in others)
 
@@ -390,6 +340,10 @@ class Router(Direct):
 
 def _is_router(face: "Face") -> bool:
     return face.far_session.mode == "router"
+
+
+def _is_peer(face: "Face") -> bool:
+    return face.far_session.mode == "peer"
 
 
 def _set(entries: dict[str, None], key: str, is_there: bool) -> None:

@@ -107,9 +107,9 @@ class Tasks:
             except SimulationOver:
                 pass
             except BaseException as error:
-                if self.failure is None:
-                    self.failure = error
+                # At the end tasks are torn out of their waits, and what they raise says nothing.
                 if not self.is_over:
+                    self.failure = self.failure or error
                     sys.excepthook(type(error), error, error.__traceback__)
             finally:
                 self._finish(task)

@@ -1,0 +1,210 @@
+"""The simulated network as users have it: hosts, processes, paths, and words for its faults."""
+
+import time
+
+import pytest
+
+import tfbus
+from tfbus.messages import Vector3
+from tfbus.testing import Network, Process, SimulationError
+
+
+def _tree(network: Network, host: str, frame: str) -> Process:
+    """A process that publishes one frame of the world, ten times a second."""
+
+    def publish() -> None:
+        with tfbus.Node(frame) as node:
+            broadcaster = tfbus.TransformBroadcaster(node)
+            pose = tfbus.Transform((1.0, 0.0, 0.0))
+
+            def send() -> None:
+                broadcaster.send_transform(
+                    tfbus.TransformStamped(node.now_ns(), "world", frame, pose)
+                )
+
+            node.create_timer(0.1, send)
+            node.spin()
+
+    network.host(host)
+    return network.start(host, frame, publish)
+
+
+class _Eye:
+    """A listener on a host."""
+
+    def __init__(self, network: Network, host: str) -> None:
+        network.host(host)
+        with network.process(host, "eye") as self.process:
+            self.buffer = tfbus.Buffer()
+            tfbus.TransformListener(self.buffer, tfbus.Node(f"eye_{host}"))
+
+    def sees(self, frame: str) -> bool:
+        """Whether the publisher of a frame is there."""
+        try:
+            return not self.buffer.frame(frame).gone
+        except tfbus.LookupException:
+            return False
+
+
+def test_a_partition_of_two_names_separates_them(network: Network) -> None:
+    """Nothing passes between robot and base; a third host still reaches both."""
+    for host in ("robot", "base", "desk"):
+        _tree(network, host, f"of_{host}")
+    eyes = {host: _Eye(network, host) for host in ("robot", "base", "desk")}
+    frames = [f"of_{host}" for host in eyes]
+    network.run(until=lambda: all(eye.sees(f) for eye in eyes.values() for f in frames))
+    network.partition("robot", "base")
+    network.run(until=lambda: not eyes["base"].sees("of_robot"))
+    network.run(until=lambda: not eyes["robot"].sees("of_base"))
+    network.run(5.0)
+    assert all(eyes["desk"].sees(frame) for frame in frames)
+    assert eyes["robot"].sees("of_desk") and eyes["base"].sees("of_desk")
+    network.heal()
+    network.run(until=lambda: all(eye.sees(f) for eye in eyes.values() for f in frames))
+
+
+def test_a_partition_of_one_host_cuts_it_off(network: Network) -> None:
+    """A single group is apart from all other hosts."""
+    _tree(network, "robot", "arm")
+    eyes = [_Eye(network, host) for host in ("base", "desk")]
+    network.run(until=lambda: all(eye.sees("arm") for eye in eyes))
+    network.partition("robot")
+    network.run(until=lambda: not any(eye.sees("arm") for eye in eyes))
+
+
+def test_a_killed_process_is_gone_and_back_when_restarted(network: Network) -> None:
+    """`kill` and `restart` take a process by its name."""
+    _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("arm"))
+    network.kill("robot/arm")
+    network.run(until=lambda: not eye.sees("arm"))
+    network.restart("robot/arm")
+    network.run(until=lambda: eye.sees("arm"))
+
+
+def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:
+    """A process that stops for seconds is gone after the lease, and comes back."""
+    arm = _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("arm"))
+    network.stop(arm)
+    assert 1.0 < network.run(until=lambda: not eye.sees("arm")) < 3.0
+    network.go_on(arm)
+    network.run(until=lambda: eye.sees("arm"))
+
+
+def test_a_host_whose_power_fails_is_gone_after_the_lease(network: Network) -> None:
+    """Nobody hears a word of its end, so its frames outlive it."""
+    _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("arm"))
+    network.power_off("robot")
+    assert 1.0 < network.run(until=lambda: not eye.sees("arm")) < 3.0
+
+
+def test_a_host_that_roams_is_back(network: Network) -> None:
+    """Its links are lost, and it is met again at its new address."""
+    _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("arm"))
+    network.roam("robot", "10.0.1.7")
+    network.run(until=lambda: not eye.sees("arm"))
+    network.run(until=lambda: eye.sees("arm"))
+
+
+def test_a_minute_of_a_robot_takes_milliseconds(network: Network) -> None:
+    """A minute passes in far less than a minute."""
+    _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    begun_ns = time.clock_gettime_ns(time.CLOCK_PROCESS_CPUTIME_ID)
+    network.run(60.0)
+    assert eye.sees("arm")
+    assert time.clock_gettime_ns(time.CLOCK_PROCESS_CPUTIME_ID) - begun_ns < 10e9
+
+
+def test_clocks_of_hosts_differ_drift_and_step(network: Network) -> None:
+    """Each host tells its own time, by the node's clock and by Python's."""
+    late = network.host("late", offset_s=-5.0, drift_ppm=100.0)
+    with network.process(late, "node"):
+        node = tfbus.Node("node")
+        assert network.now_ns - node.now_ns() == pytest.approx(5e9, abs=1e6)
+        network.run(100.0)
+        assert network.now_ns - node.now_ns() == pytest.approx(5e9 - 1e7, abs=1e6)
+        late.step_clock(5.0)
+        assert network.now_ns - time.time_ns() == pytest.approx(-1e7, abs=1e6)
+
+
+def test_messages_that_a_congested_link_drops_are_counted(network: Network) -> None:
+    """A narrow path drops messages of a flood, and the network says how many."""
+    robot, base = network.host("robot"), network.host("base")
+    network.path(robot, base, bytes_a_second=10_000)
+    got: list[object] = []
+    with network.process(base, "reader"):
+        tfbus.Node("reader").create_subscription(Vector3, "pose", got.append)
+    with network.process(robot, "writer"):
+        node = tfbus.Node("writer")
+        publisher = node.create_publisher(Vector3, "pose")
+        network.run(2.0)
+        for _ in range(5000):
+            publisher.publish(Vector3())
+    network.run(60.0)
+    assert network.dropped and 0 < len(got) < 5000
+
+
+def _arrived(network: Network, protocol: str, **path: float) -> int:
+    """How many of 100 messages reach a router over such a path."""
+    robot, base = network.host(f"robot_{protocol}"), network.host(f"base_{protocol}")
+    got: list[object] = []
+    with network.process(base, "router"):
+        here = f"{protocol}/[::]:7447"
+        router = tfbus.Node(settings=tfbus.NodeSettings("hub", mode="router", listen=here))
+        router.create_subscription(Vector3, "pose", got.append)
+    with network.process(robot, "writer") as writer:
+        there = f"{protocol}/{base.name}:7447"
+        node = tfbus.Node(settings=tfbus.NodeSettings("writer", mode="client", connect=there))
+        publisher = node.create_publisher(Vector3, "pose")
+    network.run(2.0)
+    network.path(robot, base, **path)
+    for _ in range(100):
+        with network.within(writer):
+            publisher.publish(Vector3())
+        network.run(0.01)
+    network.run(20.0)
+    return len(got)
+
+
+@pytest.mark.parametrize("path", [{"loss": 0.3}, {"delay_s": 0.05, "reordering": 0.3}], ids=str)
+def test_udp_loses_messages_where_tcp_delays_them(network: Network, path: dict[str, float]) -> None:
+    """A lost packet, or one that others overtake, is lost over UDP alone."""
+    assert _arrived(network, "tcp", **path) == 100
+    assert 40 < _arrived(network, "udp", **path) < 90
+
+
+@pytest.mark.parametrize(
+    ("mistake", "sentence"),
+    [
+        (lambda network: network.partition("robto"), "no host 'robto', .*'robot'.* network.host"),
+        (lambda network: network.kill("robot/arn"), "no process 'robot/arn', but .*'robot/arm'"),
+        (lambda network: network.partition("robot", ["robot"]), "'robot' is in two groups"),
+        (lambda network: network.run(until=lambda: False, timeout_s=1.0), "not hold after 1 s"),
+        (lambda _: Network().__enter__(), "one simulated network at a time"),
+        (lambda _: Network().host("robot"), "in force within its `with`"),
+    ],
+)
+def test_a_mistake_is_explained(network: Network, mistake: object, sentence: str) -> None:
+    """A wrong name or use gives a sentence with what there is."""
+    _tree(network, "robot", "arm")
+    with pytest.raises(SimulationError, match=sentence):
+        mistake(network)  # type: ignore[operator]
+
+
+def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
+    """What the main function of a process raises is raised by `run`."""
+
+    def fail() -> None:
+        raise ValueError("a mistake of the node")
+
+    network.start(network.host("robot"), "node", fail)
+    with pytest.raises(ValueError, match="a mistake of the node"):
+        network.run(1.0)

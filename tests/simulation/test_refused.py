@@ -1,0 +1,112 @@
+"""A node's own uses of Python: virtual in a simulated process, or refused with a sentence."""
+
+import asyncio
+import multiprocessing
+import os
+import queue
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter, sleep
+
+import pytest
+
+from tfbus.testing import Network, SimulationError, tasks
+
+REFUSED: dict[str, tuple[Callable[[], object], str]] = {
+    "thread": (lambda: threading.Thread(name="mine").start(), "thread 'mine' .* Use a timer"),
+    "timer": (lambda: threading.Timer(1.0, print).start(), "thread .* Use a timer"),
+    "executor": (lambda: ThreadPoolExecutor().submit(print), "thread .* Use a timer"),
+    "to_thread": (lambda: asyncio.run(asyncio.to_thread(print)), "thread .* Use a timer"),
+    "socket": (socket.socket, "a socket .* Use a topic"),
+    "connection": (lambda: socket.create_connection(("127.0.0.1", 9)), "a socket .* Use a topic"),
+    "program": (lambda: subprocess.run(["ls", "-l"]), "program 'ls -l' .* network.start"),
+    "shell": (lambda: subprocess.run("ls -l", shell=True), "program 'ls -l' .* network.start"),
+    "system": (lambda: os.system("true"), "a process of the system .* network.start"),
+    "fork": (lambda: os.fork(), "a process of the system .* network.start"),
+    "multiprocessing": (
+        lambda: multiprocessing.Process(target=print).start(),
+        "a process of the system .* network.start",
+    ),
+}
+
+
+@pytest.mark.parametrize(("use", "sentence"), REFUSED.values(), ids=REFUSED)
+def test_it_is_refused_with_a_sentence(
+    network: Network, use: Callable[[], object], sentence: str
+) -> None:
+    """The error says what cannot be simulated, why, and what to do."""
+    network.start(network.host("robot"), "node", use)
+    with pytest.raises(SimulationError, match=sentence):
+        network.run(1.0)
+
+
+def _take_turns() -> None:
+    """A queue and an event of Python's own, between two tasks of one process."""
+    from tfbus.runtime import scheduler
+
+    work: queue.Queue[int] = queue.Queue()
+    done = threading.Event()
+
+    def serve() -> None:
+        work.get()
+        sleep(2.0)
+        done.set()
+
+    scheduler.Thread(target=serve).start()
+    work.put(1)
+    assert not done.wait(1.0)
+    assert done.wait(5.0)
+
+
+def _sleep_asyncio() -> None:
+    async def both() -> None:
+        await asyncio.gather(asyncio.sleep(2.0), asyncio.sleep(1.0))
+
+    asyncio.run(both())
+
+
+VIRTUAL: dict[str, Callable[[], object]] = {
+    "time.sleep": lambda: time.sleep(2.0),
+    "sleep": lambda: sleep(2.0),
+    "asyncio.run": _sleep_asyncio,
+    "queue and event": _take_turns,
+}
+
+
+@pytest.mark.parametrize("wait", VIRTUAL.values(), ids=VIRTUAL)
+def test_a_wait_takes_virtual_time(network: Network, wait: Callable[[], object]) -> None:
+    """Two seconds pass in the network, by all of its clocks, and none of them here."""
+    begun_s, begun_real_ns = perf_counter(), time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+    process = network.start(network.host("robot"), "node", wait)
+    assert network.run(until=lambda: process.is_dead) == pytest.approx(2.0, abs=0.01)
+    assert perf_counter() - begun_s == pytest.approx(2.0, abs=0.01)
+    assert time.clock_gettime_ns(time.CLOCK_MONOTONIC) - begun_real_ns < 2e9
+
+
+def test_all_is_real_again_after_the_network() -> None:
+    """What a simulation replaces is Python's own before and after it."""
+    names = sleep, time.time, asyncio.new_event_loop, threading.Thread.start, os.fork
+    with Network():
+        assert sleep is not names[0]
+    now = sleep, time.time, asyncio.new_event_loop, threading.Thread.start, os.fork
+    assert now == names
+    thread = threading.Thread(target=print)
+    thread.start()
+    thread.join()
+
+
+def test_a_wait_for_something_real_is_named(
+    network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lock of Python's that nobody releases does not stop the test for ever."""
+    monkeypatch.setattr(tasks, "_STUCK_AFTER_S", 0.2)
+    lock = threading.Lock()
+    lock.acquire()
+    network.start(network.host("robot"), "node", lock.acquire)
+    with pytest.raises(SimulationError, match="waits for something real, such as a lock"):
+        network.run(1.0)
+    lock.release()

@@ -1,0 +1,92 @@
+"""Zenoh's faults that the model shows where `network.faults` asks for them.
+
+Real Zenoh shows them too seldom for a scenario of both.
+"""
+
+import pytest
+
+from tests.simulation.stages import SimulatedStage
+from tfbus.testing import Network
+
+
+@pytest.fixture
+def stage(network: Network) -> SimulatedStage:
+    return SimulatedStage(network)
+
+
+def test_a_lost_declaration_is_never_served(network: Network, stage: SimulatedStage) -> None:
+    """A queryable whose declaration is lost is not asked."""
+    network.faults.lost_declarations = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.queryable("q", "q", "yes")
+    b.expect("links", gives=[a.id()])
+    network.run(5.0)
+    assert b.ask("q") == []
+
+
+def test_a_half_link_hides_one_end_until_it_is_ended(
+    network: Network, stage: SimulatedStage
+) -> None:
+    """After a one-way failure one end knows nothing of the other, for about a lease."""
+    network.faults.half_links = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.token("t/a")
+    b.token("t/b")
+    a.expect("living", "t/*", gives=["t/a", "t/b"])
+    b.expect("living", "t/*", gives=["t/a", "t/b"])
+    network.cut("h2", "h1", both_ways=False)
+    a.expect("links", gives=[])
+    network.heal()
+    network.faults.half_links = 0.0
+    a.expect("links", gives=[b.id()])
+    assert a.living("t/*") == ["t/a"]
+    assert b.living("t/*") == ["t/a", "t/b"]
+    a.expect("living", "t/*", gives=["t/a", "t/b"])
+
+
+def test_a_late_token_comes_after_messages(network: Network, stage: SimulatedStage) -> None:
+    """A message may come before the token of its publisher."""
+    network.faults.late_tokens = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    b.expect("links", gives=[a.id()])
+    b.subscriber("in", "k")
+    b.watch("seen", "t")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.token("t")
+    a.put("k", "x")
+    b.expects("in", "k=x")
+    assert b.events("seen") == []
+    a.end("token t")
+    b.expects("seen", "+t", "-t")
+
+
+def test_a_repeated_token_is_told_twice(network: Network, stage: SimulatedStage) -> None:
+    """The news of a token come twice."""
+    network.faults.repeated_tokens = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t", "+t")
+    a.end("token t")
+    b.expects("seen", "+t", "+t", "-t", "-t")
+
+
+def test_a_short_query_ends_without_its_answer(network: Network, stage: SimulatedStage) -> None:
+    """The end of a query overtakes the answers of another session."""
+    network.faults.short_queries = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.queryable("q", "q", "1", "2")
+    b.expect("served", "q", gives=True)
+    assert b.ask("q") == []
+
+
+def test_an_endless_query_ends_by_its_timeout(network: Network, stage: SimulatedStage) -> None:
+    """The answers come, and the end only with the time of the query."""
+    network.faults.endless_queries = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.queryable("q", "q", "1")
+    b.expect("served", "q", gives=True)
+    begun_ns = network.now_ns
+    assert "q=1" in b.ask("q", 5.0)
+    assert network.now_ns - begun_ns >= 5e9

@@ -1,4 +1,4 @@
-"""A declaration of a queryable that is lost with a link for good, as of eclipse-zenoh/zenoh#2516."""
+"""A declaration of a queryable that a link loses for good, as in eclipse-zenoh/zenoh#2516."""
 
 import pytest
 

@@ -22,8 +22,9 @@ from tfbus.bus.handles import (
     ServedWatch,
     Token,
 )
-from tfbus.bus.neighbours import Neighbours, places_at_start
+from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.query import Answer, Query, answer_of
+from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
@@ -153,7 +154,7 @@ class Session:
             self.zenoh = zenoh.open(config)
         else:
             self.zenoh, self._sockets = with_sockets(
-                partial(zenoh.open, config), self._scouting.group
+                partial(zenoh.open, config), self._scouting.marks()
             )
         return config
 

@@ -9,7 +9,8 @@ from tfbus.node.arguments import is_async
 from tfbus.runtime.callback_groups import CallbackGroup, join
 from tfbus.runtime.clock import Clock, SimulatedClock
 from tfbus.runtime.delays import Delays
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.timer import Timer
 
 # At most so many callbacks of a node's groups run at once, unless it asks for more or fewer.
 CALLBACK_THREADS = 8

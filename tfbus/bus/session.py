@@ -388,9 +388,10 @@ class Session:
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
+        cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked.
+        `on_end()`. With `others` this session itself is not asked. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -418,6 +419,7 @@ class Session:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
+                cancellation_token=cancellation,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

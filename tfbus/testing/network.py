@@ -27,7 +27,7 @@ from tfbus.testing.links import LEASE_S, Lane, Link, Path
 from tfbus.testing.of_python import standing_in
 from tfbus.testing.processes import START_NS, Host, Process
 from tfbus.testing.tasks import SimulationError, Task, Tasks
-from tfbus.testing.zenoh_session import Face, ZenohSession
+from tfbus.testing.zenoh_session import Cancellation, Face, ZenohSession
 
 # A peer meets others within this time, and one that it has lost within the longer one.
 _MEETS_WITHIN_S = 0.15
@@ -295,6 +295,10 @@ class Network:
     def declare_advanced_subscriber(self, *args: Any, **options: Any) -> Any:
         """As Zenoh's extension."""
         return retained.declare_advanced_subscriber(*args, **options)
+
+    def new_cancellation(self) -> Cancellation:
+        """As Zenoh's CancellationToken."""
+        return Cancellation()
 
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""

@@ -275,6 +275,18 @@ class _Asked:
             self._on_end()
 
 
+class Cancellation:
+    """Ends the queries that were made with it."""
+
+    def __init__(self) -> None:
+        self.asked: list[_Asked] = []
+
+    def cancel(self) -> None:
+        """End them, without a further answer. Twice is fine."""
+        for each in self.asked:
+            each.end()
+
+
 class ZenohSession:
     """A session, as `zenoh.open` returns one."""
 
@@ -408,6 +420,7 @@ class ZenohSession:
         payload: bytes | None = None,
         timeout: float | None = None,
         allowed_destination: Any = None,
+        cancellation_token: "Cancellation | None" = None,
         **options: Any,
     ) -> None:
         self.check_open()
@@ -428,6 +441,8 @@ class ZenohSession:
             lambda: self.callers.post(asked, on_end),
             10.0 if timeout is None else timeout,
         )
+        if cancellation_token is not None:
+            cancellation_token.asked.append(asked)
         here = object()
         asked.waits_for.add(here)
         data = None if payload is None else bytes(payload)

@@ -23,6 +23,8 @@ from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor, Timer
 
+pytestmark = pytest.mark.real
+
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:
     """One row of each child."""

@@ -8,8 +8,8 @@ _networks: list[Any] = []
 
 
 def simulated() -> Any:
-    """The simulated network that is in force, with Zenoh's `open_session` and its extensions
-    `declare_advanced_publisher` and `declare_advanced_subscriber`; None for Zenoh itself.
+    """The simulated network that is in force, with Zenoh's `open_session`, `scout` and its
+    extensions `declare_advanced_publisher` and `declare_advanced_subscriber`; None for Zenoh.
     """
     return _networks[-1] if _networks else None
 

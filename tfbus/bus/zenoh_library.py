@@ -10,7 +10,7 @@ _networks: list[Any] = []
 
 
 def simulated() -> Any:
-    """The simulated network that is in force, with Zenoh's `open_session` and its extensions
+    """The simulated network that is in force, with Zenoh's `open_session`, `scout`, its extensions
     `declare_advanced_publisher` and `declare_advanced_subscriber`, and `new_cancellation`; None for
     Zenoh itself.
     """

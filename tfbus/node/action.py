@@ -7,7 +7,7 @@ at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. 
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.arguments import check_part, check_plain, is_async
+from tfbus.node.arguments import check_callback, check_part, check_plain, is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
@@ -83,9 +83,9 @@ class GoalHandle:
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. Where
-        it returns False, the goal goes on.
+        it returns False, the goal goes on. It may be an `async def`.
         """
-        check_plain("on_cancel(callback)", callback)
+        check_callback("on_cancel(callback)", callback)
         self._on_cancel = callback
 
     def accept(self) -> None:
@@ -212,9 +212,16 @@ class GoalServer(Endpoint):
     def _forget(self, handle: GoalHandle) -> None:
         self._active.pop(handle.id, None)
 
-    def _cancel(self, request: CancelGoal.Request) -> CancelGoal.Response:
+    def _cancel(self, request: CancelGoal.Request) -> Any:
         handles = [h for h in [*self._active.values()] if request.id in ("", h.id)]
-        return CancelGoal.Response(sum(handle._on_cancel() is not False for handle in handles))
+        answers = [handle._on_cancel() for handle in handles]
+        if any(isinstance(answer, Coroutine) for answer in answers):
+            return self._canceled(answers)
+        return CancelGoal.Response(sum(answer is not False for answer in answers))
+
+    async def _canceled(self, answers: list[Any]) -> CancelGoal.Response:
+        ended = [await each if isinstance(each, Coroutine) else each for each in answers]
+        return CancelGoal.Response(sum(answer is not False for answer in ended))
 
 
 class SentGoal:

@@ -33,7 +33,7 @@ def message_to_yaml(
     no_str: bool = False,
     flow_style: bool = False,
 ) -> str:
-    """The message as YAML, in one line with `flow_style`; options as of `message_to_ordereddict`."""
+    """The message as YAML, in one line with `flow_style`; options as of the map."""
     import yaml  # slow
 
     values = _plain(_Shown(truncate_length, no_arr, no_str).message(msg))

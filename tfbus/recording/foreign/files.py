@@ -67,10 +67,8 @@ def _files_of(path: Path) -> list[Path]:
         (each for each in path.iterdir() if each.suffix in ENDINGS and each.is_file()),
         key=lambda each: _with_numbers(each.name),
     )
-    if (path / _METADATA).is_file():
-        _metadata(path)
-        if not _is_plain_mcap(path, found):
-            return [path]
+    if (path / _METADATA).is_file() and not _is_plain_mcap(_metadata(path), found):
+        return [path]
     if not found:
         raise DecodeError(
             f"{printable(str(path))} holds no recording: no {_METADATA} of rosbag2, and no file "
@@ -79,12 +77,12 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
-def _is_plain_mcap(folder: Path, found: list[Path]) -> bool:
+def _is_plain_mcap(metadata: Any, found: list[Path]) -> bool:
     """Whether the files are MCAP as they are: rosbag2's metadata names no compression."""
     if not found or any(each.suffix != ".mcap" for each in found):
         return False
     try:
-        mode = _metadata(folder)["rosbag2_bagfile_information"].get("compression_mode", "")
+        mode = metadata["rosbag2_bagfile_information"].get("compression_mode", "")
     except (KeyError, TypeError, AttributeError):
         return True
     return str(mode).lower() in ("", "none")

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, at
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from tests.live_bus import Bus
 from tests.processes.publishers import launch
+from tests.simulated_bus import Bus
 
 # Ends while messages arrive, without closing anything.
 NO_CLOSE = """

@@ -5,7 +5,8 @@ import logging
 
 import pytest
 
-from tests.live_bus import Bus, eventually, send_until
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings, SettingsError
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.zenoh_config import zenoh_config

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
+from tests.simulated_bus import Bus
 from tfbus.bus.retained import declare_retained_subscriber
 
 # While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.live_bus import DEADLINE_S, Bus, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session

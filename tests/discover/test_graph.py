@@ -2,7 +2,8 @@
 
 import logging
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
 from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
 from tfbus.discover.presence import describe_streams

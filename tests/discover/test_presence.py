@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (

@@ -16,6 +16,7 @@ from tfbus.testing.faults import Faults
 from tfbus.testing.links import LEASE_S, Lane, Paths
 from tfbus.testing.meeting import Meeting
 from tfbus.testing.processes import Host, Process
+from tfbus.testing.queries import Cancellation
 from tfbus.testing.session_info import Scout
 from tfbus.testing.tasks import Tasks
 from tfbus.testing.zenoh_session import ZenohSession
@@ -58,6 +59,10 @@ class Fabric:
     def declare_advanced_subscriber(self, *args: Any, **options: Any) -> Any:
         """As Zenoh's extension."""
         return retained.declare_advanced_subscriber(*args, **options)
+
+    def new_cancellation(self) -> Cancellation:
+        """As Zenoh's CancellationToken."""
+        return Cancellation()
 
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""

@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.live_bus import Bus, eventually, keep_sending
+from tests.buses import eventually, keep_sending
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import stream_key

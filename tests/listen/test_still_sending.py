@@ -1,6 +1,7 @@
 """Publishers whose token is lost, and that go on to send."""
 
-from tests.live_bus import Bus, eventually, keep_sending
+from tests.buses import eventually, keep_sending
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
 from tfbus.wire.keys import stream_key
 

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     BusError,

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Transform, TransformArray, TransformBroadcaster, TransformStamped
 from tfbus.frames.plot import PANELS, draw
 from tfbus.frames.track import Track
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

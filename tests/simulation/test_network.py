@@ -182,6 +182,16 @@ def test_udp_loses_messages_where_tcp_delays_them(network: Network, path: dict[s
     assert 40 < _arrived(network, "udp", **path) < 90
 
 
+def test_a_session_listens_at_its_own_host_alone(network: Network) -> None:
+    """An address of another host cannot be taken, as on a real one."""
+    network.host("base")
+    with network.process(network.host("robot"), "router"):
+        for own in ("robot", "[::]", "127.0.0.1"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen=f"tcp/{own}:7447")).close()
+        with pytest.raises(tfbus.BusError, match="could not join"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen="tcp/base:7447"))
+
+
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [

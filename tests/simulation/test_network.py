@@ -1,5 +1,6 @@
 """The simulated network as users have it: hosts, processes, paths, and words for its faults."""
 
+import threading
 import time
 
 import pytest
@@ -219,3 +220,17 @@ def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
     network.start(network.host("robot"), "node", fail)
     with pytest.raises(ValueError, match="a mistake of the node"):
         network.run(1.0)
+
+
+def test_a_process_is_in_its_main_thread_from_its_first_turn_on() -> None:
+    """Whichever turns the seed gives: where it was not, signals ended it without its handlers."""
+    found: list[bool] = []
+    for seed in range(20):
+        with Network(seed, interleaving=1) as network:
+            process = network.start(
+                network.host("robot"),
+                "node",
+                lambda: found.append(threading.current_thread() is threading.main_thread()),
+            )
+            network.run(until=lambda process=process: process.is_dead)
+    assert found == [True] * 20

@@ -149,8 +149,8 @@ class Fabric:
                 face.is_open = False
                 if face.lane.is_reliable:
                     face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
-                else:
-                    self._watch_silence(far)
+                # Where the news of its end does not come either, no keep-alive does.
+                self._watch_silence(far, face.lane.busy_s() + LEASE_S)
             session.faces.clear()
             self._sessions.pop(session, None)
 

@@ -210,7 +210,8 @@ class Fabric:
 
     def _meet_others(self, session: ZenohSession, within_s: float) -> None:
         for other in list(self._sessions):
-            if other is not session and self._meeting.protocol(session, other):
+            is_known = other is session or other in session.faces
+            if not is_known and self._meeting.protocol(session, other):
                 self._meet_soon(session, other, within_s)
 
     def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:

@@ -1,5 +1,6 @@
 """The end of a link in one session: declarations of the far end, and the lane to it."""
 
+import itertools
 from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
     from tfbus.testing.queries import Asked
     from tfbus.testing.zenoh_session import ZenohSession
 
+_numbers = itertools.count()
+
 
 class Face:
     """The end of a link in one session."""
@@ -19,6 +22,8 @@ class Face:
     def __init__(self, session: "ZenohSession", lane: Lane) -> None:
         self.session = session
         self.lane = lane
+        # Later ones have larger numbers.
+        self.number = next(_numbers)
         self.far: Face
         self.is_open = True
         self._has_lost = False

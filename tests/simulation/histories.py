@@ -68,6 +68,7 @@ class Part:
     buffer: Any
     options: dict[str, Any] = field(default_factory=dict)
     slots: list[str] = field(default_factory=list)
+    began_s: float = 0.0
     is_closed: bool = False
 
     @property
@@ -416,7 +417,7 @@ class Run:
                 for frame in ("moving", "fixed0", "fixed1", "fixed2"):
                     listener.need("world", f"{slot}_{frame}")
             listener.need("world", "shared")
-        part = Part(who, process, node, listener, buffer, options, slots)
+        part = Part(who, process, node, listener, buffer, options, slots, self.now_s)
         buffer.on_change(lambda change: self.laws.check_change(part, change))
         self.parts.append(part)
 

@@ -226,6 +226,7 @@ class Laws:
         is_believed = not others or abs(here - there) < _MOST_SKEW_NS
         return (
             is_believed
+            and now_s - part.began_s > wait_s
             and self.calm_for_s(part.process, publisher) > wait_s
             and now_s - alone_s > wait_s
             and now_s - publisher.changed_s > wait_s / 2
@@ -233,8 +234,8 @@ class Laws:
 
     def _heard_all_of(self, part: "Part", publisher: Publisher) -> bool:
         """Whether it has sent all that it sends since a listener knows it."""
-        calm_s = self.calm_for_s(part.process, publisher) - LIVES_WITHIN_S * self._patience
-        return calm_s > 2.5 * self._run.plan.period_s
+        calm_s = min(self.calm_for_s(part.process, publisher), self._run.now_s - part.began_s)
+        return calm_s > LIVES_WITHIN_S * self._patience + 2.5 * self._run.plan.period_s
 
     def _check_alive(self, part: "Part", slot: str, state: Any) -> None:
         """Nothing gone is taken for living, nothing living for gone."""

@@ -149,8 +149,8 @@ class Fabric:
                 face.is_open = False
                 if face.lane.is_reliable:
                     face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
-                else:
-                    self._watch_silence(far)
+                # Where the news of its end does not come either, no keep-alive does.
+                self._watch_silence(far, face.lane.busy_s() + LEASE_S)
             session.faces.clear()
             self._sessions.pop(session, None)
 
@@ -210,7 +210,8 @@ class Fabric:
 
     def _meet_others(self, session: ZenohSession, within_s: float) -> None:
         for other in list(self._sessions):
-            if other is not session and self._meeting.protocol(session, other):
+            is_known = other is session or other in session.faces
+            if not is_known and self._meeting.protocol(session, other):
                 self._meet_soon(session, other, within_s)
 
     def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:

@@ -95,6 +95,10 @@ class Lane:
         waiting_ns = max(0, self._free_ns - self._tasks.now_ns)
         return held + waiting_ns / 1e9 * self.path.bytes_a_second
 
+    def busy_s(self) -> float:
+        """How long all that is under way still takes to arrive."""
+        return max(0, self._arrived_ns - self._tasks.now_ns) / 1e9
+
     def has_room(self, urgent: bool) -> bool:
         """Whether a message that may be dropped is sent."""
         return self.backlog_bytes() < (_URGENT_BYTES if urgent else _OTHER_BYTES)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfbus.testing.declarations import KINDS
-from tfbus.testing.keys import intersect
+from tfbus.testing.keys import Keys
 
 if TYPE_CHECKING:
     from tfbus.testing.faces import Face
@@ -45,10 +45,10 @@ class Direct:
             for face in self._session.faces.values():
                 face.tell(kind, key, change)
 
-    def sources(self) -> Iterator[tuple[object, dict[str, dict[str, None]]]]:
+    def sources(self) -> Iterator[tuple[object, dict[str, Keys]]]:
         """All sources of declarations, and what is declared there."""
         own = self._session.declarations.own
-        yield self._session, {kind: dict.fromkeys(keys) for kind, keys in own.items()}
+        yield self._session, {kind: Keys(keys) for kind, keys in own.items()}
         for face in self._session.faces.values():
             yield face, face.declared
 
@@ -83,7 +83,7 @@ class Table:
         self.number = 0
         self.routers: dict[str, None] = {}
         self.peers: dict[str, None] = {}
-        self.declared: dict[str, dict[str, None]] = {kind: {} for kind in KINDS}
+        self.declared = {kind: Keys() for kind in KINDS}
 
     def copy(self) -> "Table":
         """The same, apart from later changes."""
@@ -91,13 +91,12 @@ class Table:
         table.number = self.number
         table.routers = dict(self.routers)
         table.peers = dict(self.peers)
-        table.declared = {kind: dict(keys) for kind, keys in self.declared.items()}
+        table.declared = {kind: Keys(keys) for kind, keys in self.declared.items()}
         return table
 
     def wants(self, kind: str, full: str) -> bool:
         """Whether something of this kind that a key meets is declared there."""
-        declared = self.declared[kind]
-        return full in declared or any(intersect(each, full) for each in declared)
+        return self.declared[kind].meets(full)
 
 
 class Change(NamedTuple):
@@ -138,7 +137,7 @@ class Router(Direct):
             if bool(former) != bool(now):
                 self._publish(kind, key, is_new=bool(now))
 
-    def sources(self) -> Iterator[tuple[object, dict[str, dict[str, None]]]]:
+    def sources(self) -> Iterator[tuple[object, dict[str, Keys]]]:
         """All sources of declarations, and what is declared there."""
         yield from super().sources()
         for zid in sorted(self._reached):

@@ -162,10 +162,11 @@ class Network:
         env: Mapping[str, str] | None = None,
         stdin: str = "",
         is_terminal: bool = False,
+        is_merged: bool = False,
     ) -> Program:
         """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
         of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
-        and exit code of its own. In a terminal it writes its errors with its output.
+        and exit code of its own. In a terminal, or merged, it writes its errors with its output.
         """
         name = name or main.__module__.rpartition(".")[2]
         process = self._new_process(self._host(host), name)
@@ -177,6 +178,7 @@ class Network:
             os.environ if env is None else env,
             stdin,
             is_terminal=is_terminal,
+            is_merged=is_merged,
         )
         self._run(process, process.program.run)
         return process.program

@@ -32,13 +32,14 @@ class Program:
         stdin: str,
         *,
         is_terminal: bool,
+        is_merged: bool = False,
     ) -> None:
         self.process = process
         self._network = network
         self._main, self._arguments = main, arguments
         module = sys.modules[main.__module__]
         self._out = _Written(is_terminal)
-        self._err = self._out if is_terminal else _Written(is_terminal)
+        self._err = self._out if is_terminal or is_merged else _Written(is_terminal)
         encoding = env.get("PYTHONIOENCODING", "utf-8")
         # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
         self._own: tuple[Any, ...] = (
@@ -58,7 +59,9 @@ class Program:
 
     @property
     def stdout(self) -> str:
-        """All that it has written to its standard output; in a terminal with its errors."""
+        """All that it has written to its standard output; merged or in a terminal with its
+        errors.
+        """
         return self._out.text
 
     @property

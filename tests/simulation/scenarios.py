@@ -1101,3 +1101,22 @@ def a_congested_link_delays_retained_messages(stage: Stage) -> None:
     a.expect("heard", "k", gives=True)
     a.flood("k", 100, 50_000)
     b.expects("in", *map(str, range(100)))
+
+
+@scenario
+def an_urgent_message_overtakes_others(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_rate("h1", 2_000_000)
+    b.flooded("in", "k/*")
+    a.publisher("k/images")
+    a.retained_publisher("k/urgent")
+    a.expect("heard", "k/images", gives=True)
+    a.expect("heard", "k/urgent", gives=True)
+    a.flood("k/images", 400, 50_000)
+    a.put("k/urgent", "urgent")
+
+    def has_overtaken() -> bool:
+        events = b.events("in")
+        return "urgent" in events[:-1]
+
+    assert stage.wait(has_overtaken)

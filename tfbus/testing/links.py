@@ -4,10 +4,12 @@ On a link of TCP nothing is lost or overtakes: a lost packet delays all behind i
 lost packet is lost, and Zenoh drops one that another has overtaken.
 """
 
-from collections import deque
+import heapq
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, NamedTuple
 
 from tfbus.testing.tasks import Tasks
 
@@ -68,98 +70,105 @@ class Paths:
         yield self.between(other, one)
 
 
-class Lane:
-    """One direction of a link: calls that arrive at its far end, in their order.
+class _Packet(NamedTuple):
+    """A call on its way; urgent packets go first, then in the order of `place`."""
 
-    All of them where it `is_reliable`.
+    is_other: bool
+    place: int
+    call: Callable[[], object]
+    size: int
+
+
+class Lane:
+    """One direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
+
+    They arrive in their order, but urgent ones overtake others that wait for the bandwidth.
     """
 
     def __init__(self, tasks: Tasks, path: Path, *, is_reliable: bool = True) -> None:
         self._tasks = tasks
         self.path = path
         self.is_reliable = is_reliable
-        self._arrived_ns = 0
-        self._free_ns = 0
-        # The numbers of packets, where they may overtake.
-        self._number = self._arrived_number = 0
-        # Calls that wait for the path to be up again.
-        self._held: deque[tuple[Callable[[], object], int]] = deque()
         self.is_open = True
-
-    def backlog_bytes(self) -> float:
-        """How much waits for the bandwidth, or for the path."""
-        held = sum(size for _, size in self._held)
-        waiting_ns = max(0, self._free_ns - self._tasks.now_ns)
-        return held + waiting_ns / 1e9 * self.path.bytes_a_second
+        self._places = itertools.count(1)
+        # Packets that wait for the bandwidth, a heap; those that wait for the path to be up.
+        self._waiting: list[_Packet] = []
+        self._held: list[_Packet] = []
+        self._is_sending = False
+        self._sent = self._arrived = self._arrived_ns = 0
 
     def has_room(self, urgent: bool) -> bool:
         """Whether a message that may be dropped is sent."""
-        return self.backlog_bytes() < (_URGENT_BYTES if urgent else _OTHER_BYTES)
+        waiting = itertools.chain(self._waiting, self._held)
+        backlog = sum(packet.size for packet in waiting if packet.is_other is not urgent)
+        return backlog < (_URGENT_BYTES if urgent else _OTHER_BYTES)
 
-    def send(self, call: Callable[[], object], size: int = 100) -> None:
+    def send(self, call: Callable[[], object], size: int = 100, *, is_urgent: bool = True) -> None:
         """Make a call at the far end, once it has arrived there."""
-        if not self.is_reliable:
-            self._launch_once(call, size)
-        elif not self.path.is_up or self._held:
-            self._held.append((call, size))
+        packet = _Packet(not is_urgent, next(self._places), call, size)
+        if self.is_reliable and (not self.path.is_up or self._held):
+            self._held.append(packet)
+        elif self.path.bytes_a_second or self._waiting:
+            heapq.heappush(self._waiting, packet)
+            self._send_next()
         else:
-            self._launch(call, size, 0.0)
+            self._launch(packet)
 
     def release(self) -> None:
         """The path is up again: all that waits is sent anew, after TCP's pause."""
-        held, self._held = self._held, deque()
+        held, self._held = sorted(self._held, key=attrgetter("place")), []
         down_s = (self._tasks.now_ns - self.path.changed_ns) / 1e9
         pause_s = self._tasks.random.uniform(0, min(down_s, 2 * LEASE_S))
-        for call, size in held:
-            self._launch(call, size, pause_s)
+        for packet in held:
+            self._launch(packet, pause_s)
 
-    def _launch(self, call: Callable[[], object], size: int, pause_s: float) -> None:
+    def _send_next(self) -> None:
+        """Send the first of those that wait, unless another one is leaving."""
+        if self._is_sending or not self._waiting:
+            return
+        packet = heapq.heappop(self._waiting)
+        rate = self.path.bytes_a_second
+        self._is_sending = True
+
+        def has_left() -> None:
+            self._is_sending = False
+            self._launch(packet)
+            self._send_next()
+
+        self._tasks.call_after(packet.size / rate if rate else 0.0, has_left)
+
+    def _launch(self, packet: _Packet, pause_s: float = 0.0) -> None:
+        """Bring a packet to the far end: after TCP has repeated it, or not at all."""
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
-        late_s = pause_s + sum(path.delays_s(chance))
-        resend_s = _RESEND_AFTER_S
-        while path.loss and chance() < path.loss:
+        delay_s, more_s = path.delays_s(chance)
+        if self.is_reliable:
+            delay_s += pause_s + more_s + self._resends_s()
+        elif path.loss and chance() < path.loss:
+            return
+        # Jitter alone changes no order: packets of one way wait in one queue.
+        due_ns = tasks.now_ns + round(delay_s * 1e9)
+        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
+        if not self.is_reliable:
+            due_ns += round(more_s * 1e9)
+        self._sent += 1
+        number = self._sent
+        tasks.call_at(due_ns, lambda: self._arrive(packet, number))
+
+    def _resends_s(self) -> float:
+        """How long TCP takes to bring a packet through a path that loses some."""
+        late_s, resend_s = 0.0, _RESEND_AFTER_S
+        while self.path.loss and self._tasks.random.random() < self.path.loss:
             late_s += resend_s
             resend_s = min(2 * resend_s, 60.0)
-        sent_ns = self._sent_ns(size)
-        self._arrived_ns = max(self._arrived_ns + 1, sent_ns + round(late_s * 1e9))
+        return late_s
 
-        def arrive() -> None:
-            if not self.is_open:
-                return
-            if self.path.is_up:
-                call()
-            else:
-                # Lost on its way: TCP sends it again.
-                self._held.append((call, size))
-
-        tasks.call_at(self._arrived_ns, arrive)
-
-    def _launch_once(self, call: Callable[[], object], size: int) -> None:
-        """Send a packet that is lost where the path loses it, or where another overtakes it."""
-        tasks, path = self._tasks, self.path
-        chance = tasks.random.random
-        if path.loss and chance() < path.loss:
+    def _arrive(self, packet: _Packet, number: int) -> None:
+        if not self.is_open:
             return
-        delay_s, more_s = path.delays_s(chance)
-        due_ns = self._sent_ns(size) + round(delay_s * 1e9)
-        # Jitter alone changes no order: packets of one way wait in one queue.
-        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
-        due_ns += round(more_s * 1e9)
-        self._number += 1
-        number = self._number
-
-        def arrive() -> None:
-            if self.is_open and path.is_up and number > self._arrived_number:
-                self._arrived_number = number
-                call()
-
-        tasks.call_at(due_ns, arrive)
-
-    def _sent_ns(self, size: int) -> int:
-        """When the last byte has left, by the bandwidth of the path."""
-        sent_ns = self._tasks.now_ns
-        if self.path.bytes_a_second:
-            sent_ns = max(sent_ns, self._free_ns) + round(size / self.path.bytes_a_second * 1e9)
-            self._free_ns = sent_ns
-        return sent_ns
+        if self.is_reliable and not self.path.is_up:
+            # Lost on its way: TCP sends it again, before what was sent after it.
+            self._held.append(packet)
+        elif self.is_reliable or (self.path.is_up and number > self._arrived):
+            self._arrived = number
+            packet.call()

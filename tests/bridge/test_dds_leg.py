@@ -11,6 +11,7 @@ import pytest
 from tests import needs
 from tests.live_bus import DEADLINE_S, eventually, send_until
 from tfbus.bridge.dds_config import configuration
+from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
 from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.errors import SettingsError, TfbusError
@@ -343,6 +344,20 @@ def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool
     else:
         eventually(lambda: came[0] == sent + 1)
         assert reader.lost() == {}
+
+
+def test_what_the_system_drops_is_said(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch) -> None:
+    """DDS does not tell what was lost; the system tells that the process was too slow."""
+    leg, _ = open_leg("reader"), open_leg("writer")
+    assert leg._sockets and dropped_datagrams(leg._sockets) == 0
+    others = udp_sockets()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as full:
+        full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        full.bind(("127.0.0.1", 0))
+        for _ in range(100):
+            full.sendto(bytes(1000), full.getsockname())
+        monkeypatch.setattr(leg, "_sockets", udp_sockets() - others)
+        eventually(lambda: any("too slow for what came by DDS" in each for each in leg.warnings()))
 
 
 def test_a_publisher_without_a_node_is_there(

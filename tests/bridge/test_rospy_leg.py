@@ -79,8 +79,11 @@ class FakeSubscriber:
 
     made: "list[FakeSubscriber]"
 
-    def __init__(self, name: str, data_class: type, callback: Any, **_: object) -> None:
+    def __init__(
+        self, name: str, data_class: type, callback: Any, queue_size: int | None, **_: object
+    ) -> None:
         self.callback: Callable[[Any], None] = callback
+        self.queue_size = queue_size
         self.made.append(self)
 
     def hear(self, node: str) -> None:
@@ -202,3 +205,27 @@ def test_no_call_goes_on_after_its_subscription_is_closed(leg: RospyLeg) -> None
     eventually(closed.is_set)
     FakeSubscriber.made[0].hear("/talker")
     assert was_closed == [False]
+
+
+def test_rospy_drops_nothing_that_it_has_read(leg: RospyLeg) -> None:
+    """A burst of small messages, of which it reads thousands at once, comes whole."""
+    leg.subscribe(CHATTER, lambda *_: None)
+    assert FakeSubscriber.made[-1].queue_size is None
+
+
+def test_a_message_that_cannot_be_taken_is_said(
+    leg: RospyLeg, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once, and the next ones are taken; rospy would write it to a file of its own."""
+    came: list[bytes] = []
+
+    def take(payload: bytes, gid: str) -> None:
+        came.append(payload)
+        raise ValueError("no room")
+
+    leg.subscribe(CHATTER, take)
+    for _ in range(2):
+        FakeSubscriber.made[-1].hear("/talker")
+    assert len(came) == 2
+    [line] = caplog.messages
+    assert line.startswith("A message from ROS was not taken: no room")

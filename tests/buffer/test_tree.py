@@ -54,6 +54,16 @@ def test_at_a_time_below_a_removed_frame_nothing_is_known() -> None:
         buffer.lookup_transform("a", "c", round(3.5 * S))
 
 
+def test_an_error_names_the_frames_of_a_loop() -> None:
+    """At a time between the changes of parents of two frames that were in each other's place."""
+    buffer = Buffer()
+    for stamp, parent, child in ((1, "a", "b"), (4, "root", "b"), (2, "b", "a"), (5, "root", "a")):
+        buffer.set_transform(moved(stamp * S, parent, child))
+    for target in ("root", "b"):
+        with pytest.raises(ConnectivityException, match="'a' -> 'b' -> 'a' was a loop then"):
+            buffer.lookup_transform(target, "a", 3 * S)
+
+
 def wrong_way_round(authority: str, *, static: bool) -> Buffer:
     """A buffer to which an authority has sent odom -> map instead of map -> odom."""
     buffer = Buffer()

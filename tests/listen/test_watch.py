@@ -142,11 +142,11 @@ def test_a_missing_description_is_asked_for_again_and_again(
     """Until the stream is gone."""
     asked: list[str] = []
 
-    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+    def ask(session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         asked.append(key)
         on_end()
 
-    monkeypatch.setattr(watch, "ask_retained_later", ask)
+    monkeypatch.setattr(watch, "ask_for_description", ask)
     monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
@@ -167,11 +167,11 @@ def test_a_lost_question_is_not_waited_for(
     questions: list[Callable[[Answer], None]] = []
     ends: list[Callable[[], None]] = []
 
-    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+    def ask(session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         questions.append(on_answer)
         ends.append(on_end)
 
-    monkeypatch.setattr(watch, "ask_retained_later", ask)
+    monkeypatch.setattr(watch, "ask_for_description", ask)
     impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
     monkeypatch.setattr(watch, "_PAUSES", impatient)
     lone = bus.node("sim").session.token("@tfbus/stream/lone")
@@ -197,14 +197,14 @@ def test_a_token_that_comes_and_goes_leads_to_one_question_at_a_time(
     others: list[str] = []
     ends: list[Callable[[], None]] = []
 
-    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+    def ask(session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         if key == "@tfbus/stream/lone":
             ends.append(on_end)
         elif key == "@tfbus/stream/other":
             others.append(key)
             on_end()
 
-    monkeypatch.setattr(watch, "ask_retained_later", ask)
+    monkeypatch.setattr(watch, "ask_for_description", ask)
     monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
@@ -230,13 +230,13 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
     """An answer that is no description ends the questions, until the token comes again."""
     asked: list[str] = []
 
-    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+    def ask(session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         asked.append(key)
         if key == "@tfbus/stream/broken":
             on_answer(Answer(key, b"nonsense"))
         on_end()
 
-    monkeypatch.setattr(watch, "ask_retained_later", ask)
+    monkeypatch.setattr(watch, "ask_for_description", ask)
     monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):

@@ -37,7 +37,7 @@ class Questions:
         self.token: Callable[[str, bool], None]
         self.describe: Callable[[str, bytes], None]
         self.settings = NodeSettings("listener")
-        monkeypatch.setattr(watch, "ask_retained_later", self.ask)
+        monkeypatch.setattr(watch, "ask_for_description", self.ask)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(
             cast(Session, self), lambda state: None, executor=cast(Executor, self)
@@ -49,7 +49,7 @@ class Questions:
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> None:
         self.token = callback
 
-    def ask(self, session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+    def ask(self, session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         self.asked_at_s.append(self.now_s)
         self.asked_keys.append(key)
         for answer in self.answers:

@@ -107,7 +107,7 @@ class Plan:
             senders,
             readers,
             tuple(sorted(found, key=lambda each: each.at_s)),
-            lost_declarations=draw.choice((0.0, 0.0, 0.0)),
+            lost_declarations=draw.choice((0.0, 0.0, 0.05)),
             rule=draw.choice(("first", "priority")),
         )
 

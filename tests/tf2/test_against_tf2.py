@@ -5,6 +5,7 @@ is made small, and printed as a program against tfbus that shows the answer. Mor
 `--lookups 100000`, the same ones again with `--seed`.
 """
 
+import os
 from itertools import pairwise
 from random import Random
 
@@ -26,9 +27,7 @@ def test_random_trees_are_answered_as_tf2_answers_them(
     """Whatever the tree and the order of arrival, tfbus answers what tf2 answers, to 1e-9."""
     seed = pytestconfig.getoption("seed")
     if seed is None:
-        # In one of five seeds frames that changed places make a loop at the times in between, where
-        # tf2 answers by the way around and tfbus does not: test_tf2_differences.py.
-        seed = 12
+        seed = int.from_bytes(os.urandom(4))
     print(f"--seed {seed}")
     left = pytestconfig.getoption("lookups")
     rng = Random(seed)

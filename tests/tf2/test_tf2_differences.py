@@ -176,6 +176,26 @@ def test_parents_of_different_times_may_make_a_loop_that_no_lookup_meets(tf2: Or
     assert (ours.word, theirs.word) == ("ConnectivityException", "LookupException")
 
 
+def test_two_frames_of_a_loop_have_one_transform_or_none(tf2: Oracle) -> None:
+    """tf2 walks from the source up to the target, so that each is ahead of the other; tfbus answers
+    where the frames are parent and child now, and otherwise says which frames make the loop.
+    """
+    changed_places = (
+        Insert("a", "b", 1 * S, at(1.0)),
+        Insert("root", "b", 4 * S, at(1.0)),
+        Insert("b", "a", 2 * S, at(1.0)),
+        Insert("b", "a", 3 * S, at(1.0)),
+    )
+    for target, source, x in (("a", "b", -1.0), ("b", "a", 1.0)):
+        question = Lookup(target, source, 2 * S)
+        ours, theirs = last_answers(tf2, *changed_places, question)
+        assert (ours.pose, theirs.pose) == (at(x), at(1.0))
+        apart = Insert("root", "a", 5 * S, at(1.0))
+        ours, theirs = last_answers(tf2, *changed_places, apart, question)
+        assert ours.word == "ConnectivityException" and "was a loop then" in ours.text
+        assert theirs.pose == at(1.0)
+
+
 def test_a_child_that_turns_static_holds_at_all_times(tf2: Oracle) -> None:
     """For tf2 a child stays what it was first; in tfbus it is what it was sent as last."""
     turned = Insert("map", "base", S, at(1.0)), Insert("map", "base", 2 * S, at(2.0), static=True)
@@ -203,6 +223,18 @@ def test_frames_of_two_trees_are_unconnected_whatever_the_time(tf2: Oracle) -> N
     ours, theirs = last_answers(tf2, *apart, Lookup("b", "y", 2 * S))
     assert (ours.word, theirs.word) == ("ConnectivityException", "ExtrapolationException")
     ours, theirs = last_answers(tf2, *apart, LookupFull("b", S, "y", 2 * S, "a"))
+    assert (ours.word, theirs.word) == ("ConnectivityException", "ExtrapolationException")
+
+
+def test_an_edge_that_was_cleared_gives_way(tf2: Oracle) -> None:
+    """To one that would close a loop; for tf2 its child has no data, for tfbus it is a root."""
+    given_way = (
+        Insert("map", "base", 1 * S, HERE),
+        Clear(),
+        Insert("other", "map", 2 * S, HERE),
+        Insert("base", "map", 4 * S, HERE),
+    )
+    ours, theirs = last_answers(tf2, *given_way, Lookup("map", "base", 3 * S))
     assert (ours.word, theirs.word) == ("ConnectivityException", "ExtrapolationException")
 
 

@@ -130,6 +130,9 @@ _ALWAYS = _domain(
     # ends: ROS would show it until its lease ends, for 10 s.
     "<Internal>"
     "<GenerateKeyhash>true</GenerateKeyhash>"
+    # As much of this as the system allows (net.core.rmem_max) waits while the process gets no CPU;
+    # the rest is lost where its publishers do not keep it. Only what waits takes memory.
+    '<SocketReceiveBufferSize max="16 MiB"/>'
     f"<Watermarks><WhcHigh>{_MOST_WAITING}</WhcHigh></Watermarks>"
     "</Internal>"
 )

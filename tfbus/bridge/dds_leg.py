@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tfbus.bridge.dds_config import configuration
+from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
 from tfbus.bridge.leg import (
     LEAST_READER_DEPTH,
     Closing,
@@ -217,6 +218,7 @@ class DdsLeg:
         self._log_once = LogOnce(log)
         self._number = domain_of(settings.domain)
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
+        others = udp_sockets()
         try:
             _DOMAINS.take(self._number, configuration(settings.connect, log))
         except DDSException as error:
@@ -229,6 +231,7 @@ class DdsLeg:
         except DDSException as error:
             _DOMAINS.give_back(self._number)
             raise TfbusError(f"DDS cannot join domain {self._number}: {error}") from error
+        self._sockets = udp_sockets() - others
 
     def _join(self) -> None:
         # What makes a participant one of ROS, and in which enclave it is.
@@ -296,7 +299,7 @@ class DdsLeg:
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
-        """That there is no ROS, and whom it cannot listen to."""
+        """That there is no ROS, whom it cannot listen to, and what the system dropped."""
         with self._lock:
             topics = [each.topic for each in self._subscriptions]
         # Some programs speak ROS's DDS and tell no node.
@@ -307,7 +310,16 @@ class DdsLeg:
                 f"No ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"
             ]
-        return [said for topic in topics for said in self._unheard(topic)]
+        return [*self._dropped(), *(said for topic in topics for said in self._unheard(topic))]
+
+    def _dropped(self) -> Sequence[str]:
+        if not dropped_datagrams(self._sockets):
+            return []
+        return [
+            "This process was too slow for what came by DDS, and the system has dropped some of "
+            "it: messages that their publishers did not keep until it caught up are lost, and DDS "
+            "does not tell how many; give it more CPU, or raise net.core.rmem_max"
+        ]
 
     def _has_writers(self, topics: Sequence[RosTopic]) -> bool:
         return any(self._watch.writers(dds_topic(each.name)) for each in topics)

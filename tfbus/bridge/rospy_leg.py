@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tfbus.bridge.leg import LEAST_READER_DEPTH, LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.bridge.ros1_type import Ros1Type, ros1_type
 from tfbus.errors import DecodeError, SettingsError, TfbusError
 from tfbus.ros.ros1_master import DEFAULT_MASTER, Ros1Master, Ros1State
@@ -362,8 +362,9 @@ class _Subscription:
             topic.name,
             _message_class(self._type),
             self._take,
-            # Of what rospy reads at once it drops all but so many.
-            queue_size=max(topic.depth, LEAST_READER_DEPTH),
+            # None: of what rospy reads at once, 64 kB, it would drop all but so many. What it does
+            # not read waits at the publisher.
+            queue_size=None,
             tcp_nodelay=True,
         )
         leg.began("sub", topic.name, self)
@@ -386,7 +387,7 @@ class _Subscription:
             if on_message is None:
                 return
             try:
-                payload = self._type.to_cdr(message.payload)
+                on_message(self._type.to_cdr(message.payload), _gid(node))
             except DecodeError as error:
                 self._once.warning(
                     ("decode", self._name, node),
@@ -395,8 +396,9 @@ class _Subscription:
                     self._name,
                     error,
                 )
-                return
-            on_message(payload, _gid(node))
+            except Exception as error:
+                # rospy says so in a file of its own only.
+                self._once.warning("taking", "A message from ROS was not taken: %s", error)
 
 
 def _gid(node: str) -> str:

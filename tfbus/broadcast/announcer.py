@@ -31,8 +31,9 @@ class FrameAnnouncer:
     """Holds the frames of a stream and announces each change soon, on the node's thread.
 
     `check_right(child)` raises where the stream may not have a frame. `publisher` sends
-    `describe(rows)` of all rows (parent, child, static). `reparented` counts how
-    often a known frame got another parent, or became static or dynamic.
+    `describe(rows)` of all rows (parent, child, static), and `described` is the last that it has
+    sent. `reparented` counts how often a known frame got another parent, or became static or
+    dynamic.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class FrameAnnouncer:
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._is_closed = False
-        self._described_bytes = 0
+        self.described = b""
         self._described_s = -math.inf
         self.reparented = 0
 
@@ -105,7 +106,7 @@ class FrameAnnouncer:
             if self._is_due:
                 return
             self._is_due = True
-            pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
+            pause_s = min(len(self.described) / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
             pause_s -= scheduler.monotonic() - self._described_s
         self._executor.after(max(after_s, pause_s), self._announce)
 
@@ -122,10 +123,9 @@ class FrameAnnouncer:
                     return
                 self._is_due = False
                 rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())
-            payload = self._describe(rows)
-            self._described_bytes = len(payload)
+            self.described = self._describe(rows)
             self._described_s = scheduler.monotonic()
-            self._publisher.put(payload)
+            self._publisher.put(self.described)
 
     def _unknown(self, child: str, static: bool) -> LookupException:
         sent = [other for other, (_, other_static) in self._edges.items() if other_static is static]

@@ -81,8 +81,6 @@ class Stream:
         self._static_payload = b""
         self._static_key = static_transforms_key(name)
         self._static_publisher = declare_retained_publisher(session, self._static_key)
-        # Where Zenoh's own recovery of the retained message fails, listeners query this key.
-        self._queryable = session.queryable(self._static_key, self._on_static_query, long=True)
         self._frames = FrameAnnouncer(
             name,
             declare_retained_publisher(session, stream_key(name)),
@@ -90,6 +88,8 @@ class Stream:
             executor,
             partial(session.settings.check_right, "frames"),
         )
+        # Where Zenoh's own recovery of what is retained fails, listeners query this key.
+        self._queryable = session.queryable(self._static_key, self._on_static_query, long=True)
         self._token = session.token(stream_key(name))
         self._origin = origin
         self._frames.announce_soon()
@@ -196,10 +196,16 @@ class Stream:
         self._static_publisher.put(self._static_payload)
 
     def _on_static_query(self, query: Query) -> None:
+        is_of_description = query.parameter("description") is not None
+        key, payload = (
+            (stream_key(self.name), self._frames.described)
+            if is_of_description
+            else (self._static_key, self._static_payload)
+        )
         # The session may be closed meanwhile.
-        with suppress(BusError), query.answering("the static transforms"):
-            if self._static_payload:
-                query.answer(self._static_key, self._static_payload)
+        with suppress(BusError), query.answering("what the stream retains"):
+            if payload:
+                query.answer(key, payload)
 
     def _begin_epoch(self, child: str, back_ns: int) -> int:
         """Begin an epoch, as the stamps of a frame went back; static transforms are sent again."""

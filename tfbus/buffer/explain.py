@@ -43,6 +43,9 @@ _LATER, _LATEST = "query a later time", "query the latest (stamp_ns=None)"
 # What an error of a lookup may end with: to wait, for another time, or a longer cache.
 _ADVICE = re.compile(r"; (?:wait|query|ask|keep)\b[^;]*$")
 
+# Of the frames of a loop an error names the first, and the first again.
+_MOST_CHAINED = 6
+
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
 
@@ -214,9 +217,16 @@ def why_not(
         # What waiting cannot help says more than what it may.
         return next((error for error in missing if not may_come(error)), missing[0])
     if stamp_ns is not None and path.is_mixed():
+        why = "a frame between them had another parent then"
+        loops = [tree.loop_above(end, stamp_ns, sampling) for end in (source_frame, target_frame)]
+        if loop := loops[0] or loops[1]:
+            why = (
+                f"{_chained([loop[0], *reversed(loop)])} was a loop then, as each keeps its parent "
+                "until its next sample; query an earlier or a later time"
+            )
         return ConnectivityException(
             f"{target_frame!r} and {source_frame!r} were not connected at {stamp_text(stamp_ns)} "
-            "s: a frame between them had another parent then",
+            f"s: {why}",
             target_frame=target_frame,
             source_frame=source_frame,
         )
@@ -224,6 +234,14 @@ def why_not(
         return None
     gaps = (_gap(history, path.latest(), None, sampling) for history in edges)
     return _out_of_step(edges) or next((error for error in gaps if error is not None), None)
+
+
+def _chained(frames: list[str]) -> str:
+    """The edges from the first frame to the last, parent before child."""
+    names = [repr(frame) for frame in frames]
+    if len(names) > _MOST_CHAINED:
+        names[_MOST_CHAINED - 1 : -1] = ["..."]
+    return " -> ".join(names)
 
 
 def _out_of_step(edges: list[History]) -> ExtrapolationException | None:

@@ -46,6 +46,8 @@ cdef class Tree:
     @cython.locals(target=History, source=History)
     cdef TransformStamped _answer_by_walk(
         self, target_frame, source_frame, stamp_ns, sampling)
+    @cython.locals(end=History, above=History)
+    cpdef list loop_above(self, str frame, long long stamp_ns, sampling)
     @cython.locals(pose=pose_t, beyond=cython.longlong, above=History)
     cdef list _walk(self, History history, long long stamp_ns, sampling)
     @cython.locals(history=History)
@@ -95,3 +97,4 @@ cdef long long _stamp_on(Path path, stamp_ns) except? -1
 @cython.locals(target=cython.size_t, source=cython.size_t)
 cdef Py_ssize_t _slot(target_frame, source_frame) noexcept
 cdef describe(History history, list children)
+cdef History _parent_at(History history, long long stamp_ns, sampling)

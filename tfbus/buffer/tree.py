@@ -228,6 +228,18 @@ class Tree:
         end: History = self._walk(self.frames[frame], stamp_ns, sampling)[-1][0]
         return end
 
+    def loop_above(self, frame: str, stamp_ns: int, sampling: Sampling) -> list[str]:
+        """The frames of the loop at which the way up from a known frame ends at that time, the
+        first one that it meets first; [] where it ends at no loop.
+        """
+        end = self.walk_end(frame, stamp_ns, sampling)
+        names = [end.name]
+        above = _parent_at(end, stamp_ns, sampling)
+        while above is not None and above is not end:
+            names.append(above.name)
+            above = _parent_at(above, stamp_ns, sampling)
+        return names if above is end else []
+
     def _walk(
         self, history: History, stamp_ns: int, sampling: Sampling
     ) -> list[tuple[History, Pose, int]]:
@@ -561,6 +573,13 @@ class Tree:
                     stamp_ns,
                 )
             )
+
+
+def _parent_at(history: History, stamp_ns: int, sampling: Sampling) -> History | None:
+    """The parent at that time; None for a root, and where there is no data."""
+    if history.parent is None or not seek_as(history, stamp_ns, sampling):
+        return None
+    return history.parent_here()
 
 
 def _stamp_on(path: Path, stamp_ns: int | None) -> int:

@@ -38,6 +38,7 @@ from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.listen.still_sending import StillSending
 from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.stream_state import StreamState
+from tfbus.listen.unlisted import UnlistedFrames
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
@@ -132,6 +133,7 @@ class TransformListener:
         self._executor = Executor(f"{node.full_name} streams", node.log)
         self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
+        self._unlisted = UnlistedFrames(self._executor, self._drop_unlisted)
         self._foreign = 0
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
@@ -346,6 +348,7 @@ class TransformListener:
             self._on_takeover,
             on_dispute=self._on_dispute,
             on_growth=self._weigh,
+            on_unlisted=self._unlisted.hear,
             claimed_by_others=partial(self._conflicts.claimed_by_others, name),
             held=self._held,
             once=self._once,
@@ -363,6 +366,11 @@ class TransformListener:
 
     def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
         self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
+
+    def _drop_unlisted(self, name: str, silent: frozenset[str]) -> None:
+        reception = self._registry.reception(name)
+        if reception is not None:
+            reception.drop_unlisted(silent)
 
     def _on_takeover(self, name: str, epoch_ns: int) -> None:
         self._executor.submit("streams", lambda: self._ask_for_description(name, epoch_ns))

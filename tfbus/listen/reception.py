@@ -85,6 +85,8 @@ class StreamReception:
 
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
     a publisher that has just got priority, or lists them, and where they were removed.
+    `on_unlisted(name, frames)` is called where it has sent these frames and does not list them, at
+    each message and list: `drop_unlisted` drops them once they are silent.
     `on_takeover(name, epoch_ns)` is called where two processes publish the stream, one fell silent,
     and the messages of the other count from now on.
 
@@ -105,6 +107,7 @@ class StreamReception:
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
+        on_unlisted: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
         claimed_by_others: Callable[[frozenset[str]], frozenset[str]] = lambda children: _NONE,
         held: DisputedMessages | None = None,
         once: LogOnce | None = None,
@@ -120,6 +123,7 @@ class StreamReception:
         self.on_takeover = on_takeover
         self.on_dispute = on_dispute
         self.on_growth = on_growth
+        self.on_unlisted = on_unlisted
         self.claimed_by_others = claimed_by_others
         self.now_s = now_s
         self.lock = scheduler.Lock()
@@ -253,8 +257,11 @@ class StreamReception:
         ):
             rows, judged = self._judge(rows)
         unlisted, claimed = judged.unlisted, _NONE
-        if unlisted and (claimed := self.claimed_by_others(unlisted)):
-            rows = self._without_claimed(rows, claimed)
+        if unlisted:
+            if not static and epoch_ns == self.listing.epoch_ns:
+                self.on_unlisted(self.name, unlisted)
+            if claimed := self.claimed_by_others(unlisted):
+                rows = self._without_claimed(rows, claimed)
         if self._inherits:
             self._take_over(rows)
         buffer, rejected = self.buffer, self._rejected
@@ -559,8 +566,24 @@ class StreamReception:
         if found and self.statics.batch is not None:
             self.apply_statics(found)
         self._marks.update()
+        held = self.buffer.sent_by(self.name)
+        if unlisted := frozenset(child for child in held.keys() - children if held[child]):
+            self.on_unlisted(self.name, unlisted)
         if confirmed:
             self._held.release(self.name, epoch_ns)
+
+    def drop_unlisted(self, silent: frozenset[str]) -> None:
+        """Drop those of these frames that have not come for a while, and are still not listed: the
+        publisher, which is there, has removed them.
+        """
+        with self.lock:
+            if self.epochs.gone or self.listing.epoch_ns != self.epochs.present_ns:
+                return
+            unlisted = silent - self.listing.children
+        held = self.buffer.sent_by(self.name)
+        if removed := frozenset(child for child in unlisted if held.get(child)):
+            self.buffer.remove_sent(removed, self.name)
+            self.on_overlap(self.name, removed)
 
     def _takes(self, epoch_ns: int) -> bool:
         """Whether a list of this epoch counts, though it is not confirmed."""

@@ -2,9 +2,8 @@
 
 Zenoh sends retained messages to those who join, and requests lost ones again. But where many peers
 meet at once, its request may precede the route to the publisher, or the publisher's queryable may
-be lost for good (eclipse-zenoh/zenoh#2516): then no answer comes, and nothing is sent again until
-something changes. A static transform is sent once, so here the descriptions of streams are the
-check. A stream answers on two keys; requests alternate between them.
+be lost for good: then no answer comes, and nothing is sent again until something changes. A static
+transform is sent once, so here the descriptions of streams are the check.
 """
 
 import logging
@@ -12,13 +11,11 @@ from collections.abc import Callable
 
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
-from tfbus.bus.retained import ask_retained_later
 from tfbus.bus.session import Session
 from tfbus.listen.reception import StreamReception
+from tfbus.listen.two_ways import ask_for_statics
 from tfbus.runtime.executor import Executor
-from tfbus.wire.keys import static_transforms_key_beside
 
-_ANSWER_WITHIN_S = 2.0
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
 _REQUESTS_BEFORE_WARNING = 7
 
@@ -42,9 +39,7 @@ class StaticRecovery:
     def check(self, key: str, stream: StreamReception) -> None:
         """Ask while the stream of this token lacks static transforms, until it is gone."""
         if stream.lacks_statics():
-            self._executor.submit(
-                _WHAT, lambda: self._begin(static_transforms_key_beside(key), stream)
-            )
+            self._executor.submit(_WHAT, lambda: self._begin(key, stream))
 
     def leave(self, stream: str) -> None:
         """The static transforms of this stream are no longer read."""
@@ -68,12 +63,7 @@ class StaticRecovery:
                 stream.receive_static(answer.payload)
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
-            if turn % 2:
-                self._session.ask_later(key, None, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
-            else:
-                ask_retained_later(
-                    self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
-                )
+            ask_for_statics(self._session, key, turn, on_answer, on_end)
 
         def on_over() -> None:
             if self._asking.get(stream.name) is asking:

@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
-from tfbus.bus.retained import ask_retained_later, declare_signed_subscriber
+from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.epochs import is_from_future
 from tfbus.listen.mailbox import Letter, Mailbox
 from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.stream_state import StreamState
+from tfbus.listen.two_ways import ask_for_description
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -25,7 +26,6 @@ from tfbus.wording import stamp_text
 MOST_GONE = 1000
 
 # A token may come before its publisher can answer, or has anything to describe.
-_ANSWER_WITHIN_S = 2.0
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
 # One that is back is taken for the same if this many questions end without a description, one after
 # the other: about 1.5 s, or 12 s where each takes 2 s. Questions that overlap count as one.
@@ -274,7 +274,7 @@ class StreamWatch:
             return
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            ask_for_description(self._session, key, turn, on_answer, on_end)
 
         def on_answer(answer: Answer) -> None:
             nonlocal answers
@@ -309,7 +309,7 @@ class StreamWatch:
         key, is_confirmed, answers = state.key, False, 0
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            ask_for_description(self._session, key, turn, on_answer, on_end)
 
         def on_answer(answer: Answer) -> None:
             nonlocal answers
@@ -374,7 +374,7 @@ class StreamWatch:
                 # After the answers of this question have been looked at.
                 self._do(lambda: count_end(turn))
 
-            ask_retained_later(self._session, key, on_answer, end, timeout_s=_ANSWER_WITHIN_S)
+            ask_for_description(self._session, key, turn, on_answer, end)
 
         def count_end(turn: int) -> None:
             nonlocal ended, next_to_count

@@ -83,6 +83,11 @@ def static_transforms_key_beside(stream_key: str) -> str:
     return f"{prefix}{STATIC_TRANSFORMS}/{stream}"
 
 
+def description_selector(static_key: str) -> str:
+    """The selector of a stream's description at the key of its static transforms."""
+    return f"{static_key}?description=1"
+
+
 def kept_transforms_selector(key: str, last_s: float) -> str:
     """The selector of the dynamic transforms of the last `last_s` seconds at a key or key
     expression.

@@ -1,5 +1,7 @@
 """The simulated network as users have it: hosts, processes, paths, and words for its faults."""
 
+import os
+import socket
 import time
 
 import pytest
@@ -104,12 +106,13 @@ def test_a_host_whose_power_fails_is_gone_after_the_lease(network: Network) -> N
 
 
 def test_a_host_that_roams_is_back(network: Network) -> None:
-    """Its links are lost, and it is met again at its new address."""
+    """Its links are lost, and it is met again at its new address, with all its frames."""
     _tree(network, "robot", "arm")
     eye = _Eye(network, "base")
     network.run(until=lambda: eye.sees("arm"))
     network.roam("robot", "10.0.1.7")
-    network.run(until=lambda: not eye.sees("arm"))
+    roamed_ns = network.now_ns
+    network.run(until=lambda: eye.buffer.lookup_transform("world", "arm").stamp_ns > roamed_ns)
     network.run(until=lambda: eye.sees("arm"))
 
 
@@ -121,6 +124,16 @@ def test_a_minute_of_a_robot_takes_milliseconds(network: Network) -> None:
     network.run(60.0)
     assert eye.sees("arm")
     assert time.clock_gettime_ns(time.CLOCK_PROCESS_CPUTIME_ID) - begun_ns < 10e9
+
+
+def test_processes_have_ids_and_names_of_their_own(network: Network) -> None:
+    """Each process has its own id, and the name of its host, by Python's functions too."""
+    found = set()
+    for host in ("robot", "base"):
+        with network.process(network.host(host), "node") as process:
+            found.add((socket.gethostname(), os.getpid()))
+        assert (host, process.pid) in found
+    assert len(found) == 2
 
 
 def test_clocks_of_hosts_differ_drift_and_step(network: Network) -> None:

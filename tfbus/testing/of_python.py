@@ -7,6 +7,8 @@ also where a module has `from time import sleep`. What cannot be simulated is re
 
 import _thread
 import asyncio
+import os
+import socket
 import sys
 import threading
 import time
@@ -73,6 +75,8 @@ def _replacements(
         yield time, name, function
     for module in (asyncio, asyncio.events):
         yield module, "new_event_loop", names["new_event_loop"]
+    yield socket, "gethostname", lambda: tasks.current.place.host.name  # type: ignore[attr-defined]
+    yield os, "getpid", names["getpid"]
     yield threading.Condition, "wait", partial(_wait, tasks)
     yield from refusals()
 

@@ -2,12 +2,17 @@
 
 import os
 import socket
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 import tfbus
 from tfbus.messages import Vector3
+from tfbus.secure.keystore import Keystore
+from tfbus.secure.rights import Identity
 from tfbus.testing import Network, Process, SimulationError
 
 
@@ -221,3 +226,26 @@ def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
     network.start(network.host("robot"), "node", fail)
     with pytest.raises(ValueError, match="a mistake of the node"):
         network.run(1.0)
+
+
+def test_a_closed_bus_is_refused(network: Network, tmp_path: Path) -> None:
+    """A node with an identity is not simulated as if it had none."""
+    keystore = Keystore.init(tmp_path / "keys", days=10)
+    keystore.add(Identity("robot", "reader"), days=5)
+    settings = tfbus.NodeSettings("robot", secure=str(keystore.path / "robot"))
+    with pytest.raises(SimulationError, match="a closed bus is not simulated: node 'robot'"):
+        tfbus.Node(settings=settings)
+
+
+def test_settings_of_the_environment_have_no_effect(tmp_path: Path) -> None:
+    """The fixture hides the settings of the machine's own bus."""
+    path = tmp_path / "test_it.py"
+    path.write_text("import tfbus\n\ndef test_it(network):\n    tfbus.Node('node')\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", str(path)],
+        env={**os.environ, "TFBUS_MODE": "client", "TFBUS_CONNECT": "tcp/127.0.0.1:1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert "1 passed" in done.stdout, done.stdout

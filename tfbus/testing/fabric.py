@@ -15,7 +15,7 @@ from tfbus.testing.faults import Faults
 from tfbus.testing.links import LEASE_S, Lane, Paths
 from tfbus.testing.meeting import Meeting
 from tfbus.testing.processes import Host, Process
-from tfbus.testing.tasks import Tasks
+from tfbus.testing.tasks import SimulationError, Tasks
 from tfbus.testing.zenoh_session import ZenohSession
 
 # A peer meets others within this time, and one that it has lost within the longer one.
@@ -59,6 +59,11 @@ class Fabric:
 
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""
+        if settings.closed is not None:
+            raise SimulationError(
+                f"a closed bus is not simulated: node {settings.name!r} must not have `secure` "
+                f"({settings.secure})"
+            )
         process: Process = self.tasks.current.place  # type: ignore[assignment]
         session = ZenohSession(
             self,

@@ -107,14 +107,14 @@ class Network:
 
     @contextmanager
     def process(self, host: Host | str, name: str) -> Iterator[Process]:
-        """What is called until the end of the `with` happens in a new process of the host."""
+        """Make a process on a host: all calls until the end of the `with` happen in it."""
         process = self._new_process(self._host(host), name)
         with self.tasks.within(process):
             yield process
 
     @contextmanager
     def within(self, process: Process) -> Iterator[None]:
-        """What is called until the end of the `with` happens in the process."""
+        """Enter a process: all calls until the end of the `with` happen in it."""
         with self.tasks.within(process):
             yield
 

@@ -1,5 +1,6 @@
 """The fixture `network` of pytest: a simulated network for one test."""
 
+import os
 import random
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -22,12 +23,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def network(request: pytest.FixtureRequest) -> "Iterator[Network]":
-    """A simulated network, in force during the test; its seed is in the report of a failure."""
+def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Network]":
+    """A simulated network, in force during the test; its seed is in the report of a failure.
+
+    Settings of the environment (TFBUS_MODE and others) have no effect on its nodes.
+    """
     from tfbus.testing.network import Network  # only where a test asks for it
 
     given = request.config.getoption("--tfbus-seed")
     seed = random.randrange(2**32) if given == "random" else int(given)
     request.node.add_report_section("setup", "tfbus", f"again: --tfbus-seed {seed}")
+    for name in [each for each in os.environ if each.startswith("TFBUS_")]:
+        monkeypatch.delenv(name)
     with Network(seed) as made:
         yield made

@@ -183,7 +183,11 @@ def _members(value: type) -> list[Member]:
     inherited: dict[str, Member] = {}
     for body in _bodies(value):
         for node in body.body:
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node):
+            if (
+                isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+                and _is_public(node)
+                and f"{body.name}.{node.name}" not in _INNER
+            ):
                 into = found if body.name == value.__name__ else inherited
                 into.setdefault(node.name, _function(node, value.__name__))
     return [*found.values(), *(member for name, member in inherited.items() if name not in found)]

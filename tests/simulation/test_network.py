@@ -2,8 +2,6 @@
 
 import os
 import socket
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -237,15 +235,18 @@ def test_a_closed_bus_is_refused(network: Network, tmp_path: Path) -> None:
         tfbus.Node(settings=settings)
 
 
-def test_settings_of_the_environment_have_no_effect(tmp_path: Path) -> None:
-    """The fixture hides the settings of the machine's own bus."""
-    path = tmp_path / "test_it.py"
-    path.write_text("import tfbus\n\ndef test_it(network):\n    tfbus.Node('node')\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", str(path)],
-        env={**os.environ, "TFBUS_MODE": "client", "TFBUS_CONNECT": "tcp/127.0.0.1:1"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert "1 passed" in done.stdout, done.stdout
+def test_settings_of_the_environment_have_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network hides the settings of the machine's own bus."""
+    monkeypatch.setenv("TFBUS_MODE", "client")
+    monkeypatch.setenv("TFBUS_CONNECT", "tcp/127.0.0.1:1")
+    with Network():
+        assert tfbus.Node("node").settings.connect == ()
+    assert os.environ["TFBUS_MODE"] == "client"
+
+
+def test_a_client_without_a_router_says_so(network: Network) -> None:
+    """It opens no real connection to find out why."""
+    network.host("robot")
+    with network.process("robot", "node"), pytest.raises(tfbus.BusError, match="no router answers"):
+        settings = tfbus.NodeSettings("node", mode="client", connect="tcp/base:7447")
+        tfbus.Node(settings=settings, patience_s=3.0)

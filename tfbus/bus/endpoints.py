@@ -2,6 +2,8 @@
 
 import socket
 
+from tfbus.runtime import scheduler
+
 _CONNECT_WITHIN_S = 2.0
 
 
@@ -44,7 +46,9 @@ def speaks_tls(endpoint: str) -> bool | None:
 
 
 def _address(endpoint: str) -> tuple[str, int] | None:
-    """The host and port of an endpoint; None for one of another protocol."""
+    """The host and port of an endpoint; None for one of another protocol, and in a simulation."""
+    if scheduler.is_simulated:
+        return None
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("?")[0].rpartition(":")
     if protocol not in ("tcp", "tls", "ws") or not port.isdigit():

@@ -13,6 +13,7 @@ from typing import Any
 from tfbus.bus import zenoh_library
 from tfbus.runtime import scheduler
 from tfbus.testing import primitives
+from tfbus.testing.environment import without_settings
 from tfbus.testing.fabric import Fabric
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import Paths
@@ -37,7 +38,8 @@ class Network:
 
     The seed decides all that is left to chance. `interleaving` is the mean number of steps after
     which a task gives its turn away without need. `faults` says how often Zenoh fails. Hosts and
-    processes are given as what `host` and `process` hand out, or by their names.
+    processes are given as what `host` and `process` hand out, or by their names. Settings in the
+    environment (TFBUS_MODE and others) have no effect.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:
@@ -65,6 +67,7 @@ class Network:
         main._task = self.tasks.main
         self.tasks.main.thread = main
         names = scheduler_names(self.tasks)
+        self._stack.enter_context(without_settings())
         self._stack.enter_context(scheduler.replaced_by(names))
         self._stack.enter_context(standing_in(self.tasks, names))
         self._stack.enter_context(zenoh_library.replaced_by(self._fabric))

@@ -1,6 +1,5 @@
 """The fixture `network` of pytest: a simulated network for one test."""
 
-import os
 import random
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -33,7 +32,5 @@ def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     given = request.config.getoption("--tfbus-seed")
     seed = random.randrange(2**32) if given == "random" else int(given)
     request.node.add_report_section("setup", "tfbus", f"again: --tfbus-seed {seed}")
-    for name in [each for each in os.environ if each.startswith("TFBUS_")]:
-        monkeypatch.delenv(name)
     with Network(seed) as made:
         yield made

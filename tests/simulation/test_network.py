@@ -250,3 +250,18 @@ def test_a_client_without_a_router_says_so(network: Network) -> None:
     with network.process("robot", "node"), pytest.raises(tfbus.BusError, match="no router answers"):
         settings = tfbus.NodeSettings("node", mode="client", connect="tcp/base:7447")
         tfbus.Node(settings=settings, patience_s=3.0)
+
+
+def test_a_message_that_must_arrive_waits_five_seconds_for_a_link(network: Network) -> None:
+    """Then Zenoh closes the link, and the publisher goes on."""
+    robot, base = network.host("robot"), network.host("base")
+    with network.process(base, "reader"):
+        tfbus.Node("reader").create_subscription(Vector3, "pose", print, retained=True)
+    with network.process(robot, "writer"):
+        publisher = tfbus.Node("writer").create_publisher(Vector3, "pose", retained=True)
+        network.run(2.0)
+        network.path(robot, base, bytes_a_second=1.0)
+        begun_ns = network.now_ns
+        for _ in range(10_000):
+            publisher.publish(Vector3())
+    assert network.now_ns - begun_ns == pytest.approx(5e9, rel=0.1)

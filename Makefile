@@ -1,4 +1,4 @@
-# demo, test, check, sanitize, docs, release-check, bench: each sets up what it needs, in .venv
+# demo, test, quick, check, sanitize, docs, release-check, bench: each sets up what it needs, in .venv
 # (bench: .venv-bench).
 
 PYTHON ?= python3
@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types sanitize docs pictures docs-api release-check bench clean
+.PHONY: demo test quick check types sanitize docs pictures docs-api release-check bench clean
 
 # The first demo does not wait for the compiler.
 demo: $(VENV)/demo.stamp
@@ -15,6 +15,10 @@ demo: $(VENV)/demo.stamp
 
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 4 $(ARGS)
+
+# All but the tests of real processes, sockets and browsers; under a minute.
+quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp
+	$(BIN)/python -m pytest --numprocesses 2 -m "not real" $(ARGS)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

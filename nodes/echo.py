@@ -130,7 +130,7 @@ class _Echo(click.Command):
 @bag_options("begin", "end", statics=True)
 @max_gap_option
 @fleet_options
-@node_options(own_name("echo"))
+@node_options(lambda: own_name("echo"))
 def main(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -59,7 +59,7 @@ _PATIENCE_S = 2.0
     show_default=True,
     help="Maximum number of updates per second.",
 )
-@node_options(own_name("share"))
+@node_options(lambda: own_name("share"))
 def main(
     settings: NodeSettings,
     robot: str,

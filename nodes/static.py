@@ -64,7 +64,7 @@ class _Static(click.Command):
     type=click.Path(path_type=Path),
     help="A YAML list of edges; keys are these flags: frame_id, child_frame_id, x, yaw ...",
 )
-@node_options(own_name("static"))
+@node_options(lambda: own_name("static"))
 def main(
     settings: NodeSettings,
     frame_id: str | None,

@@ -6,12 +6,14 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from tests import needs
-from tests.live_bus import Bus
+from tests import live_bus, needs, simulated_bus
 from tfbus import Buffer, Node, TransformListener
+
+Bus = live_bus.Bus | simulated_bus.Bus
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
 pytest_plugins = [
+    "tests.real_tests",
     "tests.tf2.versus",
     "tests.hosts.fault_options",
     "tests.buffer.stress_options",
@@ -32,11 +34,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture
-def bus(tmp_path: Path) -> Iterator[Bus]:
-    """A bus of the test's own."""
-    bus = Bus(tmp_path)
-    yield bus
-    bus.close()
+def bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bus]:
+    """A bus of the test's own: simulated, or of real processes where the test is marked `real`."""
+    if request.node.get_closest_marker("real"):
+        made: Bus = live_bus.Bus(tmp_path)
+    else:
+        made = simulated_bus.Bus(request.getfixturevalue("network"))
+    yield made
+    made.close()
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
-"""A bus for tests: on loopback only, on a port from the system, apart from any other bus."""
+"""A bus of real processes: on loopback only, on a port from the system, apart from any other."""
 
-import asyncio
 import logging
 import os
 import re
@@ -9,81 +8,27 @@ import subprocess
 import sys
 import termios
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
 from signal import signal as set_handler
-from typing import Any, TypeVar
+from typing import Any
 
-from tfbus import (
-    Buffer,
-    Node,
-    NodeSettings,
-    StaticTransformBroadcaster,
-    Transform,
-    TransformBroadcaster,
-    TransformStamped,
-)
+from tests.buses import DEADLINE_S as DEADLINE_S
+from tests.buses import eventually as eventually
+from tests.buses import keep_sending as keep_sending
+from tests.buses import lookups_wait as lookups_wait
+from tests.buses import send_static as send_static
+from tests.buses import send_until as send_until
+from tfbus import Node, NodeSettings
 from tfbus.bus.session import Session
-
-T = TypeVar("T")
-
-DEADLINE_S = 40.0
 
 # Where the tests run in the background their children would inherit that these are ignored.
 if getsignal(SIGINT) == SIG_IGN:
     set_handler(SIGINT, default_int_handler)
 if getsignal(SIGHUP) == SIG_IGN:
     set_handler(SIGHUP, SIG_DFL)
-
-
-def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:
-    """The first true value of the condition; an AssertionError where none comes in time."""
-    deadline = time.monotonic() + within_s
-    pause = threading.Event()
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"not within {within_s} s"
-        pause.wait(0.01)
-    return value
-
-
-async def lookups_wait(buffer: Buffer, count: int = 1) -> None:
-    """Run asyncio until `count` tasks wait in the buffer; TimeoutError if they never do."""
-    async with asyncio.timeout(DEADLINE_S):
-        while buffer.waiting < count:
-            await asyncio.sleep(0)
-
-
-def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
-    """Send again and again until the condition holds, as a broadcaster does."""
-
-    def sent() -> bool:
-        broadcast()
-        return condition()
-
-    eventually(sent)
-
-
-def keep_sending(
-    node: Node, parent: str, child: str, *, rate_hz: float = 20.0, late_ns: int = 0
-) -> None:
-    """Send a dynamic transform, with stamps `late_ns` in the past."""
-    broadcaster = TransformBroadcaster(node)
-
-    def send() -> None:
-        stamp_ns = node.now_ns() - late_ns
-        broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
-
-    node.create_timer(1 / rate_hz, send)
-
-
-def send_static(node: Node, parent: str, child: str) -> None:
-    """Publish one static transform."""
-    StaticTransformBroadcaster(node).send_transform(
-        TransformStamped(node.now_ns(), parent, child, Transform.identity())
-    )
 
 
 def free_port() -> int:
@@ -124,7 +69,7 @@ class Process:
         for line in stream:
             lines.append(line.rstrip("\n"))
 
-    def wait_for_line(self, pattern: str, *, within_s: float = DEADLINE_S) -> str:
+    def wait_for_line(self, pattern: str, *, timeout_s: float = DEADLINE_S) -> str:
         """The first line on stdout or stderr that has the pattern in it."""
 
         def found() -> str | None:
@@ -132,7 +77,7 @@ class Process:
             return next((line for line in lines if re.search(pattern, line)), None)
 
         try:
-            return eventually(found, within_s=within_s)
+            return eventually(found, within_s=timeout_s)
         except AssertionError:
             raise AssertionError(
                 f"{pattern!r} was not printed by {' '.join(self.command)}\n"
@@ -149,11 +94,11 @@ class Process:
             self.signal(number)
         return self.wait()
 
-    def wait(self, *, within_s: float = DEADLINE_S) -> int:
+    def wait(self, *, timeout_s: float = DEADLINE_S) -> int:
         """The exit code, once it has ended and all that it printed is read."""
-        code = self.popen.wait(within_s)
+        code = self.popen.wait(timeout_s)
         for reader in self._readers:
-            reader.join(within_s)
+            reader.join(timeout_s)
         return code
 
     def kill(self) -> None:
@@ -210,7 +155,13 @@ class Bus:
 
     def start(self, *arguments: str, env: dict[str, str] | None = None) -> Process:
         """`tfbus ARGUMENTS` as a process that goes on."""
-        return self.start_command([sys.executable, "-m", "tfbus", *arguments], env=env)
+        return self.start_python("tfbus", *arguments, env=env)
+
+    def start_python(
+        self, module: str, *arguments: str, env: dict[str, str] | None = None
+    ) -> Process:
+        """`python -m MODULE ARGUMENTS` as a process that goes on."""
+        return self.start_command([sys.executable, "-m", module, *arguments], env=env)
 
     def start_command(
         self, command: Sequence[str], *, env: dict[str, str] | None = None, cwd: Path | None = None

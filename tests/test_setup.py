@@ -10,6 +10,8 @@ import pytest
 import tfbus.runtime.sources
 from tfbus.runtime.sources import why_not_installed
 
+pytestmark = pytest.mark.real
+
 HERE = Path(__file__).parents[1]
 
 GOOD = """

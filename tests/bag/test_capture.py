@@ -24,6 +24,8 @@ from tfbus.discover.graph import TopicInfo
 from tfbus.messages import Clock
 from tfbus.recording.selection import Selection
 
+pytestmark = pytest.mark.real
+
 
 class TestKeys:
     @pytest.fixture(autouse=True)

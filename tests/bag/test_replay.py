@@ -52,6 +52,8 @@ from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.codec import as_map
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("mcap")
 
 BEGAN_NS = 1_700_000_000 * S

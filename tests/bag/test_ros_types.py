@@ -22,6 +22,8 @@ from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, standard_definit
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import encode_map, type_name
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags", reason="needs rosbags: the extra bags")
 

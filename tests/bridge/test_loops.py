@@ -21,6 +21,8 @@ from tfbus import (
     TransformListener,
 )
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def other_ros() -> Iterator[FakeRos]:

@@ -21,7 +21,10 @@ from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.valid_rows import invalid_rows
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.timer import Timer
+
+pytestmark = pytest.mark.real
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:

@@ -25,6 +25,8 @@ from tfbus.bridge.leg import LegSettings
 from tfbus.bridge.rospy_leg import open_leg
 from tfbus.messages import JointState, Twist, Vector3
 
+pytestmark = pytest.mark.real
+
 NODE = Path(__file__).parent / "ros1_node.py"
 PUBLISHER = "/usr/lib/robot_state_publisher/robot_state_publisher"
 
@@ -69,7 +71,7 @@ class Ros1:
     def bridge(self, *options: str) -> Process:
         """`tfbus ros1`, once it is ready."""
         process = self._bus.start("ros1", *options, env=self.env)
-        process.wait_for_line("Bridges /tf and /tf_static by rospy", within_s=60.0)
+        process.wait_for_line("Bridges /tf and /tf_static by rospy", timeout_s=60.0)
         return process
 
     def node(self, name: str, *arguments: str) -> Process:
@@ -129,7 +131,7 @@ def test_tf2_reads_the_frames_of_the_bus(bus: Bus, ros: Ros1) -> None:
     bridge.wait_for_line("The ROS master at .* is gone")
     ros.start_master()
     bridge.wait_for_line("The ROS master at .* is back")
-    ros.node("late", "lookup", "map", "base_link").wait_for_line("found 1.0 2.0", within_s=40.0)
+    ros.node("late", "lookup", "map", "base_link").wait_for_line("found 1.0 2.0", timeout_s=40.0)
     ros.node("robot", "broadcast", "base_link", "tool")
     buffer = Buffer()
     with TransformListener(buffer, bus.node("listener")):

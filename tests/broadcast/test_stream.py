@@ -37,6 +37,8 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
+pytestmark = pytest.mark.real
+
 # Without a bus
 
 

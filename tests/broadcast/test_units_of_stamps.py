@@ -11,6 +11,8 @@ from tests.live_bus import Bus, eventually
 from tfbus import Node, TransformBatch, TransformBroadcaster
 from tfbus.messages import Clock
 
+pytestmark = pytest.mark.real
+
 HOUR_NS = 3_600_000_000_000
 
 

@@ -25,6 +25,8 @@ from tfbus import (
     TransformException,
 )
 
+pytestmark = pytest.mark.real
+
 HALF = Sampling(max_gap_s=0.5)
 ROOT = Path(__file__).parents[2]
 # Of `map` -> `base` in tenths of a second: a hole from 4 to 20.

@@ -12,6 +12,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException
 
+pytestmark = pytest.mark.real
+
 
 def stamps_of(buffer: Buffer) -> list[int]:
     """The stamps up to 200 at which there is a sample of the robot."""

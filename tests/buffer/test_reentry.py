@@ -14,6 +14,8 @@ from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.errors import FutureExtrapolationException, LookupException
 from tfbus.runtime.bell import Bell
 
+pytestmark = pytest.mark.real
+
 _BEGIN = """
 import gc, signal, weakref
 from tests.builders import S, moved

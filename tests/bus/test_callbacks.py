@@ -7,6 +7,8 @@ import pytest
 from tests.live_bus import Bus
 from tests.processes.publishers import launch
 
+pytestmark = pytest.mark.real
+
 # Ends while messages arrive, without closing anything.
 NO_CLOSE = """
 import tfbus

@@ -12,6 +12,8 @@ from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.wire.codec import encode_map
 from tfbus.wire.limits import Limits
 
+pytestmark = pytest.mark.real
+
 SMALL = Limits(topic=1000, service=1000, transforms=1000, description=100_000, parameter=1000)
 
 

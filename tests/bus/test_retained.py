@@ -8,6 +8,8 @@ import pytest
 from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus.bus.retained import declare_retained_subscriber
 
+pytestmark = pytest.mark.real
+
 # While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for
 # that lock. Where it holds Python's too, the whole process stands still: so it is one of its own.
 _PROGRAM = """

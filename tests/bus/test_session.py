@@ -17,6 +17,8 @@ from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
 
+pytestmark = pytest.mark.real
+
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
     """Zenoh's setting of a key with this configuration file ("" for none)."""

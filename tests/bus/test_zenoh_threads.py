@@ -9,7 +9,7 @@ import pytest
 
 from tests.live_bus import DEADLINE_S, free_port
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")]
 
 _PROGRAM = """
 import logging, sys, time

@@ -5,6 +5,8 @@ import pytest
 from tests.live_bus import Bus
 from tfbus.messages import Color, Empty
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def robots(bus: Bus) -> Bus:

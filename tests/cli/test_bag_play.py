@@ -21,6 +21,8 @@ from tfbus.recording.items import RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("mcap")
 
 BEGAN_NS = 1_700_000_000 * S

@@ -23,6 +23,8 @@ from tfbus.messages import Empty, Pose, SaveRecording
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 
+pytestmark = pytest.mark.real
+
 POSE = Pose(5, 1.0, 2.0, 0.1, 0.0, 0.0)
 
 
@@ -62,7 +64,7 @@ def keep_publishing(node: Node, topic: str) -> None:
 
 def recording(bus: Bus, path: Path, *options: str) -> Process:
     process = bus.start("bag", "record", "-o", str(path), *options)
-    process.wait_for_line("Recording to|Holding the last", within_s=2 * DEADLINE_S)
+    process.wait_for_line("Recording to|Holding the last", timeout_s=2 * DEADLINE_S)
     return process
 
 
@@ -171,7 +173,7 @@ class TestWhat:
         process = bus.start(
             "bag", "record", "-o", f"{folder}/", "--custom-data", "driver=Ada", "n=1"
         )
-        process.wait_for_line("Recording to", within_s=2 * DEADLINE_S)
+        process.wait_for_line("Recording to", timeout_s=2 * DEADLINE_S)
         keep_sending(bus.node("robot"), "odom", "base")
         [file] = folder.iterdir()
         eventually_in(file, transforms)

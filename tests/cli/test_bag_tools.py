@@ -14,6 +14,8 @@ from tests.recordings import at, described, gone, publisher, statics, steadily, 
 from tfbus.cli import main
 from tfbus.recording.items import TopicItem
 
+pytestmark = pytest.mark.real
+
 SIM, ARM = publisher("sim"), publisher("arm")
 
 

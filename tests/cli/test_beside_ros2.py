@@ -8,6 +8,8 @@ import pytest
 from tests.live_bus import Bus, keep_sending, send_static
 from tests.ros2_on_zenoh import Ros2
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def beside(bus: Bus) -> Iterator[Bus]:

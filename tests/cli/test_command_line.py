@@ -20,6 +20,8 @@ from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
 from tfbus.runtime.version import version_and_origin
 from tfbus.wire.codec import encode_map
 
+pytestmark = pytest.mark.real
+
 _RESULT = RotateAbsolute.Result(-1.5)
 
 A_NODE = "import tfbus; tfbus.Node.from_args('mine').spin()"

@@ -30,6 +30,8 @@ from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 from tfbus.recording.items import TopicItem
 
+pytestmark = pytest.mark.real
+
 # Names of frames, some of them hard for shells.
 FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
 

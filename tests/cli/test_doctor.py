@@ -4,12 +4,16 @@ import json
 import re
 from typing import Any
 
+import pytest
+
 from tests.live_bus import DEADLINE_S, Bus, keep_sending, send_static
 from tfbus import (
     Buffer,
     TransformListener,
 )
 from tfbus.doctor.checks import CHECKS
+
+pytestmark = pytest.mark.real
 
 
 def examined(bus: Bus, *arguments: str) -> tuple[int, dict[str, Any]]:

@@ -7,6 +7,8 @@ import pytest
 from tests.live_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 
+pytestmark = pytest.mark.real
+
 SHARED = ("--fleet", "--shared", "map")
 
 

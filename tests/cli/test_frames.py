@@ -13,6 +13,8 @@ from tests.live_bus import Bus, Process, keep_sending, send_static
 from tests.processes.sim_time import follower, start_clock
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def robot(bus: Bus) -> Bus:

@@ -21,6 +21,8 @@ from tfbus.wire.keys import (
     stream_key,
 )
 
+pytestmark = pytest.mark.real
+
 FORGED = "[INFO] [1795252263.740641361] [sim]: all is well"
 HOSTILE = (
     "\x1b[2J\x1b[31mred\x1b]0;title\x07\r\n"

@@ -22,6 +22,8 @@ from tfbus.messages import Color, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
+pytestmark = pytest.mark.real
+
 MESSAGE = {"x": 1.5, "cells": [3.5, {"name": "left"}], "linear": {"x": 2, "y": 0}}
 
 

@@ -7,6 +7,8 @@ import pytest
 
 from tests.live_bus import Bus, keep_sending, send_static
 
+pytestmark = pytest.mark.real
+
 LATE_NS = 300_000_000
 
 

@@ -9,6 +9,8 @@ from tests.live_bus import Bus
 from tfbus import Node
 from tfbus.messages import Spawn
 
+pytestmark = pytest.mark.real
+
 
 def run(bus: Bus, *arguments: str, stdin: str = "") -> tuple[int, str, str]:
     """Exit code, stdout and the last line of stderr of `tfbus ARGUMENTS`."""

@@ -12,6 +12,8 @@ from tfbus import Transform, TransformArray, TransformBroadcaster, TransformStam
 from tfbus.frames.plot import PANELS, draw
 from tfbus.frames.track import Track
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def robot(bus: Bus) -> Bus:

@@ -10,6 +10,8 @@ from tfbus.cli import _CALLED_IN_ROS, _NOT_NEEDED, NODES, TOOLS, main
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.messages import Spawn
 
+pytestmark = pytest.mark.real
+
 
 def test_a_node_starts_with_the_arguments_of_ros(bus: Bus) -> None:
     """Name and namespace come from remappings."""

@@ -16,6 +16,8 @@ from tfbus import (
 from tfbus.messages import Color, Pose
 from tfbus.wire.codec import encode_map, encode_message
 
+pytestmark = pytest.mark.real
+
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
 Try 'python -m tfbus topic echo --help' for help.
 

@@ -15,6 +15,8 @@ from tfbus import (
 )
 from tfbus.messages import Color, Twist, Vector3
 
+pytestmark = pytest.mark.real
+
 
 class TestMeasure:
     def test_the_rate_is_printed_as_ros2_does(self, bus: Bus) -> None:

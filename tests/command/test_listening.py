@@ -50,6 +50,7 @@ def test_what_is_for_a_public_one_is_for_no_other(tmp_path: Path) -> None:
     assert code == 2 and "--key is the private key of a --certificate" in text
 
 
+@pytest.mark.real
 def test_the_token_is_new_or_of_the_environment_or_a_file(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -13,6 +13,8 @@ from tfbus import BusError, NodeSettings, node_options
 from tfbus.command.options import bus_options, settings_from_args
 from tfbus.command.ros_args import in_tfbus_words
 
+pytestmark = pytest.mark.real
+
 seen: list[NodeSettings] = []
 
 

@@ -18,6 +18,8 @@ from tfbus.compat.rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.action import RotateAbsolute
 
+pytestmark = pytest.mark.real
+
 
 def count(goal_handle: Any) -> Any:
     """Fibonacci's numbers, with feedback."""

@@ -28,6 +28,8 @@ from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.time import Time
 from tfbus.errors import LoopException
 
+pytestmark = pytest.mark.real
+
 LOOKUPS = 2_000
 LOOKUPS_PER_CASE = 200
 

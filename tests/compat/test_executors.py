@@ -33,6 +33,8 @@ from tfbus.compat.std_srvs.srv import Empty
 from tfbus.discover.parameters import set_parameter
 from tfbus.errors import TfbusError
 
+pytestmark = pytest.mark.real
+
 
 @contextmanager
 def spinning(executor: Executor, *nodes: Any) -> Iterator[None]:

@@ -34,6 +34,8 @@ from tfbus.errors import DecodeError
 from tfbus.ros.definitions import interfaces_of, packages
 from tfbus.wire.codec import as_map, decode_message, encode_message, type_name
 
+pytestmark = pytest.mark.real
+
 # Of ROS 2 Kilted, as far as its small environment has them.
 _IN_KILTED = [
     "action_msgs",

@@ -17,6 +17,8 @@ from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.qos import QoSProfile
 from tfbus.compat.rclpy.time import Time
 
+pytestmark = pytest.mark.real
+
 LONG = Duration(seconds=20)
 
 

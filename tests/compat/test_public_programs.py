@@ -28,6 +28,8 @@ from tfbus.compat.std_msgs.msg import Header
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.compat.visualization_msgs.msg import Marker
 
+pytestmark = pytest.mark.real
+
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "porting-tf2-ros.md"
 
 

@@ -41,6 +41,8 @@ from tfbus.compat.turtlesim.srv import Spawn
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
+pytestmark = pytest.mark.real
+
 
 def test_a_node_before_init_is_an_error() -> None:
     """That names the call."""

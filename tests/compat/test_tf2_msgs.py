@@ -25,6 +25,8 @@ from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.compat.tf2_msgs.srv import FrameGraph
 from tfbus.compat.tf2_ros import InvalidArgumentException
 
+pytestmark = pytest.mark.real
+
 
 def edge(parent: str, child: str, x: float = 1.0) -> Message:
     """A child at x in its parent, at 5 s."""

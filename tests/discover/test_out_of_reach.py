@@ -12,6 +12,8 @@ from tfbus.discover import out_of_reach
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError
 
+pytestmark = pytest.mark.real
+
 TLS = ("tls/[fe80::1]:4711", "tls/10.0.0.1:4711")
 TCP = ("tcp/10.0.0.2:4712",)
 

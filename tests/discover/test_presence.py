@@ -17,6 +17,8 @@ from tfbus.discover.presence import (
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key, relative_name
 
+pytestmark = pytest.mark.real
+
 
 def look(bus: Bus, namespace: str = "") -> Session:
     """A session that is no node; the bus of the test ends it."""

@@ -10,6 +10,8 @@ from tests.docs.pages import ROOT
 from tests.docs.reader import copy_configurations
 from tests.live_bus import Bus, free_port
 
+pytestmark = pytest.mark.real
+
 
 @pytest.mark.parametrize("name", ["peer", "client", "router"])
 def test_a_supplied_configuration_says_what_it_is_for(name: str) -> None:

@@ -26,6 +26,8 @@ from tests.docs.reader import PATH, Reader
 from tests.live_bus import Bus
 from tfbus.cli import main
 
+pytestmark = pytest.mark.real
+
 SECTIONS = [section for page in PAGES for section in sections(page)]
 BLOCKS = [block for section in SECTIONS for block in section.blocks]
 

@@ -19,6 +19,8 @@ from tests.live_bus import Bus, Process, eventually
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.discover.presence import describe_nodes, list_nodes
 
+pytestmark = pytest.mark.real
+
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
@@ -30,7 +32,7 @@ def start(bus: Bus, name: str, *arguments: str) -> Process:
 def run(bus: Bus, name: str, *arguments: str) -> list[str]:
     """What an example that ends by itself prints."""
     process = start(bus, name, *arguments)
-    assert process.wait(within_s=60.0) == 0, process.err
+    assert process.wait(timeout_s=60.0) == 0, process.err
     return process.out
 
 
@@ -69,7 +71,7 @@ def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
     for process in (sensors, mast):
         process.wait_for_line("ready")  # it waits no longer than 10 s
     waiting = start(bus, "wait_asyncio.py")
-    assert waiting.wait(within_s=60.0) == 0, waiting.err
+    assert waiting.wait(timeout_s=60.0) == 0, waiting.err
     assert sorted(waiting.out) == [
         "camera in world: [1.  0.  1.5]",
         "lidar in base_link: [0.  0.  0.3]",
@@ -215,7 +217,7 @@ def test_an_example_shows_a_page(bus: Bus, name: str, need: str) -> None:
     needs.module("viser")
     needs.module(need)
     shown = bus.start_command([sys.executable, str(ROOT / "examples" / name), "--view"])
-    url = shown.wait_for_line("^View: http://127", within_s=120.0).removeprefix("View: ")
+    url = shown.wait_for_line("^View: http://127", timeout_s=120.0).removeprefix("View: ")
     with urlopen(url) as answer:
         assert answer.status == 200
     shown.stop()

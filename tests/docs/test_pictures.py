@@ -10,6 +10,8 @@ import pytest
 from tests import needs
 from tests.docs.pages import PAGES, ROOT
 
+pytestmark = pytest.mark.real
+
 needs.module("PIL")
 needs.module("textual")
 

@@ -16,6 +16,8 @@ from docs import api, commands
 from tests.builders import SAMPLE
 from tests.docs.pages import ROOT
 
+pytestmark = pytest.mark.real
+
 ARCHITECTURE = ROOT / "docs" / "internals" / "architecture.md"
 REFERENCE = ROOT / "docs" / "reference"
 

@@ -7,6 +7,8 @@ import pytest
 from docs import site
 from tests import needs
 
+pytestmark = pytest.mark.real
+
 PAGES = site.gathered()
 
 

@@ -27,6 +27,8 @@ from tfbus.errors import DecodeError
 from tfbus.wire.descriptions import read_description
 from tfbus.wire.transforms import decode_transforms
 
+pytestmark = pytest.mark.real
+
 FOLDER = ROOT / "examples" / "wire"
 SANITIZED = "-fsanitize=address,undefined"
 POSE = (1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8)

@@ -21,6 +21,8 @@ from tfbus.doctor.rtps import RtpsWatch, participant_of
 from tfbus.frames.snapshot import frame_tree
 from tfbus.wire.descriptions import NodeDescription
 
+pytestmark = pytest.mark.real
+
 # A domain that none uses: its port is below those that systems give out.
 DOMAIN = 97
 PORT = 7400 + 250 * DOMAIN

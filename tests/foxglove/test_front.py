@@ -20,6 +20,8 @@ from tfbus.foxglove.front import MOST_CLIENTS, Front, page_url, refusal
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 
+pytestmark = pytest.mark.real
+
 ALLOWED = "http://viewer.lan:8080"
 
 

@@ -27,6 +27,8 @@ from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 
+pytestmark = pytest.mark.real
+
 POSE = Pose(1670400305709085026, 1.5, -2.0, 0.25, 0.5, -0.125)
 
 

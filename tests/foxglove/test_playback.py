@@ -21,6 +21,8 @@ from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, Tr
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.tf_message import TFMessageReader
 
+pytestmark = pytest.mark.real
+
 START = 1670400300 * S
 END = START + 10 * S
 SIM = RecordedStream("sim", "/sim", "", 1)

@@ -18,13 +18,15 @@ from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port, send
 from tfbus import TransformStamped
 from tfbus.ros.tf_message import TFMessageReader
 
+pytestmark = pytest.mark.real
+
 SLOW_S = 3 * DEADLINE_S
 
 
 def foxglove(bus: Bus, *arguments: str) -> tuple[Process, int]:
     """The bridge, and its port once it listens."""
     process = bus.start("foxglove", "--port", str(free_port()), *arguments)
-    line = process.wait_for_line("Foxglove: open https://app.foxglove.dev/", within_s=SLOW_S)
+    line = process.wait_for_line("Foxglove: open https://app.foxglove.dev/", timeout_s=SLOW_S)
     return process, int(line.rpartition(":")[2])
 
 
@@ -38,9 +40,9 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
     """Its frames follow the turtle, which the teleop panel drives; parameters, services and the
     graph are there; a late client has the static frames.
     """
-    bus.start("simulator").wait_for_line("ready", within_s=SLOW_S)
+    bus.start("simulator").wait_for_line("ready", timeout_s=SLOW_S)
     bus.start("broadcaster")
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", within_s=SLOW_S)
+    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
     process, port = foxglove(bus, "--teleop", "turtle1/cmd_vel")
     with Client(port) as client:
         client.subscribe("/tf")
@@ -76,9 +78,9 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     """It is played with neither the bus of the user nor another; Ctrl-C ends it with 0."""
     pytest.importorskip("mcap", reason="needs mcap: the extra bag")
     path = tmp_path / "run.mcap"
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", within_s=SLOW_S)
+    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
     recorder = bus.start("bag", "record", "-a", "-o", str(path))
-    recorder.wait_for_line("Recording to", within_s=SLOW_S)
+    recorder.wait_for_line("Recording to", timeout_s=SLOW_S)
     eventually(lambda: path.exists() and path.stat().st_size > 0)
     assert recorder.stop() == 0
     process = Process(
@@ -86,7 +88,7 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
         {**bus.env, "TFBUS_CONNECT": "tcp/127.0.0.1:1", "TFBUS_MODE": "client"},
     )
     try:
-        line = process.wait_for_line("Foxglove: open https://", within_s=SLOW_S)
+        line = process.wait_for_line("Foxglove: open https://", timeout_s=SLOW_S)
         with Client(int(line.rpartition(":")[2])) as client:
             client.subscribe("/tf_static")
             eventually(lambda: client.of("/tf_static"))
@@ -149,7 +151,7 @@ def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
     for library in _LIBRARIES:
         if subprocess.run([node, "-e", f"require('{library}')"], capture_output=True).returncode:
             needs.skip(library, f"npm install {library}")
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", within_s=SLOW_S)
+    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
     _, port = foxglove(bus)
     done = subprocess.run(
         [node, "-e", _SCRIPT, f"ws://127.0.0.1:{port}"],
@@ -171,7 +173,7 @@ def test_others_reach_it_by_a_token_only(bus: Bus) -> None:
     assert done.returncode == 2 and "add --operate for --teleop" in done.stderr
     needs.module("cryptography")
     process = bus.start("foxglove", "--public", "--port", str(free_port()))
-    line = process.wait_for_line("Foxglove: connect to wss://", within_s=SLOW_S)
+    line = process.wait_for_line("Foxglove: connect to wss://", timeout_s=SLOW_S)
     port, query = re.findall(r":(\d+)(/[^ ]*)", line)[0]
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE

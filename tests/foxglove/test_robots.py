@@ -20,6 +20,8 @@ from tfbus.foxglove.serving import Serving
 from tfbus.messages import RobotDescription, RobotMesh
 from tfbus.ros.schema import MessageCodec
 
+pytestmark = pytest.mark.real
+
 DESCRIBED = MessageCodec.of_type(RobotDescription)
 
 # Meshes in a package, beside the URDF, above it, and on the network.

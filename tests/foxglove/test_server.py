@@ -21,6 +21,8 @@ from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, Playba
 from tfbus.foxglove.server import Channel, Server, Service
 from tfbus.foxglove.serving import Serving
 
+pytestmark = pytest.mark.real
+
 # A client that asks for a WebSocket and then reads nothing.
 UPGRADE = (
     b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

@@ -32,6 +32,8 @@ from tfbus.top.rows import frames_table
 from tfbus.view.model.shown_frames import frames_of
 from tfbus.view.panels import text
 
+pytestmark = pytest.mark.real
+
 S = 1_000_000_000
 NOW_NS = 1_670_400_300 * S
 HOUR_S = 3600.0

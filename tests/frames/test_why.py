@@ -20,6 +20,8 @@ from tfbus.frames.snapshot import frame_tree
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.listen.info import StreamInfo
 
+pytestmark = pytest.mark.real
+
 NOW_NS = 100_000_000_000
 S = 1_000_000_000
 SIM = StreamInfo("sim", "/sim", "lab", 7, alive=True)

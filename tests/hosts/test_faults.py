@@ -10,7 +10,7 @@ from tests.hosts.faults import MOST_GROWTH_KB, WITNESSES, InjuredHosts, wait_unt
 from tests.live_bus import Bus
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 
 @pytest.fixture

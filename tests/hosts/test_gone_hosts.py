@@ -11,7 +11,7 @@ from tests.hosts.network import ROUTER_HOST, Network, frames
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 FRAMES = ["--moving", "robot", "--static", "camera", "--static", "lamp"]
 # Without tfbus's own setting Zenoh notices a silent link after 10 s.

@@ -14,7 +14,7 @@ from tests.hosts.network import ROUTER_HOST, Hosts, Network, frames
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 needs.module("cryptography")
 

@@ -10,7 +10,7 @@ from tests.hosts.network import Hosts, Network, frames
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 # Links to one host: as many as block all of Zenoh's own threads, which are two.
 LOST = ("arm", "base")

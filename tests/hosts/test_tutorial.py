@@ -12,7 +12,7 @@ from tests.hosts.network import Network
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 COMMANDS = {
     "sim": ("robot", "simulator", "--headless"),

@@ -11,6 +11,8 @@ import pytest
 from tests.live_bus import Bus, eventually, free_port
 from tfbus.discover.presence import list_nodes
 
+pytestmark = pytest.mark.real
+
 TALKER = """
     from tfbus import Node
 

@@ -9,6 +9,8 @@ from tfbus.launch.errors import LaunchError
 from tfbus.launch.read.find import find_in, find_launch_file, installed_launch_files
 from tfbus.launch.read.packages import find_in_package, launch_files_of
 
+pytestmark = pytest.mark.real
+
 A_LAUNCH = "description: Drives.\narguments: {speed: {default: 1}}\nnodes: [{node: simulator}]\n"
 
 

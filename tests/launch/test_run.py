@@ -32,6 +32,8 @@ from tfbus.launch.run.program import Program
 from tfbus.launch.run.run import Debounce
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
+pytestmark = pytest.mark.real
+
 NEVER_S = 1000.0
 DEADLINE_S = 20.0
 LONG = Timeouts(NEVER_S, NEVER_S, NEVER_S, NEVER_S)

@@ -31,6 +31,7 @@ def ros2(bus: Bus) -> Iterator[Ros2]:
 
 
 @pytest.mark.parametrize("fleet", [None, Fleet(["world"])], ids=["plain", "fleet"])
+@pytest.mark.real
 def test_a_listener_reads_streams_alone(bus: Bus, ros2: Ros2, fleet: Fleet | None) -> None:
     """It counts what comes from ROS 2, and has the frames of streams alone."""
     robot = bus.node("sim", namespace="robot1" if fleet else "")
@@ -54,6 +55,7 @@ def test_a_listener_reads_streams_alone(bus: Bus, ros2: Ros2, fleet: Fleet | Non
     assert log.lines == []
 
 
+@pytest.mark.real
 def test_topics_of_one_name_are_apart(bus: Bus, ros2: Ros2) -> None:
     """A message of ROS 2 on a topic of tfbus is counted, and not taken for one of its own."""
     receiver, sender = bus.node("receiver"), bus.node("sender")

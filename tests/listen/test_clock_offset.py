@@ -95,6 +95,7 @@ def robot(listener: TransformListener) -> StreamInfo | None:
         (-2.5, " is 2[.]\\d{3} s behind ours .* wait that long, or fail"),
     ],
 )
+@pytest.mark.real
 def test_a_listener_warns_of_a_clock_that_is_off(bus: Bus, ahead_s: float, said: str) -> None:
     """Each listener knows how far a publisher's clock is from its own, and warns of it once."""
     start_robot(bus, ahead_s)
@@ -108,6 +109,7 @@ def test_a_listener_warns_of_a_clock_that_is_off(bus: Bus, ahead_s: float, said:
     assert len([line for line in echo.err if "The clock of" in line]) == 1
 
 
+@pytest.mark.real
 def test_clocks_that_agree_are_not_warned_of(bus: Bus) -> None:
     """On one host the offset is nearly 0, and no warning is logged."""
     start_robot(bus, 0.0)

@@ -110,6 +110,7 @@ def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) ->
 
 
 @pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.real
 def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, count: int) -> None:
     """Each with a later epoch of its own session, and no message: once the publisher has shown that
     it lives, it keeps its stream. Its restart takes it as ever.

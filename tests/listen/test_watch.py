@@ -264,6 +264,7 @@ def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watchi
     )
 
 
+@pytest.mark.real
 def test_publishers_that_join_later_are_described_too(bus: Bus) -> None:
     """A publisher whose link opens after the watch starts is known with its description."""
     meeting_point = f"tcp/127.0.0.1:{free_port()}"

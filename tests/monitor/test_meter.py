@@ -13,6 +13,8 @@ from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import TransformMeter
 from tfbus.runtime.clock import SystemClock
 
+pytestmark = pytest.mark.real
+
 S = 1_000_000_000
 
 

@@ -24,8 +24,9 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.bus.session import Session
 from tfbus.messages import RotateAbsolute, Spawn
-from tfbus.node.arguments import is_async
+from tfbus.runtime.callables import is_async
 
 DEADLINE_S = 10.0
 
@@ -117,6 +118,7 @@ def test_others_run_while_one_awaits_and_never_between(node: Node) -> None:
     eventually(lambda: len(ticks) > before + 5)
     assert not ended.is_set()
     gate.open()
+    print("CANCELLED", flush=True)
     assert ended.wait(DEADLINE_S)
     assert together == {("before",), ("tick",), ("after",)}
 
@@ -188,6 +190,7 @@ def test_a_busy_service_refuses_what_would_await_too_much(node: Node) -> None:
     eventually(lambda: node.executor.submit("service a", lambda: None, limit=1))
 
 
+@pytest.mark.real
 def test_a_service_of_the_same_node_is_awaited(node: Node) -> None:
     """Once it is there; the node serves it meanwhile."""
     answers: list[str] = []
@@ -231,6 +234,39 @@ def test_an_awaited_call_fails_as_a_call_that_blocks(bus: Bus, node: Node) -> No
                 client.call_async(given, timeout_s=0.05 if name != "refuses" else DEADLINE_S)
             )
         assert str(caught.value) == sentence
+
+
+def test_a_cancelled_call_ends_its_query(
+    bus: Bus, node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one without a timeout: nothing of it is left, though the service never answers."""
+    asked, ended = asyncio.Event(), threading.Event()
+
+    async def answer_never(request: Spawn.Request) -> Spawn.Response:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+    def ask_later(self: Session, key: str, *given: Any, **named: Any) -> None:
+        payload, on_answer, on_end = given
+        if key != "never":
+            original(self, key, *given, **named)
+            return
+        original(self, key, payload, on_answer, lambda: (ended.set(), on_end()), **named)
+        asked.set()
+
+    async def cancel_a_call() -> None:
+        call = asyncio.create_task(client.call_async(request, timeout_s=None))
+        async with asyncio.timeout(DEADLINE_S):
+            await asked.wait()
+        call.cancel()
+        await asyncio.wait([call])
+
+    original, request = Session.ask_later, Spawn.Request(0.0, 0.0, 0.0, "a")
+    monkeypatch.setattr(Session, "ask_later", ask_later)
+    node.create_service(Spawn, "never", answer_never)
+    client = bus.node("other").create_client(Spawn, "never")
+    asyncio.run(cancel_a_call())
+    assert ended.wait(DEADLINE_S)
 
 
 def test_an_action_awaits_its_end(bus: Bus, node: Node) -> None:
@@ -358,6 +394,10 @@ def test_an_async_callback_that_nothing_would_await_is_refused(node: Node) -> No
         lambda: node.declare_parameter("speed", 1.0, on_change=nothing),
         lambda: node.create_raw_subscription("scan", nothing),  # type: ignore[arg-type]
         lambda: client.send(RotateAbsolute.Goal(0.0), on_feedback=nothing),
+        lambda: node.clock.add_jump_callback(nothing),  # type: ignore[arg-type]
+        lambda: Buffer().on_change(nothing),  # type: ignore[arg-type]
+        lambda: Buffer().watch_questions(nothing),
+        lambda: Buffer(clock=nothing),  # type: ignore[arg-type]
     ]
     for call in refused:
         with pytest.raises(TypeError, match="must be a plain function, not an async def"):

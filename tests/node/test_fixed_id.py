@@ -39,6 +39,7 @@ class LateBus:
             yield Answer(key, encode_message(other))
 
 
+@pytest.mark.real
 def test_a_node_with_the_zenoh_id_of_another_is_refused(bus: Bus, tmp_path: Path) -> None:
     """The error names the file, the other node and the remedy; the first node stays."""
     config = tmp_path / "id.json5"

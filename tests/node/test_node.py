@@ -770,12 +770,14 @@ class TestLife:
         stopper.join()
         assert log.lines == ["INFO: ready"]
 
+    @pytest.mark.real
     def test_a_node_that_cannot_join_the_bus_says_why(self, bus: Bus) -> None:
         """An endpoint it cannot listen at is a BusError in one sentence."""
         settings = NodeSettings("x", config=str(bus.config), listen=("tcp/192.0.2.1:7447",))
         with pytest.raises(BusError, match=r"could not join the bus.*Can not create a new TCP"):
             Node(settings=settings)
 
+    @pytest.mark.real
     def test_a_configuration_that_zenoh_refuses_is_an_error(self, bus: Bus) -> None:
         """The error names the configuration file and what is wrong with it."""
         bus.config.write_text("{mode: 'boss'}")

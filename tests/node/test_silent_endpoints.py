@@ -18,6 +18,7 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 
 
+@pytest.mark.real
 def test_a_node_names_the_endpoint_that_does_not_answer(
     bus: Bus, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,8 @@ from tests.live_bus import DEADLINE_S, Bus, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
 from tfbus.messages import Clock, SetClock
 
+pytestmark = pytest.mark.real
+
 
 def test_it_publishes_its_rate_and_whether_it_is_paused(bus: Bus) -> None:
     """A clock publishes its time, its rate and whether it is paused; the rate is a parameter."""

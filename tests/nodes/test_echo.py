@@ -24,6 +24,8 @@ from tfbus import (
 from tfbus.nodes.echo import main
 from tfbus.nodes.echo_answers import Question, answers
 
+pytestmark = pytest.mark.real
+
 STAMP_NS = 1_649_109_418_061_570_822
 
 

@@ -14,6 +14,8 @@ from tests.nodes.robots import ARM, FREE
 from tfbus import Node
 from tfbus.messages import JointState, RobotDescription, SetClock
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:

@@ -51,6 +51,7 @@ def test_a_mistake_is_named_once(tmp_path: Path) -> None:
     assert not file.has_changed() and not file.has_changed()
 
 
+@pytest.mark.real
 def test_an_included_file_counts_too(tmp_path: Path) -> None:
     """A change of a file that a xacro file includes is a change."""
     pytest.importorskip("xacro")

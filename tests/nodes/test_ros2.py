@@ -8,6 +8,8 @@ import pytest
 from nodes import ros2
 from tests.live_bus import Bus
 
+pytestmark = pytest.mark.real
+
 
 @pytest.mark.parametrize(
     ("arguments", "said"),

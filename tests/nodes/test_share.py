@@ -13,6 +13,8 @@ from tests.processes.publishers import launch
 from tfbus import Buffer, BusError, NodeSettings, TransformListener
 from tfbus.nodes import share
 
+pytestmark = pytest.mark.real
+
 
 def robot(bus: Bus, number: int, *arguments: str) -> Process:
     """A robot in the map that all share, as many metres ahead as its number says."""

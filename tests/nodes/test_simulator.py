@@ -34,6 +34,8 @@ from tfbus.nodes.turtle.field import MIDDLE_M
 from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.world import World
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def sim(bus: Bus) -> Node:

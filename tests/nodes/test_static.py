@@ -11,6 +11,8 @@ from tfbus import Buffer, Transform, TransformListener
 from tfbus.nodes.static import main
 from tfbus.nodes.static_old_form import in_new_form
 
+pytestmark = pytest.mark.real
+
 
 def lookup(bus: Bus, target: str, source: str) -> Transform:
     """The transform as a listener sees it that starts now."""

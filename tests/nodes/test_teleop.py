@@ -20,6 +20,8 @@ from tfbus.command.terminal import NoTerminalError, RawTerminal
 from tfbus.messages import Pose, Twist, Vector3
 from tfbus.nodes.teleop import BANNER, HEADINGS_RAD
 
+pytestmark = pytest.mark.real
+
 TELEOP = [sys.executable, "-m", "tfbus", "teleop"]
 
 # Runs a command with standard input as its controlling terminal, as a terminal window does.

@@ -19,6 +19,8 @@ from tfbus.nodes.turtle.field import SIZE_M, to_pixels
 from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import World
 
+pytestmark = pytest.mark.real
+
 pygame = pytest.importorskip("pygame", reason="needs pygame-ce: the extra sim")
 
 BACKGROUND = (69, 86, 255)

@@ -1,16 +1,13 @@
 """Publishers in processes of their own."""
 
-import sys
-from pathlib import Path
-
 from tests.live_bus import Bus, Process
 
-_SCRIPT = Path(__file__).parent / "stream_publisher.py"
+_MODULE = "tests.processes.stream_publisher"
 
 
 def launch(bus: Bus, *arguments: str, env: dict[str, str] | None = None) -> Process:
     """`stream_publisher.py ARGUMENTS`, not waited for."""
-    return bus.start_command([sys.executable, str(_SCRIPT), *arguments], env=env)
+    return bus.start_python(_MODULE, *arguments, env=env)
 
 
 def start(bus: Bus, *arguments: str, env: dict[str, str] | None = None) -> Process:

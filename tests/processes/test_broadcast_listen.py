@@ -24,6 +24,8 @@ from tfbus.listen.budget import Budget
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 
+pytestmark = pytest.mark.real
+
 
 def test_a_transform_that_is_sent_is_in_the_listeners_buffer(sender: Node, buffer: Buffer) -> None:
     """What is broadcast can be looked up elsewhere, with its stamp and the stream it came in."""

@@ -11,6 +11,8 @@ from tests.processes.publishers import start
 from tfbus import Buffer, Change, TransformListener
 from tfbus.listen.claims import Rule
 
+pytestmark = pytest.mark.real
+
 
 class Listening:
     """A listener with a node and a buffer of its own."""

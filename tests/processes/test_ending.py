@@ -16,6 +16,8 @@ from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus import Node
 from tfbus.discover.presence import NodeWatch, list_nodes
 
+pytestmark = pytest.mark.real
+
 WAITS_IN_A_CALLBACK = """
 import tfbus
 buffer = tfbus.Buffer()

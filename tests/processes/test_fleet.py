@@ -18,6 +18,8 @@ from tfbus import (
     TransformListener,
 )
 
+pytestmark = pytest.mark.real
+
 PATIENCE_S = 20.0
 FLEET = Fleet(shared_frames=("world", "map"))
 

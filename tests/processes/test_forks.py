@@ -8,7 +8,7 @@ import pytest
 
 from tests.live_bus import Bus, Process, keep_sending
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+pytestmark = [pytest.mark.real, pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")]
 
 _PROGRAM = Path(__file__).with_name("forking_node.py")
 

@@ -18,6 +18,8 @@ from tfbus import (
     TransformListener,
 )
 
+pytestmark = pytest.mark.real
+
 
 def gone(buffer: Buffer) -> list[str]:
     """The frames that are marked as gone."""

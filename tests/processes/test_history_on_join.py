@@ -23,6 +23,8 @@ from tfbus import (
 )
 from tfbus.listen.history import AskedHistory
 
+pytestmark = pytest.mark.real
+
 S = 10**9
 
 

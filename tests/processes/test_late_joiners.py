@@ -9,6 +9,8 @@ from tests.live_bus import Bus, Process, eventually, free_port
 from tests.processes.many_publishers import frame
 from tfbus import Buffer, Node, TransformListener
 
+pytestmark = pytest.mark.real
+
 SCRIPT = Path(__file__).parent / "many_publishers.py"
 STREAMS = 50
 STATICS = 20

@@ -7,6 +7,8 @@ import pytest
 
 from tests.live_bus import Bus, keep_sending, send_static
 
+pytestmark = pytest.mark.real
+
 _PROGRAM = Path(__file__).with_name("light_start.py")
 
 

@@ -12,6 +12,8 @@ from tests.processes.load_roles import Load, Report, heard, memory, x_of
 from tfbus import Buffer, Node, ServiceError, TransformListener
 from tfbus.node.service import Client
 
+pytestmark = pytest.mark.real
+
 ROLES = Path(__file__).parent / "load_roles.py"
 
 MB = 10**6

@@ -13,6 +13,8 @@ from tfbus import (
     TransformListener,
 )
 
+pytestmark = pytest.mark.real
+
 
 def test_frames_that_come_and_go_leave_room_for_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch

@@ -8,6 +8,8 @@ import pytest
 from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, eventually
 
+pytestmark = pytest.mark.real
+
 TICKS = """
 import tfbus
 node = tfbus.Node("cells")

@@ -10,6 +10,8 @@ from tests.live_bus import Bus, eventually, free_port, keep_sending, send_static
 from tfbus import Buffer, TransformListener
 from tfbus.messages import Spawn
 
+pytestmark = pytest.mark.real
+
 HERE = Path(__file__).parents[1]
 RELEASES = sorted((HERE / "wire" / "frozen").glob("*.json"))
 # Pythons with an eclipse-zenoh of their own, as `make release-check` sets them up.

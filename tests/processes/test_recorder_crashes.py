@@ -17,6 +17,8 @@ from tfbus.recording.items import TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.ros.tf_message import TFMessageReader
 
+pytestmark = pytest.mark.real
+
 ROOT = Path(__file__).parents[2]
 
 # The process may write files of at most this size.
@@ -97,7 +99,7 @@ def test_a_full_disk_ends_the_recording_with_a_sentence(bus: Bus, tmp_path: Path
             *("--compression", "none"),
         ]
     )
-    assert process.wait(within_s=3 * DEADLINE_S) == 1
+    assert process.wait(timeout_s=3 * DEADLINE_S) == 1
     assert "Error: stopped recording: File too large; what was written" in "\n".join(process.err)
     found = by_another_reader(path)
     assert found and by_tfbus(path) == found
@@ -127,7 +129,7 @@ def test_a_small_disk_leaves_the_files_before_whole(bus: Bus, small_disk: Path) 
         *("bag", "record", "-o", str(small_disk / "run"), "--compression", "none"),
         *("--max-size", "100kB"),
     )
-    assert process.wait(within_s=3 * DEADLINE_S) == 1
+    assert process.wait(timeout_s=3 * DEADLINE_S) == 1
     said = "\n".join(process.err)
     assert re.search("Error: stopped recording: (the disk is full|No space left on device)", said)
     *before, last = sorted(small_disk.iterdir())

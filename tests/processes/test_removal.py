@@ -10,6 +10,8 @@ from tests.live_bus import Bus, eventually
 from tests.processes.publishers import start
 from tfbus import Buffer, Change, TransformListener
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def buffer(bus: Bus) -> Iterator[Buffer]:

@@ -8,6 +8,8 @@ import pytest
 from tests.live_bus import Bus, eventually
 from tfbus import Buffer, TransformListener
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("mcap")
 
 
@@ -52,7 +54,7 @@ def test_a_replay_has_the_same_lookups(bus: Bus, second_bus: Bus, tmp_path: Path
     replayed = Buffer()
     with TransformListener(replayed, second_bus.node("listener")):
         player = second_bus.start("bag", "play", str(file), "--stamps", "recorded")
-        assert player.wait(within_s=60.0) == 0, player.err
+        assert player.wait(timeout_s=60.0) == 0, player.err
         first_ns = max(oldest_ns(each, frame) for each in (live, replayed) for frame in FRAMES)
         last_ns = min(newest_ns(each, frame) for each in (live, replayed) for frame in FRAMES)
         assert last_ns - first_ns > 1_000_000_000

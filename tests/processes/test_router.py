@@ -1,6 +1,10 @@
 """`tfbus router`: who comes and goes, and what a client hears that gets no link."""
 
+import pytest
+
 from tests.live_bus import Bus, free_port
+
+pytestmark = pytest.mark.real
 
 
 def test_it_logs_who_joins_and_who_leaves(bus: Bus) -> None:

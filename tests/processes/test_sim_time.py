@@ -10,6 +10,8 @@ from tests.processes.sim_time import SECOND, Remote, follower, start_clock
 from tfbus import Buffer, TimeoutException
 from tfbus.messages import Clock, SetClock
 
+pytestmark = pytest.mark.real
+
 
 def test_without_a_clock_time_is_0_and_nothing_goes_on(bus: Bus) -> None:
     """Before the first message the time is 0, and a node that is ready logs what it waits for."""

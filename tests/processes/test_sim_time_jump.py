@@ -15,6 +15,8 @@ from tfbus import (
     TransformStamped,
 )
 
+pytestmark = pytest.mark.real
+
 
 @pytest.fixture
 def buffer(bus: Bus) -> Iterator[Buffer]:

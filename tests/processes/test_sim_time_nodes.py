@@ -9,6 +9,8 @@ from tests.live_bus import DEADLINE_S, Bus, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
 from tfbus.messages import Pose, RotateAbsolute, Twist, Vector3
 
+pytestmark = pytest.mark.real
+
 LOOP = """
 import tfbus
 with tfbus.Node.from_args("loop") as node:

@@ -28,6 +28,8 @@ from tfbus.recording.records import (
 from tfbus.recording.summary import summary_of
 from tfbus.recording.writer import Compression, RecordingWriter
 
+pytestmark = pytest.mark.real
+
 T0 = 1_700_000_000 * S
 
 

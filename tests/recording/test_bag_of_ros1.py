@@ -11,6 +11,8 @@ from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import TopicItem, TransformItem
 
+pytestmark = pytest.mark.real
+
 # Runs in Debian's Python, without anything of tfbus.
 WRITE = """
 import sys

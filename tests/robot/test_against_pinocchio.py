@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from tests.robot import robots
 from tfbus import Robot, UrdfError
 
+pytestmark = pytest.mark.real
+
 CONFIGURATIONS = 1000
 WITHIN = 1e-9
 

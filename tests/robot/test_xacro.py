@@ -8,6 +8,8 @@ import pytest
 from tests import needs
 from tfbus import Robot, UrdfError
 
+pytestmark = pytest.mark.real
+
 needs.module("xacro")
 
 ARM = """<?xml version="1.0"?>

@@ -11,6 +11,8 @@ import pytest
 
 from tfbus.ros.ros1_master import Ros1Master, Ros1State
 
+pytestmark = pytest.mark.real
+
 PAGE = b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<html><p>Hello<br></html>"
 NO_PAGE = b"HTTP/1.0 404 Not Found\r\n\r\nnone"
 SSH = b"SSH-2.0-OpenSSH_9.2\r\n"

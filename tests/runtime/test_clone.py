@@ -8,6 +8,8 @@ import pytest
 from tfbus.runtime.clone import commit_of_clone
 from tfbus.runtime.version import version_and_origin
 
+pytestmark = pytest.mark.real
+
 HERE = Path(__file__).parents[2]
 
 

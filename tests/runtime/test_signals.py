@@ -12,14 +12,15 @@ import pytest
 
 from tests.fakes import InAThread
 from tests.live_bus import eventually
+from tfbus.runtime import scheduler
 from tfbus.runtime.lazy_exports import exported
-from tfbus.runtime.signals import StopSignals
+from tfbus.runtime.signals import StopSignals, _Handlers
 
 
 @pytest.fixture
 def signals(monkeypatch: pytest.MonkeyPatch) -> Iterator[StopSignals]:
     """Signals of the process of the test, which got none before; by default it is a script."""
-    monkeypatch.setattr("tfbus.runtime.signals._interrupted_s", -math.inf)
+    monkeypatch.setattr(scheduler.of_process(_Handlers), "_interrupted_s", -math.inf)
     installed = StopSignals()
     yield installed
     installed.uninstall()

@@ -12,6 +12,8 @@ import pytest
 
 from tfbus.runtime.structs import Struct, field, replace
 
+pytestmark = pytest.mark.real
+
 
 class Point(Struct):
     """As `DataPoint`."""

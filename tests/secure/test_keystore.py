@@ -14,6 +14,8 @@ from tests import needs
 from tfbus import SettingsError
 from tfbus.cli import main
 
+pytestmark = pytest.mark.real
+
 needs.module("cryptography")
 
 from tfbus.secure.folder import open_folder  # noqa: E402 - needs it

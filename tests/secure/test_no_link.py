@@ -12,6 +12,8 @@ from tfbus import BusError, NodeSettings
 from tfbus.bus.endpoints import speaks_tls
 from tfbus.bus.session import Session
 
+pytestmark = pytest.mark.real
+
 needs.module("cryptography")
 
 from tfbus.secure.keystore import Keystore  # noqa: E402 - needs it

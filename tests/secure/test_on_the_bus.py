@@ -24,6 +24,8 @@ from tfbus import (
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.messages import Pose
 
+pytestmark = pytest.mark.real
+
 needs.module("cryptography")
 
 from tests.closed_bus import ClosedBus  # noqa: E402 - needs it

@@ -8,6 +8,8 @@ import pytest
 from tests import needs
 from tfbus.errors import SettingsError
 
+pytestmark = pytest.mark.real
+
 needs.module("cryptography")
 
 from tfbus.secure.certificates import Issued, make_for_server  # noqa: E402 - needs it

@@ -1,5 +1,6 @@
 """A node's own uses of Python: virtual in a simulated process, or refused with a sentence."""
 
+import _thread
 import asyncio
 import multiprocessing
 import os
@@ -17,19 +18,15 @@ import pytest
 from tfbus.testing import Network, SimulationError, tasks
 
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
-    "thread": (lambda: threading.Thread(name="mine").start(), "thread 'mine' .* Use a timer"),
-    "timer": (lambda: threading.Timer(1.0, print).start(), "thread .* Use a timer"),
-    "executor": (lambda: ThreadPoolExecutor().submit(print), "thread .* Use a timer"),
-    "to_thread": (lambda: asyncio.run(asyncio.to_thread(print)), "thread .* Use a timer"),
     "socket": (socket.socket, "a socket .* Use a topic"),
     "connection": (lambda: socket.create_connection(("127.0.0.1", 9)), "a socket .* Use a topic"),
-    "program": (lambda: subprocess.run(["ls", "-l"]), "program 'ls -l' .* network.start"),
-    "shell": (lambda: subprocess.run("ls -l", shell=True), "program 'ls -l' .* network.start"),
-    "system": (lambda: os.system("true"), "a process of the system .* network.start"),
-    "fork": (lambda: os.fork(), "a process of the system .* network.start"),
+    "program": (lambda: subprocess.run(["ls", "-l"]), "program 'ls -l' .* network.program"),
+    "shell": (lambda: subprocess.run("ls -l", shell=True), "program 'ls -l' .* network.program"),
+    "system": (lambda: os.system("true"), "a process of the system .* network.program"),
+    "fork": (lambda: os.fork(), "a process of the system .* network.program"),
     "multiprocessing": (
         lambda: multiprocessing.Process(target=print).start(),
-        "a process of the system .* network.start",
+        "a process of the system .* network.program",
     ),
 }
 
@@ -45,9 +42,7 @@ def test_it_is_refused_with_a_sentence(
 
 
 def _take_turns() -> None:
-    """A queue and an event of Python's own, between two tasks of one process."""
-    from tfbus.runtime import scheduler
-
+    """A queue and an event between two threads."""
     work: queue.Queue[int] = queue.Queue()
     done = threading.Event()
 
@@ -56,10 +51,22 @@ def _take_turns() -> None:
         sleep(2.0)
         done.set()
 
-    scheduler.Thread(target=serve).start()
+    threading.Thread(target=serve).start()
     work.put(1)
     assert not done.wait(1.0)
     assert done.wait(5.0)
+
+
+def _use_executor() -> None:
+    with ThreadPoolExecutor(2) as executor:
+        list(executor.map(sleep, [2.0, 1.0]))
+
+
+def _use_timer() -> None:
+    timer = threading.Timer(2.0, print)
+    timer.start()
+    timer.join()
+    assert not timer.is_alive()
 
 
 def _sleep_asyncio() -> None:
@@ -73,7 +80,10 @@ VIRTUAL: dict[str, Callable[[], object]] = {
     "time.sleep": lambda: time.sleep(2.0),
     "sleep": lambda: sleep(2.0),
     "asyncio.run": _sleep_asyncio,
-    "queue and event": _take_turns,
+    "to_thread": lambda: asyncio.run(asyncio.to_thread(sleep, 2.0)),
+    "threads": _take_turns,
+    "executor": _use_executor,
+    "timer": _use_timer,
 }
 
 
@@ -104,7 +114,7 @@ def test_a_wait_for_something_real_is_named(
 ) -> None:
     """A lock of Python's that nobody releases does not stop the test for ever."""
     monkeypatch.setattr(tasks, "_STUCK_AFTER_S", 0.2)
-    lock = threading.Lock()
+    lock = _thread.allocate_lock()
     lock.acquire()
     network.start(network.host("robot"), "node", lock.acquire)
     with pytest.raises(SimulationError, match="waits for something real, such as a lock"):

@@ -21,7 +21,7 @@ def test_the_model_plays_it(play: Callable[[Stage], None]) -> None:
 
 
 @pytest.fixture(scope="module")
-def hosts() -> Iterator[RealStage]:
+def hosts(real: None) -> Iterator[RealStage]:
     """Three hosts on one network."""
     if why := needs.why_no_hosts():
         needs.skip(why)

@@ -8,11 +8,15 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests import needs
 from tests.live_bus import Bus, eventually
 from tests.tf2 import ros_robot_frames
 from tfbus import Buffer, TransformListener
 from tfbus.messages import JointState
+
+pytestmark = pytest.mark.real
 
 ROBOT = """
 <robot name="all_kinds">

@@ -18,6 +18,8 @@ from tests.tf2.steps import Clear, Frames, Insert, LatestCommonTime, Lookup, Ste
 from tests.tf2.versus import CACHE_TIME_S, Oracle, first_mismatch, shrunk
 from tfbus import Buffer, TransformBatch
 
+pytestmark = pytest.mark.real
+
 LOOKUPS_PER_CASE = 200
 
 

@@ -17,6 +17,8 @@ from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import TransformItem
 from tfbus.recording.writer import RecordingWriter
 
+pytestmark = pytest.mark.real
+
 # In the other one a second publisher's clock is behind: the buffer of tf2 refuses what it sends,
 # and a recording, which has no end that a stamp could be too old for, takes it.
 OF_ONE_CLOCK = tuple(name for name in recorded.RECORDINGS if name != "two_publishers_may16")

@@ -19,6 +19,8 @@ from tests.tf2.steps import (
 )
 from tests.tf2.versus import Oracle, last_answers
 
+pytestmark = pytest.mark.real
+
 S = 1_000_000_000
 HERE: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 

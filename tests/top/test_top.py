@@ -20,6 +20,8 @@ from tfbus.messages import Empty
 from tfbus.top.rows import Cell, Row, Table, chosen, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("textual", reason="needs textual: the extra top")
 
 

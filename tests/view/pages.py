@@ -107,7 +107,7 @@ def start_view(bus: Bus, *options: str) -> tuple[Process, str]:
     """`tfbus view` as a process, and the address that it prints."""
     # At a low rate, because the processor draws here.
     process = bus.start("view", "--port", str(free_port()), "--rate", "5", *options)
-    line = process.wait_for_line(r"View: http://", within_s=PATIENCE_S)
+    line = process.wait_for_line(r"View: http://", timeout_s=PATIENCE_S)
     return process, line.rpartition("View: ")[2]
 
 

@@ -5,6 +5,8 @@ import pytest
 from tests import needs
 from tfbus.secure.token import Token
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 

@@ -15,6 +15,8 @@ from tests import needs
 from tests.live_bus import Bus, eventually, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 
+pytestmark = pytest.mark.real
+
 
 def test_settings_are_saved_and_a_bad_pattern_is_shown(
     bus: Bus, pages: Any, tmp_path: Path
@@ -38,7 +40,7 @@ def test_settings_are_saved_and_a_bad_pattern_is_shown(
 
     # On the same port the open page finds it by itself.
     again = bus.start("view", "--port", address.rpartition(":")[2], "--settings", str(path))
-    again.wait_for_line(r"View: http://", within_s=PATIENCE_S)
+    again.wait_for_line(r"View: http://", timeout_s=PATIENCE_S)
     view.tab("Frames")
     view.page.get_by_text("3 hidden by Only '^t'").wait_for()
     assert view.row("base").count() == 0

@@ -14,6 +14,8 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.view import Channel, Page, Placed, Serving
 from tfbus.view.local import _Program
 
+pytestmark = pytest.mark.real
+
 
 class Lamps:
     """A guest that comes and goes."""

@@ -20,6 +20,8 @@ from tfbus import Buffer, InvalidArgumentException, Transform
 from tfbus.command import install_command
 from tfbus.view import View, show
 
+pytestmark = pytest.mark.real
+
 PICTURE = np.zeros((4, 6, 3), np.uint8)
 
 

@@ -259,6 +259,7 @@ def test_vertices_are_shared_along_smooth_edges_and_not_along_sharp_ones() -> No
 # The process that reads
 
 
+@pytest.mark.real
 def test_meshes_are_read_in_another_process_that_starts_again(tmp_path: Path) -> None:
     """A file that cannot be read does not end it, and after its end the next file is read."""
     good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
@@ -404,6 +405,7 @@ def test_a_file_that_takes_long_holds_up_no_other(monkeypatch: pytest.MonkeyPatc
         loader.close()
 
 
+@pytest.mark.real
 def test_reading_ends_after_its_time(tmp_path: Path) -> None:
     """Though the file is small, and its reader goes on."""
     reader = MeshReader()

@@ -4,10 +4,14 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.live_bus import Bus, eventually
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 from tfbus import StaticTransformBroadcaster, Transform
 from tfbus import TransformStamped as Stamped
+
+pytestmark = pytest.mark.real
 
 
 def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:

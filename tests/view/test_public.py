@@ -16,6 +16,8 @@ from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, Arm, View
 
+pytestmark = pytest.mark.real
+
 pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 needs.module("cryptography")
@@ -35,7 +37,7 @@ def public_view(bus: Bus, *options: str, env: dict[str, str] | None = None) -> t
     """A view that others reach, and the address that it prints, at this machine."""
     arguments = ("view", "--public", "--port", str(free_port()), "--rate", "5", *options)
     process = bus.start(*arguments, env=env)
-    line = process.wait_for_line(r"View: https://", within_s=PATIENCE_S)
+    line = process.wait_for_line(r"View: https://", timeout_s=PATIENCE_S)
     printed = urlsplit(line.split("View: ")[1].split(" ")[0])
     query = f"/?{printed.query}" if printed.query else "/"
     return process, f"https://127.0.0.1:{printed.port}{query}"

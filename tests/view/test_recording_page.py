@@ -16,6 +16,8 @@ from tests.view.recordings import at, record
 from tfbus import Buffer, InvalidArgumentException, Recording
 from tfbus.view import show
 
+pytestmark = pytest.mark.real
+
 # No bus is there to be joined: a view that tried would fail.
 NO_BUS = ("--connect", "tcp/127.0.0.1:1")
 
@@ -32,7 +34,7 @@ def start(bus: Bus, path: Path, *options: str) -> tuple[Process, str]:
     process = bus.start(
         *("view", *NO_BUS, "--bag", str(path), "--port", str(free_port()), "--rate", "5", *options)
     )
-    line = process.wait_for_line(r"^View: http://", within_s=PATIENCE_S)
+    line = process.wait_for_line(r"^View: http://", timeout_s=PATIENCE_S)
     return process, line.removeprefix("View: ")
 
 

@@ -20,6 +20,8 @@ from tfbus.view.page import Page, Serving
 from tfbus.view.robot_source import GivenRobots
 from tfbus.view.scene.camera import Cameras
 
+pytestmark = pytest.mark.real
+
 # A column, a metre wide and three high, that a hand is at, whose finger is fixed.
 URDF = """<robot name="arm">
 <link name="base"><visual><geometry><box size="1 1 3"/></geometry></visual></link>

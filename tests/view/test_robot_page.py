@@ -3,9 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.live_bus import Bus, eventually
 from tests.view.pages import PATIENCE_S, View, start_view
 from tfbus.messages import JointState
+
+pytestmark = pytest.mark.real
 
 ARM = """<robot name="arm">
 <link name="base"><visual><geometry><box size="0.2 0.2 0.4"/></geometry></visual></link>

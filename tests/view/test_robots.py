@@ -26,6 +26,8 @@ from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
 from tfbus.wire.fleet import Fleet
 
+pytestmark = pytest.mark.real
+
 ARM = """<robot name="arm">
 <material name="red"><color rgba="1 0 0 0.5"/></material>
 <link name="base">

@@ -25,6 +25,8 @@ from tfbus.view.page import Page, Serving
 from tfbus.view.robot_source import GivenRobots
 from tfbus.view.robots_on_bus import RobotsOnBus
 
+pytestmark = pytest.mark.real
+
 
 def urdf(name: str) -> str:
     """A robot of one link and a joint."""

@@ -14,6 +14,8 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.view import GivenRobots, Page, Serving, ShownRobot
 from tfbus.view.local import _Program
 
+pytestmark = pytest.mark.real
+
 
 def urdf(name: str, limit: str = "lower='-1' upper='1'") -> str:
     """A robot of two links and a joint with this limit."""

@@ -13,6 +13,8 @@ from tests.view.pages import PATIENCE_S, View, start_view
 from tfbus import Node
 from tfbus.messages import Field, Pose
 
+pytestmark = pytest.mark.real
+
 
 class Witness:
     """The turtles as seen on the bus."""

@@ -8,8 +8,9 @@ from tfbus.bus.session import Session
 from tfbus.discover.presence import describe_all
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.timer import Timer
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES, ALL_NODES_EVERYWHERE, full_name
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from tfbus.bridge.routes import chosen
 from tfbus.geometry.columns import Columns
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.timer import Timer
 
 # Frames come from the network: at most this many are remembered.
 _MOST_FRAMES = 100_000

@@ -39,6 +39,7 @@ from tfbus.geometry.transform import (
     plain,
 )
 from tfbus.geometry.transform_array import TransformArray
+from tfbus.runtime.callables import check_plain, is_async
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.interpreted import InterpretedWarning, why_interpreted
 from tfbus.runtime.signature import SourceSignature
@@ -379,6 +380,7 @@ class Buffer:
             raise InvalidArgumentException(
                 f"listener must be a function of a tfbus.Change, not {type(listener).__name__}"
             )
+        check_plain("on_change(listener)", listener)
         return self._store.on_change(listener)
 
     def tell(self, change: Change) -> None:
@@ -403,6 +405,8 @@ class Buffer:
         answered; so other lookups stay as fast. Where frames are unknown or not connected,
         `explain(target, source)` may return a better error.
         """
+        for each in (callback, explain):
+            check_plain("watch_questions(callback, explain)", each)
         return self._store.watch_questions(callback, explain)
 
     def ask_again(self) -> None:
@@ -1129,6 +1133,8 @@ def _check_clock(clock: object) -> None:
             "clock must be callable and return nanoseconds since the Unix epoch, as node.clock; "
             f"got a {type(clock).__name__}"
         )
+    if is_async(clock):
+        raise TypeError("clock must be a plain function, not an async def")
 
 
 if not cython.compiled:

@@ -7,6 +7,20 @@ from tfbus.runtime import scheduler
 _CONNECT_WITHIN_S = 2.0
 
 
+def split_endpoint(endpoint: str) -> tuple[str, str, int]:
+    """The protocol, the host and the port of an endpoint such as tcp/[::]:7447#iface=eth0; 0 for
+    one without a port.
+    """
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
+    return protocol, host.strip("[]"), int(port) if port.isdigit() else 0
+
+
+def host_of(endpoint: str) -> str:
+    """The host of an endpoint, an address of IPv4 as such."""
+    return split_endpoint(endpoint)[1].removeprefix("::ffff:")
+
+
 def why_unreachable(endpoint: str) -> str:
     """Why an endpoint such as `tcp/host:7447` does not answer; "" if it does."""
     address = _address(endpoint)
@@ -49,8 +63,5 @@ def _address(endpoint: str) -> tuple[str, int] | None:
     """The host and port of an endpoint; None for one of another protocol, and in a simulation."""
     if scheduler.is_simulated:
         return None
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.partition("?")[0].rpartition(":")
-    if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
-        return None
-    return host.strip("[]"), int(port)
+    protocol, host, port = split_endpoint(endpoint)
+    return (host, port) if protocol in ("tcp", "tls", "ws") and port else None

@@ -1,10 +1,11 @@
 """Which peers and routers answer multicast scouting."""
 
 from collections.abc import Callable
+from typing import Any
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import forks, zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
@@ -38,7 +39,14 @@ def scout(
             is_found.set()
 
     with bus_errors("look for others by scouting"):
-        scout = zenoh.scout(direct(on_hello), what=what, config=zenoh_config(settings))
+        scout = _scout(direct(on_hello), what, settings)
     is_found.wait(timeout_s)
     scout.stop()
     return found.copy()
+
+
+def _scout(handler: Any, what: str, settings: NodeSettings) -> Any:
+    network = zenoh_library.simulated()
+    if network is not None:
+        return network.scout(handler, what)
+    return zenoh.scout(handler, what=what, config=zenoh_config(settings))

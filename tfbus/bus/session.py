@@ -22,8 +22,9 @@ from tfbus.bus.handles import (
     ServedWatch,
     Token,
 )
-from tfbus.bus.neighbours import Neighbours, places_at_start
+from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.query import Answer, Query, answer_of
+from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
@@ -153,7 +154,7 @@ class Session:
             self.zenoh = zenoh.open(config)
         else:
             self.zenoh, self._sockets = with_sockets(
-                partial(zenoh.open, config), self._scouting.group
+                partial(zenoh.open, config), self._scouting.marks()
             )
         return config
 
@@ -387,9 +388,10 @@ class Session:
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
+        cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked.
+        `on_end()`. With `others` this session itself is not asked. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -417,6 +419,7 @@ class Session:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
+                cancellation_token=cancellation,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from tfbus.bus.interfaces import scouted
-from tfbus.bus.neighbours import Scouting
+from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError

@@ -19,8 +19,8 @@ _FILES = "/proc/self/fd"
 
 _CLOSE_WITHIN_S = 1
 
-# Two sessions that open at once would take each other's sockets for their own.
-_opening = scheduler.Lock()
+# Zenoh takes up to a second to open a session, and has its sockets after some milliseconds.
+_LOOK_AGAIN_S = 0.002
 
 
 class ZenohSockets(NamedTuple):
@@ -33,14 +33,84 @@ class ZenohSockets(NamedTuple):
     answering: socket.socket | None = None
 
 
-def with_sockets(open_session: Callable[[], T], group: tuple[str, int]) -> tuple[T, ZenohSockets]:
-    """What `open_session()` returns, and the sockets that it has opened; `group` is the address of
-    scouting.
+class Marks(NamedTuple):
+    """Marks that tell a session's sockets from others that the process opens meanwhile.
+
+    `listening` are the addresses at which it listens on free ports, `group` and `ttl` those of its
+    Scouts, and `interfaces` is the number of interfaces that it scouts on.
     """
-    with _opening:
-        before = _files()
+
+    listening: Container[str]
+    group: tuple[str, int]
+    ttl: int
+    interfaces: int
+
+
+class _OpenFile(NamedTuple):
+    """An open file of this process: another one may have its number later, but not its inode."""
+
+    number: int
+    inode: int
+
+
+class _Opening:
+    """A session that opens. Its sockets are among the files that are new until it has them all."""
+
+    def __init__(self, marks: Marks) -> None:
+        self._marks = marks
+        self._before = _files()
+        self._new: set[_OpenFile] | None = None
+
+    def has_its_sockets(self) -> bool:
+        """Whether files that are opened from now on are those of others."""
+        if self._new is None:
+            new = _files() - self._before
+            found = _told_apart(new, self._marks)
+            if found.answering is not None:
+                found.answering.close()
+                if len(found.asking) >= self._marks.interfaces:
+                    self._new = new
+        return self._new is not None
+
+    def end(self) -> None:
+        """Zenoh has opened it, or could not."""
+        if self._new is None:
+            self._new = _files() - self._before
+
+    def sockets(self) -> ZenohSockets:
+        """Its sockets, after the end."""
+        return _told_apart(self._new or set(), self._marks)
+
+
+class _Openings:
+    """The sessions that are being opened: each begins when the one before has its sockets."""
+
+    def __init__(self) -> None:
+        self._lock = scheduler.Lock()
+        self._last: _Opening | None = None
+
+    def begin(self, marks: Marks) -> _Opening:
+        """Begin to open a session."""
+        with self._lock:
+            while self._last is not None and not self._last.has_its_sockets():
+                scheduler.sleep(_LOOK_AGAIN_S)
+            self._last = _Opening(marks)
+            return self._last
+
+
+_openings = _Openings()
+
+
+def with_sockets(open_session: Callable[[], T], marks: Marks) -> tuple[T, ZenohSockets]:
+    """What `open_session()` returns, and the sockets that it has opened. Several threads may open
+    sessions at once: none takes the sockets of another, nor waits until that one is open.
+    """
+    opening = _openings.begin(marks)
+    try:
         opened = open_session()
-        return opened, _told_apart(_sockets(_files() - before), group)
+    finally:
+        opening.end()
+    return opened, opening.sockets()
 
 
 def shorten_close(links: Container[Ends]) -> None:
@@ -78,31 +148,50 @@ def _ends(one: socket.socket) -> Ends:
     return here, there
 
 
-def _told_apart(found: Iterator[socket.socket], group: tuple[str, int]) -> ZenohSockets:
+def _told_apart(files: set[_OpenFile], marks: Marks) -> ZenohSockets:
     listening, asking, answering = [], [], None
-    for each in found:
+    for each in _sockets(files):
         address, port = each.getsockname()[:2]
-        is_stream = each.type == socket.SOCK_STREAM
-        if is_stream and each.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-            listening.append(port)
-        elif not is_stream and address == "0.0.0.0":
-            asking.append(port)
-        elif not is_stream and (address, port) == group and answering is None:
+        if each.type == socket.SOCK_STREAM:
+            if address in marks.listening and _option(
+                each, socket.SOL_SOCKET, socket.SO_ACCEPTCONN
+            ):
+                listening.append(port)
+        elif (address, port) == marks.group and answering is None:
             answering = each
             continue
+        elif address == "0.0.0.0" and _scouts(each, marks.ttl):
+            asking.append(port)
         each.close()
     return ZenohSockets(tuple(listening), tuple(asking), answering)
 
 
-def _files() -> set[int]:
-    return {int(name) for name in os.listdir(_FILES)} if os.path.isdir(_FILES) else set()
+def _scouts(one: socket.socket, ttl: int) -> bool:
+    """Whether a socket is for multicast: on an interface of its own, with this TTL."""
+    chosen = _option(one, socket.IPPROTO_IP, socket.IP_MULTICAST_IF)
+    return chosen != 0 and _option(one, socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == ttl
 
 
-def _sockets(files: set[int]) -> Iterator[socket.socket]:
-    """A copy of each socket of IP among the open files."""
-    for number in sorted(files):
+def _option(one: socket.socket, level: int, name: int) -> int:
+    with suppress(OSError):
+        return one.getsockopt(level, name)
+    return 0
+
+
+def _files() -> set[_OpenFile]:
+    found = set()
+    for name in os.listdir(_FILES) if os.path.isdir(_FILES) else ():
         with suppress(OSError):  # another thread has closed it
-            if stat.S_ISSOCK(os.fstat(number).st_mode):
+            found.add(_OpenFile(int(name), os.fstat(int(name)).st_ino))
+    return found
+
+
+def _sockets(files: set[_OpenFile]) -> Iterator[socket.socket]:
+    """A copy of each socket of IP among the open files."""
+    for number, inode in sorted(files):
+        with suppress(OSError):  # another thread has closed it
+            state = os.fstat(number)
+            if stat.S_ISSOCK(state.st_mode) and state.st_ino == inode:
                 copy = socket.socket(fileno=os.dup(number))
                 if copy.family in (socket.AF_INET, socket.AF_INET6):
                     yield copy

@@ -46,7 +46,7 @@ _INDENT = " " * 4
 @click.option("--list", "list_checks", is_flag=True, help="Print the checks and exit.")
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
-@listening_options(own_name("_doctor"))
+@listening_options(lambda: own_name("_doctor"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -67,7 +67,7 @@ _ENDINGS = [*_PICTURES, *_TEXTS]
 )
 @click.option("--check", is_flag=True, help="Exit with 1 if something is wrong with the tree.")
 @bag_options("at")
-@listening_options(own_name("_frames"))
+@listening_options(lambda: own_name("_frames"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -48,7 +48,7 @@ _LOOK_EVERY_S = 0.05
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
 @bag_options("begin", "end")
-@listening_options(own_name("_monitor"))
+@listening_options(lambda: own_name("_monitor"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

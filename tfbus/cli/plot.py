@@ -79,7 +79,7 @@ _MOST_S = 86_400.0
 )
 @bag_options("end", statics=True)
 @max_gap_option
-@listening_options(own_name("_plot"))
+@listening_options(lambda: own_name("_plot"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -13,7 +13,7 @@ from tfbus.wire.fleet import Fleet
 
 
 @click.command(epilog="Example: tfbus top")
-@listening_options(own_name("_top"))
+@listening_options(lambda: own_name("_top"))
 def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:

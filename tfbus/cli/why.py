@@ -42,7 +42,7 @@ _LONGEST_BACK_S = 3600.0
 @json_option("Print a JSON object.")
 @bag_option
 @statics_option
-@listening_options(own_name("_why"))
+@listening_options(lambda: own_name("_why"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

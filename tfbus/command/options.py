@@ -29,7 +29,7 @@ def bus_options(name: str) -> Callable[[F], F]:
     return _with_options(name, _BUS_OPTIONS)
 
 
-def listening_options(name: str) -> Callable[[F], F]:
+def listening_options(name: str | Callable[[], str]) -> Callable[[F], F]:
     """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms."""
     options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
     return lambda function: fleet_options(_with_options(name, options)(function))
@@ -81,11 +81,11 @@ def max_gap_option(function: F) -> F:
     )
 
 
-def node_options(default_name: str) -> Callable[[F], F]:
+def node_options(default_name: str | Callable[[], str]) -> Callable[[F], F]:
     """Add the options of a node to a click command: `bus_options`, name, parameters, remappings.
 
-    `default_name` is the node's name without `--name`. Ctrl-C and SIGTERM are a node's usual end,
-    also while it joins the bus: exit code 0.
+    `default_name` is the node's name without `--name`, or returns one for each run. Ctrl-C and
+    SIGTERM are a node's usual end, also while it joins the bus: exit code 0.
     """
 
     def decorate(function: F) -> F:
@@ -108,14 +108,15 @@ def _interruptible(function: F) -> F:
 
 
 def _with_options(
-    default_name: str, options: Mapping[str, Callable[[Any], Any]]
+    default_name: str | Callable[[], str], options: Mapping[str, Callable[[Any], Any]]
 ) -> Callable[[F], F]:
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def command(*args: Any, **values: Any) -> Any:
             given = {name: values.pop(name) for name in options}
             try:
-                settings = _settings(default_name, given)
+                name = default_name() if callable(default_name) else default_name
+                settings = _settings(name, given)
             except TfbusError as error:
                 raise click.UsageError(str(error)) from error
             try:

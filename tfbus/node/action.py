@@ -15,11 +15,12 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.arguments import check_part, check_plain, is_async
+from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime import scheduler
+from tfbus.runtime.callables import check_plain, is_async
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import (
     as_map,

@@ -6,8 +6,9 @@ from contextlib import suppress
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key

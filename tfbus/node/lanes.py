@@ -5,11 +5,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from tfbus.node.arguments import is_async
+from tfbus.runtime.callables import is_async
 from tfbus.runtime.callback_groups import CallbackGroup, join
 from tfbus.runtime.clock import Clock, SimulatedClock
 from tfbus.runtime.delays import Delays
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.timer import Timer
 
 # At most so many callbacks of a node's groups run at once, unless it asks for more or fewer.
 CALLBACK_THREADS = 8

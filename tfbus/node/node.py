@@ -13,10 +13,8 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, SettingsError, TfbusError
 from tfbus.node.arguments import (
-    check_callback,
     check_message_type,
     check_parts,
-    check_plain,
     check_seconds,
 )
 from tfbus.node.clock_start import ClockStart
@@ -29,12 +27,13 @@ from tfbus.node.service import Client, Service, ServiceType
 from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
+from tfbus.runtime.callables import check_callback, check_plain
 from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
-from tfbus.runtime.executor import Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
+from tfbus.runtime.timer import Timer
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:

@@ -10,11 +10,13 @@ from typing import Any
 
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
+from tfbus.bus.zenoh_library import new_cancellation
 from tfbus.errors import ServiceError
-from tfbus.node.arguments import check_part, is_async
+from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.runtime import scheduler
+from tfbus.runtime.callables import is_async
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
@@ -144,6 +146,7 @@ class Client(Caller):
         wait_s = seconds_to_wait(timeout_s)
         loop = asyncio.get_running_loop()
         served, answers = asyncio.Event(), asyncio.Queue[Answer | None]()
+        cancellation = new_cancellation()
 
         def in_loop(function: Callable[..., object], *given: object) -> None:
             with suppress(RuntimeError):  # the loop is closed: nothing waits
@@ -159,10 +162,14 @@ class Client(Caller):
                     lambda answer: in_loop(answers.put_nowait, answer),
                     lambda: in_loop(answers.put_nowait, None),
                     timeout_s=math.inf if wait_s is None else wait_s,
+                    cancellation=cancellation,
                 )
                 answer = await answers.get()
         except TimeoutError:
             raise (self._no_answer if served.is_set() else self._no_server)(wait_s) from None
+        except asyncio.CancelledError:
+            cancellation.cancel()
+            raise
         if answer is None:
             raise self._no_answer(wait_s)
         return self._response(answer)

@@ -8,10 +8,10 @@ from typing import Any, Generic, TypeVar
 from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.node.arguments import is_async
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.runtime import scheduler
+from tfbus.runtime.callables import is_async
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 

@@ -8,6 +8,7 @@ jump back as before it.
 from collections.abc import Callable
 
 from tfbus.runtime import scheduler
+from tfbus.runtime.callables import check_plain
 from tfbus.runtime.callback_thread import Closing, here
 
 Wake = Callable[[], object]
@@ -86,6 +87,7 @@ class Clock:
         """Call `callback(now_ns)` after each jump back of a simulated clock, on the thread that
         sets it.
         """
+        check_plain("add_jump_callback(callback)", callback)
 
     def remove_jump_callback(self, callback: Jumped) -> None:
         """Take the callback back; twice is fine."""
@@ -209,6 +211,7 @@ class SimulatedClock(Clock):
             self._alarms.discard(alarm)
 
     def add_jump_callback(self, callback: Jumped) -> None:
+        super().add_jump_callback(callback)
         with self._lock:
             self._jump_callbacks = [*self._jump_callbacks, callback]
 

@@ -15,6 +15,7 @@ from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.callback_thread import Closing, here
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.delays import SLOW_S, Delays, Ran
+from tfbus.runtime.timer import Timer
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
@@ -28,41 +29,6 @@ _Task = tuple[str, Callback, CallbackGroup | None]
 
 # The end of a node waits at most this long for a callback.
 _LAST_CALLBACK_S = 2.0
-
-
-class Timer:
-    """A callback that runs every `period_s` seconds until it is cancelled.
-
-    Ticks that another callback held up are not made up for: the next one comes a whole number of
-    periods after the first. With `once` there is only the first.
-    """
-
-    def __init__(
-        self,
-        period_s: float,
-        callback: Callback,
-        *,
-        once: bool = False,
-        group: CallbackGroup | None = None,
-    ):
-        if not 0 < period_s < scheduler.TIMEOUT_MAX:
-            raise ValueError(
-                "a timer's period must be more than 0 s and less than "
-                f"{scheduler.TIMEOUT_MAX:.0f} s, not {period_s}"
-            )
-        self.period_s = period_s
-        self.period_ns = max(1, round(period_s * 1e9))
-        self.callback = callback
-        self.once = once
-        self.group = group
-        self.cancelled = False
-        self.what = timer_name(period_s, callback)
-        # While a coroutine that the callback returned has not ended.
-        self.is_awaited = False
-
-    def cancel(self) -> None:
-        """End the timer; twice is fine."""
-        self.cancelled = True
 
 
 class _Worker:
@@ -417,28 +383,7 @@ class Executor:
         return self._fire(timer, when_s, late_periods)
 
     def _fire(self, timer: Timer, due_s: float, late_periods: int) -> Any:
-        """Run a timer's callback, `late_periods` after its tick was due; without it, where the
-        coroutine of a former tick has not ended.
-        """
+        """Run a timer's callback, `late_periods` after its tick was due."""
         if late_periods and self.delays is not None:
             self.delays.late(timer.what, due_s, late_periods, self._running())
-        if timer.is_awaited:
-            return None
-        answer = timer.callback()
-        if answer is not None and isinstance(answer, Coroutine):
-            timer.is_awaited = True
-            return _until_ended(timer, answer)
-        return answer
-
-
-async def _until_ended(timer: Timer, coroutine: Coroutine[Any, Any, Any]) -> None:
-    try:
-        await coroutine
-    finally:
-        timer.is_awaited = False
-
-
-def timer_name(period_s: float, callback: Callback) -> str:
-    """What a timer is called in the log: `timer of 50 ms (broadcast)`."""
-    period = f"{period_s:g} s" if period_s >= 1.0 else f"{period_s * 1e3:g} ms"
-    return f"timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"
+        return timer.fire()

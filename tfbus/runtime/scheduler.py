@@ -10,10 +10,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import asyncio
+
+T = TypeVar("T")
 
 # The readings of clocks.
 monotonic = time.monotonic
@@ -47,6 +49,15 @@ def new_event_loop() -> "asyncio.AbstractEventLoop":
 # What tells one process from another.
 getpid = os.getpid
 urandom = os.urandom
+
+_of_process: dict[type, Any] = {}
+
+
+def of_process(kind: type[T]) -> T:
+    """The one object of this class that the process has, made the first time."""
+    found: T | None = _of_process.get(kind)
+    return _of_process.setdefault(kind, kind()) if found is None else found
+
 
 # Whether a simulation stands in for all of these.
 is_simulated = False

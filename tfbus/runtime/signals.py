@@ -9,7 +9,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import FrameType
 from typing import Any
 
@@ -39,11 +39,7 @@ class StopSignals:
         self._is_held = False
         self._is_interrupted = False
         if _in_main_thread():
-            if not _previous:
-                for number in (signal.SIGINT, signal.SIGTERM):
-                    _previous[number] = signal.signal(number, _on_signal)
-                _poker.install()
-            _installed.append(self)
+            _handlers().install(self)
 
     @property
     def stopped(self) -> bool:
@@ -62,7 +58,7 @@ class StopSignals:
         if not _in_main_thread():
             return self._stop.wait(timeout_s, wakeup)
         with self.held():
-            with _SignalWakeup() as signalled:
+            with _signal_wakeup() as signalled:
                 self._ended.wait(timeout_s, wakeup, signalled, lambda: self._is_interrupted)
             return self.take()
 
@@ -95,15 +91,17 @@ class StopSignals:
             return
         if self._is_held:
             self._is_interrupted = True
+            self._ended.interrupt()
         if not _is_interactive():
             self._stop.call()
 
     def uninstall(self) -> None:
         """Restore the former signal handlers; from any thread, twice is fine."""
-        if self in _installed:
-            _installed.remove(self)
-            if not _installed and _in_main_thread():
-                _restore_handlers()
+        handlers = _handlers()
+        if self in handlers.installed:
+            handlers.installed.remove(self)
+            if not handlers.installed and _in_main_thread():
+                handlers.restore()
 
 
 class Wakeup:
@@ -137,12 +135,12 @@ class Wakeup:
 
 
 class _SimulatedStop:
-    """A _Stop of a simulated process, to which no signals come."""
+    """A _Stop of a simulated process, whose signals come between two turns."""
 
     def __init__(self) -> None:
         self.called = False
         self._event = scheduler.Event()
-        self.ring = self._event.set
+        self.ring = self.interrupt = self._event.set
 
     def call(self) -> None:
         self.called = True
@@ -153,7 +151,7 @@ class _SimulatedStop:
         timeout_s: float | None,
         wakeup: Wakeup | None = None,
         signalled: object = None,
-        is_interrupted: object = None,
+        is_interrupted: Callable[[], bool] = lambda: False,
     ) -> bool:
         if not self.called:
             self._event.clear()
@@ -161,7 +159,8 @@ class _SimulatedStop:
             wakeup.stop = self
             if wakeup.is_woken:
                 return self.called
-        self._event.wait(timeout_s)
+        if not is_interrupted():
+            self._event.wait(timeout_s)
         return self.called
 
 
@@ -193,6 +192,9 @@ class _Stop:
         if not self.called:
             self.called = True
             os.write(self._writable, b"!")
+
+    def interrupt(self) -> None:
+        """The signal has ended the wait by itself."""
 
     def wait(
         self,
@@ -239,6 +241,10 @@ class _SignalWakeup:
         os.read(self.readable, 4096)
 
 
+def _signal_wakeup() -> "AbstractContextManager[_SignalWakeup | None]":
+    return nullcontext() if scheduler.is_simulated else _SignalWakeup()
+
+
 class _Poker:
     """Interrupts the main thread until it has handled a signal, wherever it waits.
 
@@ -265,11 +271,11 @@ class _Poker:
         if others >= 0:
             signal.set_wakeup_fd(others)
             return
-        _previous[signal.SIGURG] = signal.signal(signal.SIGURG, self.on_poke)
+        _handlers().previous[signal.SIGURG] = signal.signal(signal.SIGURG, self.on_poke)
 
     def uninstall(self) -> None:
         """End, in the main thread; the thread waits for another install."""
-        if _previous.get(signal.SIGURG) is not None:
+        if _handlers().previous.get(signal.SIGURG) is not None:
             others = signal.set_wakeup_fd(-1)
             if others not in (-1, self._writable):
                 signal.set_wakeup_fd(others)
@@ -297,6 +303,53 @@ class _Poker:
                 signal.pthread_kill(main, signal.SIGURG)
 
 
+class _Handlers:
+    """The signals of one process: for which objects they are, and which handlers it had before."""
+
+    def __init__(self) -> None:
+        self.installed: list[StopSignals] = []
+        self.previous: dict[int, Any] = {}
+        # Signals that have come within `postponed`; None outside of it.
+        self.postponed: set[int] | None = None
+        self._interrupted_s = -math.inf
+
+    def install(self, signals: StopSignals) -> None:
+        """Signals are for this object too, in the main thread."""
+        if not self.previous:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self.previous[number] = signal.signal(number, self.on_signal)
+            if not scheduler.is_simulated:
+                _poker.install()
+        self.installed.append(signals)
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Tell all that are installed; raises KeyboardInterrupt where none of them holds it."""
+        if self.postponed is not None:
+            self.postponed.add(number)
+            return
+        if not self.installed:  # another thread uninstalled the last one, and cannot set handlers
+            self.restore()
+            signal.raise_signal(number)
+            return
+        for signals in self.installed:
+            signals.receive(number)
+        is_held = any(signals._is_held for signals in self.installed)
+        now_s = scheduler.monotonic()
+        if not is_held and now_s - self._interrupted_s > _SAME_SIGNAL_S:
+            self._interrupted_s = now_s
+            raise KeyboardInterrupt
+
+    def restore(self) -> None:
+        """The handlers of before."""
+        if not scheduler.is_simulated:
+            _poker.uninstall()
+        for number, previous in self.previous.items():
+            # Bound methods are made anew each time: equal, never the same.
+            if signal.getsignal(number) in (self.on_signal, _poker.on_poke):
+                signal.signal(number, previous)
+        self.previous.clear()
+
+
 # Handlers run at once, as a rule.
 _POKE_EVERY_S = 0.05
 
@@ -304,17 +357,16 @@ _POKE_EVERY_S = 0.05
 # instant, and the second one must not interrupt what the first one started.
 _SAME_SIGNAL_S = 1.0
 
-_interrupted_s = -math.inf
-_installed: list[StopSignals] = []
-_previous: dict[int, Any] = {}
-# Signals that have come within `postponed`; None outside of it.
-_postponed: set[int] | None = None
 _stops: weakref.WeakSet[_Stop] = weakref.WeakSet()
 _poker = _Poker()
 
 
+def _handlers() -> _Handlers:
+    return scheduler.of_process(_Handlers)
+
+
 def _in_main_thread() -> bool:
-    return not scheduler.is_simulated and (threading.current_thread() is threading.main_thread())
+    return scheduler.current_thread() is scheduler.main_thread()
 
 
 def forget_interrupt() -> None:
@@ -338,52 +390,27 @@ def postponed() -> Iterator[None]:
     For imports: the start of a compiled module clears any exception of what it calls, and with it
     the KeyboardInterrupt of a signal, so that Ctrl-C would do nothing.
     """
-    global _postponed
-    if _postponed is not None or not _in_main_thread():
+    handlers = _handlers()
+    if handlers.postponed is not None or not _in_main_thread():
         yield
         return
-    _postponed = set()
+    numbers = handlers.postponed = set()
     try:
         yield
     finally:
-        numbers, _postponed = _postponed, None
+        handlers.postponed = None
         # SIGTERM before SIGINT, since the first may raise.
         for number in sorted(numbers, reverse=True):
-            _on_signal(number, None)
-
-
-def _on_signal(number: int, frame: FrameType | None) -> None:
-    if _postponed is not None:
-        _postponed.add(number)
-        return
-    if not _installed:  # another thread uninstalled the last one, and cannot set handlers
-        _restore_handlers()
-        signal.raise_signal(number)
-        return
-    global _interrupted_s
-    for signals in _installed:
-        signals.receive(number)
-    is_held = any(signals._is_held for signals in _installed)
-    now_s = time.monotonic()
-    if not is_held and now_s - _interrupted_s > _SAME_SIGNAL_S:
-        _interrupted_s = now_s
-        raise KeyboardInterrupt
-
-
-def _restore_handlers() -> None:
-    _poker.uninstall()
-    for number, previous in _previous.items():
-        if signal.getsignal(number) in (_on_signal, _poker.on_poke):
-            signal.signal(number, previous)
-    _previous.clear()
+            handlers.on_signal(number, None)
 
 
 def _on_fork() -> None:
     """In a forked child signals do what they do without a node, and nothing wakes the parent."""
-    _installed.clear()
-    if _previous:
+    handlers = _handlers()
+    handlers.installed.clear()
+    if handlers.previous:
         signal.set_wakeup_fd(-1)
-        _restore_handlers()
+        handlers.restore()
     _poker.leave_to_parent()
     for stop in list(_stops):
         stop.leave_to_parent()

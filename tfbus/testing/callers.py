@@ -18,8 +18,9 @@ class Handler:
     """A callback of the program, and the function to call after the last."""
 
     def __init__(self, handler: Any) -> None:
-        self.call = handler.callback
-        self.drop = handler.drop
+        is_plain = callable(handler) and not hasattr(handler, "callback")
+        self.call = handler if is_plain else handler.callback
+        self.drop = None if is_plain else handler.drop
 
 
 class Callers:

@@ -10,11 +10,14 @@ from typing import Any
 import zenoh
 
 from tfbus.testing import retained
+from tfbus.testing.callers import Handler
 from tfbus.testing.faces import Face
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import LEASE_S, Lane, Paths
 from tfbus.testing.meeting import Meeting
 from tfbus.testing.processes import Host, Process
+from tfbus.testing.queries import Cancellation
+from tfbus.testing.session_info import Scout
 from tfbus.testing.tasks import SimulationError, Tasks
 from tfbus.testing.zenoh_session import ZenohSession
 
@@ -57,6 +60,10 @@ class Fabric:
         """As Zenoh's extension."""
         return retained.declare_advanced_subscriber(*args, **options)
 
+    def new_cancellation(self) -> Cancellation:
+        """As Zenoh's CancellationToken."""
+        return Cancellation()
+
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""
         if settings.closed is not None:
@@ -84,6 +91,16 @@ class Fabric:
             self._sessions.pop(session, None)
             raise zenoh.ZError("Unable to connect to any of the routers")
         return session
+
+    def scout(self, handler: Any, what: str) -> Scout:
+        """Ask who is there, as `zenoh.scout`: those answer to which multicast gets."""
+        scout = Scout(self.tasks.current.place, Handler(handler))  # type: ignore[arg-type]
+        for session in self._sessions:
+            paths = self._paths.both_ways(scout.process.host, session.process.host)
+            if session.mode in what.split("|") and all(p.is_up and p.multicast for p in paths):
+                answer = partial(scout.hear, session)
+                self.tasks.call_after(sum(path.delay_s for path in paths), answer)
+        return scout
 
     def leave(self, session: ZenohSession) -> None:
         """A session closes: others know at once."""

@@ -32,5 +32,20 @@ class Names:
         return f"{self._prefix}{checked(key)}"
 
     def seen(self, full: str) -> str | None:
-        """A key of the network as the session names it; None for a key of another namespace."""
+        """A key of the network, or an expression of keys, as the session names it; None for one of
+        other namespaces only.
+        """
+        if self._prefix and "*" in full:
+            return _without(self._prefix.rstrip("/").split("/"), full.split("/"))
         return full.removeprefix(self._prefix) if full.startswith(self._prefix) else None
+
+
+def _without(namespace: list[str], chunks: list[str]) -> str | None:
+    """An expression without the chunks that stand for a namespace; None where none can."""
+    for number, name in enumerate(namespace):
+        chunk = chunks[number] if number < len(chunks) else ""
+        if chunk == "**":
+            return "/".join(chunks[number:])
+        if not chunk or not intersect(chunk, name):
+            return None
+    return "/".join(chunks[len(namespace) :]) or None

@@ -4,7 +4,10 @@ The real code runs on it, in virtual time, one task at a time. The same seed giv
 """
 
 import gc
-from collections.abc import Callable, Iterable, Iterator
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from types import TracebackType
@@ -12,18 +15,26 @@ from typing import Any
 
 from tfbus.bus import zenoh_library
 from tfbus.runtime import scheduler
-from tfbus.testing import primitives
 from tfbus.testing.environment import without_settings
 from tfbus.testing.fabric import Fabric
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import Paths
-from tfbus.testing.of_python import standing_in
+from tfbus.testing.of_python import standing_in, task_of
 from tfbus.testing.processes import START_NS, Host, Process
+from tfbus.testing.programs import Program
 from tfbus.testing.scheduler_names import scheduler_names
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 # How often a condition is looked at while the network runs.
 _LOOK_EVERY_S = 0.005
+
+
+# Signals that do nothing by default.
+_IGNORED = {
+    number
+    for name in ("SIGCHLD", "SIGURG", "SIGWINCH")
+    if (number := getattr(signal, name, None)) is not None
+}
 
 
 class Network:
@@ -63,14 +74,13 @@ class Network:
         gc.disable()  # finalizers at any moment would make no two runs the same
         self.outside = self.host("outside")
         self.tasks.main.place = self._new_process(self.outside, "main")
-        main = primitives.Thread(self.tasks, name="MainThread")
-        main._task = self.tasks.main
-        self.tasks.main.thread = main
         names = scheduler_names(self.tasks)
-        self._stack.enter_context(without_settings())
-        self._stack.enter_context(scheduler.replaced_by(names))
-        self._stack.enter_context(standing_in(self.tasks, names))
-        self._stack.enter_context(zenoh_library.replaced_by(self._fabric))
+        with ExitStack() as stack:
+            stack.enter_context(without_settings())
+            stack.enter_context(scheduler.replaced_by(names))
+            stack.enter_context(standing_in(self, names))
+            stack.enter_context(zenoh_library.replaced_by(self._fabric))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
@@ -108,6 +118,10 @@ class Network:
         host.processes.append(process)
         return process
 
+    def current_process(self) -> Process:
+        """The process whose turn it is."""
+        return self.tasks.current.place  # type: ignore[return-value]
+
     @contextmanager
     def process(self, host: Host | str, name: str) -> Iterator[Process]:
         """Make a process on a host: all calls until the end of the `with` happen in it."""
@@ -135,18 +149,96 @@ class Network:
                 main(*args, **named)
             except SystemExit as error:
                 if error.code:
-                    raise
+                    raise SimulationError(f"{process.name} exits: {error.code}") from error
+            self.finish(process)
+
+        process.begin = partial(self.start, process.host, name, main, *args, **named)
+        self._run(process, run)
+        return process
+
+    def program(
+        self,
+        host: Host | str,
+        main: Callable[[], object],
+        *arguments: str,
+        name: str = "",
+        env: Mapping[str, str] | None = None,
+        stdin: str = "",
+        is_terminal: bool = False,
+    ) -> Program:
+        """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
+        of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
+        and exit code of its own. In a terminal it writes its errors with its output.
+        """
+        name = name or main.__module__.rpartition(".")[2]
+        process = self._new_process(self._host(host), name)
+        process.program = Program(
+            self,
+            process,
+            main,
+            arguments,
+            os.environ if env is None else env,
+            stdin,
+            is_terminal=is_terminal,
+        )
+        self._run(process, process.program.run)
+        return process.program
+
+    def _run(self, process: Process, main: Callable[[], object]) -> None:
+        def run() -> None:
+            try:
+                main()
             finally:
                 if not self.tasks.is_over:
                     self._end(process)
 
-        process.begin = partial(self.start, process.host, name, main, *args, **named)
-        process.main = self.tasks.start(name, process, run)
-        return process
+        with self.tasks.within(process):
+            thread = threading.Thread(target=run, name="MainThread", daemon=False)
+            thread.start()
+        process.main = task_of(thread)
+
+    def finish(self, process: Process) -> None:
+        """The main function of a process has ended: wait for its threads, as Python does."""
+        self.tasks.join_all(process)
+        process.call_at_exit()
+
+    def forget_at_exit(self, call: Callable[..., object]) -> None:
+        """As `atexit.unregister`, in whichever process it was registered."""
+        for host in self._hosts.values():
+            for process in host.processes:
+                process.forget_at_exit(call)
+
+    def signal(self, process: Process, number: int) -> None:
+        """Send a signal to a process: its handler is called at the next turn of its main thread."""
+        if process.is_dead:
+            return
+        handler = process.handler(number)
+        if number == signal.SIGSTOP:
+            self.stop(process)
+        elif number == signal.SIGCONT:
+            self.go_on(process)
+        elif number == signal.SIGKILL or handler == signal.SIG_DFL or process.main is None:
+            if number not in _IGNORED:
+                process.exit_code = -number
+                self.kill(process)
+        elif handler != signal.SIG_IGN:
+            self.tasks.interrupt(process.main, partial(handler, number, None))
+
+    def signal_pid(self, pid: int, number: int) -> None:
+        """As `os.kill`."""
+        for host in self._hosts.values():
+            for process in host.processes:
+                if process.pid == pid and not process.is_dead:
+                    self.signal(process, number)
+                    return
+        raise ProcessLookupError(f"no process {pid} in this simulation")
 
     def kill(self, process: Process | str) -> None:
         """End a process at once, as SIGKILL does: its host closes its sockets."""
-        self._end(self._process(process))
+        killed = self._process(process)
+        if killed.exit_code is None:
+            killed.exit_code = -signal.SIGKILL
+        self._end(killed)
 
     def restart(self, process: Process | str) -> Process:
         """Kill a process that `start` began, if it still runs, and start it anew."""
@@ -156,13 +248,14 @@ class Network:
                 f"process {former.name!r} has no main function to restart: begin it by "
                 "network.start(host, name, main)"
             )
-        self._end(former)
+        self.kill(former)
         return former.begin()
 
     def power_off(self, host: Host | str) -> None:
         """End all processes of a host without a word to others, as a pulled plug does."""
         for process in self._host(host).processes:
             process.is_dead = True
+            process.ended.wake_all()
             self._fabric.process_vanished(process)
 
     def stop(self, process: Process | str) -> None:
@@ -180,6 +273,7 @@ class Network:
     def _end(self, process: Process) -> None:
         if not process.is_dead:
             process.is_dead = True
+            process.ended.wake_all()
             self._fabric.process_ended(process)
 
     # Paths
@@ -333,3 +427,8 @@ class _Driver:
 
     def __init__(self) -> None:
         self.parked: list[Task] = []
+
+    def enter(self) -> None:
+        """Nothing is its own."""
+
+    leave = enter

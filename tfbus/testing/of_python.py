@@ -1,25 +1,32 @@
-"""Python's own clocks, waits and event loops, as the code of a simulated process finds them.
+"""Python's own clocks, threads and signals, as the code of a simulated process finds them.
 
-`time.time()`, `time.sleep`, `asyncio.run`, `threading.Event` and `queue.Queue` are virtual there,
-also where a module has `from time import sleep`. What cannot be simulated is refused (refused.py).
-`datetime.now()` is not replaced, and tells the real time.
+A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
+in a simulated process these are the simulation's, also where a module has `from time import sleep`.
+Outside of its tasks, and for what a module makes while it is imported, they stay Python's own. What
+cannot be simulated is refused (refused.py). `datetime.now()` tells the real time.
 """
 
 import _thread
 import asyncio
+import atexit
 import os
+import queue
+import signal
 import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from functools import partial
-from typing import Any
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
-from tfbus.testing.primitives import Waiting
+from tfbus.testing import primitives
 from tfbus.testing.refused import refusals
-from tfbus.testing.tasks import Tasks
+from tfbus.testing.tasks import Task, Tasks
+
+if TYPE_CHECKING:
+    from tfbus.testing.network import Network
+
 
 # Modules that measure or wait in real time, whoever is running.
 _REAL = frozenset(sys.stdlib_module_names) | {
@@ -35,77 +42,26 @@ _REAL = frozenset(sys.stdlib_module_names) | {
 
 
 @contextmanager
-def standing_in(tasks: Tasks, names: dict[str, Any]) -> Iterator[None]:
-    """Until the end of the `with` Python's functions are virtual, or refused, on tasks' threads."""
-    is_in_force = True
-
-    def is_simulated() -> bool:
-        return is_in_force and _thread.get_ident() in tasks.thread_ids
-
-    def chosen(virtual: Callable[..., Any], real: Callable[..., Any]) -> Callable[..., Any]:
-        return lambda *args, **named: (virtual if is_simulated() else real)(*args, **named)
-
+def standing_in(network: "Network", names: dict[str, Any]) -> Iterator[None]:
+    """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
+    refused; `names` are those of the scheduler.
+    """
     replaced: dict[int, tuple[Any, Any]] = {}
     with ExitStack() as stack:
-        for owner, name, virtual in _replacements(tasks, names):
+        for owner, name, stand_in in _stand_ins(network, names):
             real = getattr(owner, name)
-            wrapper = chosen(virtual, real)
-            replaced[id(real)] = real, wrapper
-            setattr(owner, name, wrapper)
+            replaced[id(real)] = real, stand_in
+            setattr(owner, name, stand_in)
             stack.callback(setattr, owner, name, real)
         _rebind(replaced)
         try:
             yield
         finally:
-            is_in_force = False
-            _rebind({id(wrapper): (wrapper, real) for real, wrapper in replaced.values()})
-
-
-def _replacements(
-    tasks: Tasks, names: dict[str, Any]
-) -> Iterator[tuple[Any, str, Callable[..., Any]]]:
-    """The owner and name of each function, and its replacement."""
-    virtual: dict[str, Callable[..., Any]] = {
-        name: names[name] for name in ("monotonic", "monotonic_ns", "time_ns", "sleep")
-    }
-    virtual["time"] = lambda: names["time_ns"]() / 1e9
-    virtual["perf_counter"] = names["monotonic"]
-    virtual["perf_counter_ns"] = names["monotonic_ns"]
-    for name, function in virtual.items():
-        yield time, name, function
-    for module in (asyncio, asyncio.events):
-        yield module, "new_event_loop", names["new_event_loop"]
-    yield socket, "gethostname", lambda: tasks.current.place.host.name  # type: ignore[attr-defined]
-    yield os, "getpid", names["getpid"]
-    yield threading.Condition, "wait", partial(_wait, tasks)
-    yield from refusals()
-
-
-def _wait(tasks: Tasks, condition: Any, timeout: float | None = None) -> bool:
-    """Wait as `Condition.wait`, on which Python's events, queues and semaphores are built."""
-    if not condition._is_owned():
-        raise RuntimeError("cannot wait on un-acquired lock")
-    waiting = _Waiter(tasks)
-    condition._waiters.append(waiting)
-    saved = condition._release_save()
-    was_woken = False
-    try:
-        was_woken = waiting.wait("a condition of Python's", timeout)
-    finally:
-        condition._acquire_restore(saved)
-        if not was_woken and waiting in condition._waiters:
-            condition._waiters.remove(waiting)
-    return was_woken
-
-
-class _Waiter(Waiting):
-    """A task that waits for a condition; `notify` releases it as it does a lock."""
-
-    release = Waiting.wake_all
+            _rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
 
 
 def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
-    """Replace functions in modules that have bound them, as `from time import sleep` does."""
+    """Replace names in modules that have bound them, as `from time import sleep` does."""
     for module in list(sys.modules.values()):
         name = getattr(module, "__name__", "")
         if not isinstance(name, str) or name.partition(".")[0] in _REAL:
@@ -113,3 +69,148 @@ def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
         for attribute, value in list(getattr(module, "__dict__", {}).items()):
             if id(value) in replaced:
                 setattr(module, attribute, replaced[id(value)][1])
+
+
+def _stand_ins(network: "Network", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
+    tasks = network.tasks
+
+    def is_task() -> bool:
+        return _thread.get_ident() in tasks.thread_ids
+
+    def chosen(real: Any, simulated: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *args, **named: (simulated if is_task() else real)(*args, **named)
+
+    def made(real: Any, simulated: Callable[..., Any]) -> Callable[..., Any]:
+        """As `chosen`, but a module that is imported outlives the simulation."""
+        return lambda *args, **named: (simulated if is_task() and not _is_importing() else real)(
+            *args, **named
+        )
+
+    for name in ("monotonic", "monotonic_ns", "time_ns", "sleep"):
+        yield time, name, chosen(getattr(time, name), names[name])
+    yield time, "time", chosen(time.time, lambda: names["time_ns"]() / 1e9)
+    for name in ("", "_ns"):
+        counter = f"perf_counter{name}"
+        yield time, counter, chosen(getattr(time, counter), names[f"monotonic{name}"])
+    # As these modules have bound them, for their timeouts.
+    for module, name in ((queue, "time"), (threading, "_time")):
+        yield module, name, chosen(getattr(module, name), names["monotonic"])
+
+    for name in ("Lock", "RLock"):
+        yield threading, name, made(getattr(threading, name), names[name])
+    yield threading, "Event", _class_of(threading.Event, names["Event"], is_task)
+    yield (
+        threading,
+        "Condition",
+        _class_of(
+            threading.Condition, _condition(names["Condition"], threading.Condition), is_task
+        ),
+    )
+    yield queue, "SimpleQueue", _class_of(queue.SimpleQueue, names["SimpleQueue"], is_task)
+    yield threading, "main_thread", chosen(threading.main_thread, names["main_thread"])
+    threads = _Threads(tasks)
+    yield threading.Thread, "start", threads.start
+    yield threading.Thread, "join", threads.join
+    yield threading.Thread, "is_alive", threads.is_alive
+    yield (
+        asyncio.events,
+        "new_event_loop",
+        chosen(asyncio.events.new_event_loop, names["new_event_loop"]),
+    )
+
+    process = network.current_process
+    yield signal, "signal", chosen(signal.signal, lambda *args: process().set_handler(*args))
+    yield signal, "getsignal", chosen(signal.getsignal, lambda number: process().handler(number))
+    yield (
+        signal,
+        "raise_signal",
+        chosen(signal.raise_signal, lambda number: network.signal(process(), number)),
+    )
+    yield os, "urandom", chosen(os.urandom, names["urandom"])
+    yield socket, "gethostname", chosen(socket.gethostname, lambda: process().host.name)
+    yield os, "getpid", chosen(os.getpid, names["getpid"])
+    yield os, "kill", chosen(os.kill, network.signal_pid)
+    yield atexit, "register", chosen(atexit.register, lambda *a, **n: process().at_exit(*a, **n))
+    yield atexit, "unregister", chosen(atexit.unregister, network.forget_at_exit)
+    for owner, name, refusal in refusals():
+        yield owner, name, chosen(getattr(owner, name), refusal)
+
+
+def _is_importing() -> bool:
+    frame = sys._getframe(1)
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back  # type: ignore[assignment]
+    return False
+
+
+def _class_of(real: Any, simulated: Callable[..., Any], is_task: Callable[[], bool]) -> Any:
+    """A class in the place of one of Python's: programs may inherit from it, or ask for it."""
+
+    class Chosen(type):
+        def __call__(cls, *args: Any, **named: Any) -> Any:
+            if cls is not stand_in:
+                return super().__call__(*args, **named)
+            is_simulated = is_task() and not _is_importing()
+            return (simulated if is_simulated else real)(*args, **named)
+
+        def __instancecheck__(cls, instance: Any) -> bool:
+            is_ours = isinstance(instance, (real, getattr(simulated, "func", real)))
+            return is_ours if cls is stand_in else super().__instancecheck__(instance)
+
+    stand_in = Chosen(real.__name__, (real,), {})
+    return stand_in
+
+
+def _condition(simulated: Callable[..., Any], real: Callable[..., Any]) -> Callable[..., Any]:
+    def condition(lock: Any = None) -> Any:
+        is_ours = lock is None or isinstance(lock, primitives.Lock)
+        return (simulated if is_ours else real)(lock)
+
+    return condition
+
+
+class _Threads:
+    """Threads of Python's own that tasks start: each is a task."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        real = threading.Thread
+        real_start, real_join, real_is_alive = real.start, real.join, real.is_alive
+
+        def start(thread: threading.Thread) -> None:
+            if _thread.get_ident() not in tasks.thread_ids:
+                real_start(thread)
+                return
+            if thread._started.is_set():  # type: ignore[attr-defined]
+                raise RuntimeError("threads can only be started once")
+            task = tasks.start(thread.name, tasks.current.place, lambda: _run(thread))
+            task.thread = thread
+            thread._simulated_task = task  # type: ignore[attr-defined]
+            thread._started.set()  # type: ignore[attr-defined]
+
+        def join(thread: threading.Thread, timeout: float | None = None) -> None:
+            task = task_of(thread)
+            if task is None:
+                real_join(thread, timeout)
+            elif not task.is_over:
+                tasks.join(task, timeout)
+
+        def is_alive(thread: threading.Thread) -> bool:
+            task = task_of(thread)
+            return real_is_alive(thread) if task is None else not task.is_over
+
+        self.start, self.join, self.is_alive = start, join, is_alive
+
+
+def task_of(thread: threading.Thread) -> Task | None:
+    """The task that a thread is; None for one of Python's own."""
+    return getattr(thread, "_simulated_task", None)
+
+
+def _run(thread: threading.Thread) -> None:
+    """The body of a thread, which `threading.current_thread()` gives within."""
+    thread._ident = _thread.get_ident()  # type: ignore[attr-defined]
+    threading._active[thread._ident] = thread  # type: ignore[attr-defined]
+    with suppress(SystemExit):
+        thread.run()

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tfbus.testing.tasks import SimulationOver, Task, Tasks
+from tfbus.testing.tasks import Task, Tasks
 
 
 class Waiting:
@@ -205,49 +205,3 @@ class Queue:
 
     def empty(self) -> bool:
         return not self._items
-
-
-class Thread:
-    """A thread: a task of the process that starts it."""
-
-    def __init__(
-        self,
-        tasks: Tasks,
-        target: Callable[..., object] | None = None,
-        name: str | None = None,
-        args: tuple[Any, ...] = (),
-        kwargs: dict[str, Any] | None = None,
-        daemon: bool | None = None,
-    ) -> None:
-        self._tasks = tasks
-        self._target = target
-        self._args, self._kwargs = args, kwargs or {}
-        self.name = str(name or getattr(target, "__qualname__", "thread"))
-        self.daemon = bool(daemon)
-        self._task: Task | None = None
-
-    @property
-    def ident(self) -> int | None:
-        return None if self._task is None else self._task.thread_id
-
-    def start(self) -> None:
-        self._task = self._tasks.start(self.name, self._tasks.current.place, self.run)
-        self._task.thread = self
-        self._tasks.step()
-
-    def run(self) -> None:
-        if self._target is not None:
-            self._target(*self._args, **self._kwargs)
-
-    def is_alive(self) -> bool:
-        return self._task is not None and not self._task.is_over
-
-    def join(self, timeout: float | None = None) -> None:
-        task = self._task
-        if task is not None and not task.is_over:
-            task.joiners.append(self._tasks.current)
-            try:
-                self._tasks.wait(f"the end of {task.name!r}", timeout)
-            except SimulationOver:
-                if not self._tasks.is_over:
-                    raise

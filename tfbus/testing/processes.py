@@ -1,13 +1,20 @@
 """Simulated hosts with their clocks, and the processes on them."""
 
 import random
+import signal
+import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.testing.primitives import Waiting
 from tfbus.testing.tasks import Task, Tasks
 
 if TYPE_CHECKING:
+    from tfbus.testing.programs import Program
     from tfbus.testing.zenoh_session import ZenohSession
+
+T = TypeVar("T")
 
 # The time of all simulations at their start: 2026-01-01.
 START_NS = 1_767_225_600 * 10**9
@@ -59,6 +66,60 @@ class Process:
         self.main: Task | None = None
         # Starts it anew, where it has a main function.
         self.begin: Callable[[], Process] | None = None
+        # What it runs, where that is a program with arguments and output of its own.
+        self.program: Program | None = None
+        # By its number for a signal that ended it; None while it runs, or where that is unknown.
+        self.exit_code: int | None = None
+        self.ended = Waiting(tasks)
+        self._handlers: dict[int, Any] = {signal.SIGINT: signal.default_int_handler}
+        self._at_exit: list[tuple[Callable[..., object], Callable[[], object]]] = []
+        self._objects: dict[type, Any] = {}
+
+    def object_of(self, kind: type[T]) -> T:
+        """The one object of this class that it has, made the first time."""
+        if kind not in self._objects:
+            self._objects[kind] = kind()
+        found: T = self._objects[kind]
+        return found
+
+    def enter(self) -> None:
+        """One of its tasks has the turn: what Python has once is that of this process."""
+        if self.program is not None:
+            self.program.enter()
+
+    def leave(self) -> None:
+        """A task of another process has the turn."""
+        if self.program is not None:
+            self.program.leave()
+
+    # Signals, and its end
+
+    def handler(self, number: int) -> Any:
+        """As `signal.getsignal`."""
+        return self._handlers.get(number, signal.SIG_DFL)
+
+    def set_handler(self, number: int, handler: Any) -> Any:
+        """As `signal.signal`."""
+        former, self._handlers[number] = self.handler(number), handler
+        return former
+
+    def at_exit(self, call: Callable[..., Any], *args: Any, **named: Any) -> Callable[..., Any]:
+        """As `atexit.register`."""
+        self._at_exit.append((call, partial(call, *args, **named)))
+        return call
+
+    def forget_at_exit(self, call: Callable[..., object]) -> None:
+        """As `atexit.unregister`."""
+        self._at_exit = [each for each in self._at_exit if each[0] != call]
+
+    def call_at_exit(self) -> None:
+        """Call what is registered, the last first."""
+        while self._at_exit:
+            _, call = self._at_exit.pop()
+            try:
+                call()
+            except Exception:
+                traceback.print_exc()
 
     def receive(self, call: Callable[[], object]) -> None:
         """Do what the network brings, now or as soon as the process goes on."""

@@ -95,6 +95,18 @@ class Asked:
             self._on_end()
 
 
+class Cancellation:
+    """Ends the queries that were made with it, as Zenoh's CancellationToken."""
+
+    def __init__(self) -> None:
+        self.asked: list[Asked] = []
+
+    def cancel(self) -> None:
+        """End them, without a further answer. Twice is fine."""
+        for each in self.asked:
+            each.end()
+
+
 class _Question:
     """What is asked."""
 
@@ -147,6 +159,7 @@ class Queries:
         *,
         timeout_s: float | None,
         also_here: bool,
+        cancellation: Cancellation | None = None,
     ) -> None:
         """Ask all that serve a key."""
         session = self._session
@@ -163,6 +176,8 @@ class Queries:
             lambda: session.callers.post(asked, on_end),
             _TIMEOUT_S if timeout_s is None else timeout_s,
         )
+        if cancellation is not None:
+            cancellation.asked.append(asked)
         here = object()
         asked.waits_for.add(here)
         question = _Question(full, parameters, payload)

@@ -4,7 +4,6 @@ import os
 import shlex
 import socket
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
 from multiprocessing.process import BaseProcess
 from typing import Any, NoReturn
@@ -14,20 +13,12 @@ from tfbus.testing.tasks import SimulationError
 
 def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
     """The owner and name of each function that is refused, and what refuses it."""
-    yield threading.Thread, "start", _thread
     yield socket.socket, "__init__", _socket
     yield subprocess.Popen, "__init__", _program
     yield BaseProcess, "start", _fork
     for name in ("fork", "forkpty", "posix_spawn", "posix_spawnp", "system"):
         if hasattr(os, name):
             yield os, name, _fork
-
-
-def _thread(thread: threading.Thread) -> NoReturn:
-    raise SimulationError(
-        f"thread {thread.name!r} cannot be simulated: its turns are not the simulation's. "
-        "Use a timer or a callback group of the node in its place"
-    )
 
 
 def _socket(*_: object, **__: object) -> NoReturn:
@@ -41,12 +32,12 @@ def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:
     words = args if isinstance(args, str | bytes) else shlex.join(map(os.fsdecode, args))
     raise SimulationError(
         f"program {os.fsdecode(words)!r} cannot be simulated: it runs in real time. Run its main "
-        "function by network.start(host, name, main), or give the node its output"
+        "function by network.program(host, main), or give the node its output"
     )
 
 
 def _fork(*_: object, **__: object) -> NoReturn:
     raise SimulationError(
         "a process of the system cannot be simulated: it runs in real time. Run its main function "
-        "by network.start(host, name, main)"
+        "by network.program(host, main)"
     )

@@ -15,6 +15,12 @@ def scheduler_names(tasks: Tasks) -> dict[str, Any]:
     def process() -> Process:
         return tasks.current.place  # type: ignore[return-value]
 
+    not_a_main_thread = object()
+
+    def main_thread() -> Any:
+        main = process().main
+        return not_a_main_thread if main is None else main.thread
+
     def sleep(seconds: float) -> None:
         tasks.wait("the end of a sleep", max(seconds, 0.0))
 
@@ -29,9 +35,8 @@ def scheduler_names(tasks: Tasks) -> dict[str, Any]:
         "Condition": partial(primitives.Condition, tasks),
         "Queue": partial(primitives.Queue, tasks),
         "SimpleQueue": partial(primitives.Queue, tasks),
-        "Thread": partial(primitives.Thread, tasks),
-        "current_thread": lambda: tasks.current.thread,
-        "main_thread": lambda: None,
+        "main_thread": main_thread,
+        "of_process": lambda kind: process().object_of(kind),
         "getpid": lambda: process().pid,
         "new_event_loop": lambda: SimulatedEventLoop(tasks),
         "urandom": lambda size: process().urandom(size),

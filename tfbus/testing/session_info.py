@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfbus.testing.callers import Handler
+from tfbus.testing.callers import Handler, guarded
 from tfbus.testing.declarations import Declared
 
 if TYPE_CHECKING:
+    from tfbus.testing.processes import Process
     from tfbus.testing.zenoh_session import ZenohSession
 
 _MODES = {
@@ -74,3 +75,28 @@ class Info:
 
     def _post(self, call: Callable[[TransportEvent], object], event: TransportEvent) -> None:
         self._session.callers.post("links", partial(call, event))
+
+
+class Hello:
+    """The answer of a session to one that scouts."""
+
+    def __init__(self, session: "ZenohSession") -> None:
+        self.zid = session.zid_text
+        self.locators = list(session.listen)
+
+
+class Scout:
+    """A search for sessions, until `stop()`."""
+
+    def __init__(self, process: "Process", handler: Handler) -> None:
+        self.process = process
+        self._handler = handler
+        self._is_over = False
+
+    def hear(self, session: "ZenohSession") -> None:
+        """A session answers, if it still runs."""
+        if session.process.is_running and not self._is_over:
+            self.process.receive(lambda: guarded(lambda: self._handler.call(Hello(session))))
+
+    def stop(self) -> None:
+        self._is_over = True

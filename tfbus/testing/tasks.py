@@ -43,6 +43,12 @@ class Place(Protocol):
     is_dead: bool
     parked: "list[Task]"
 
+    def enter(self) -> None:
+        """One of its tasks has the turn now, after one of another place."""
+
+    def leave(self) -> None:
+        """A task of another place has the turn next."""
+
 
 class Task:
     """One simulated thread."""
@@ -60,6 +66,9 @@ class Task:
         # Counts the waits, so that an alarm of an earlier one wakes nothing.
         self.wait_number = 0
         self.joiners: list[Task] = []
+        # Signals: what is called in it at its next turn, and whether it gets that turn for them.
+        self.interrupts: list[Callable[[], object]] = []
+        self.is_called = False
         # The object that stands for this thread, as `current_thread()` gives it.
         self.thread: Any = None
 
@@ -80,11 +89,13 @@ class Tasks:
         self._interleaving = interleaving
         self._steps_left = 0
         self._turns_at_once = 0
+        self._ended = _thread.allocate_lock()
         self._order = itertools.count()
         self._alarms: list[tuple[int, int, Callable[[], object]]] = []
         self._able: list[Task] = []
         self._all: dict[Task, None] = {}
         self.main = self.current = Task("main", first)
+        self._here = first
         self.main.thread_id = _thread.get_ident()
         self.thread_ids = {self.main.thread_id}
         self._all[self.main] = None
@@ -112,6 +123,7 @@ class Tasks:
                     self.failure = self.failure or error
                     sys.excepthook(type(error), error, error.__traceback__)
             finally:
+                threading._active.pop(task.thread_id, None)  # type: ignore[attr-defined]
                 self._finish(task)
 
         former = threading.stack_size(_STACK_BYTES)
@@ -145,11 +157,14 @@ class Tasks:
 
             def give_up() -> None:
                 if task.waits_for and task.wait_number == number:
-                    task.waits_for = ""
-                    self._able.append(task)
+                    self._end_wait(task)
 
             self.call_at(self.end_ns(timeout_s), give_up)
-        self._give_turn()
+        try:
+            while task.waits_for:  # again where only a signal had to be handled
+                self._give_turn()
+        finally:
+            task.waits_for = ""
         return task.was_woken
 
     def end_ns(self, timeout_s: float) -> int:
@@ -158,11 +173,46 @@ class Tasks:
         """
         return self.now_ns + (1 + int(min(timeout_s, 1e9) * 1e9) if timeout_s > 0 else 0)
 
+    def join(self, task: Task, timeout_s: float | None = None) -> None:
+        """Wait until a task has ended, at most this long."""
+        if not task.is_over:
+            task.joiners.append(self.current)
+            try:
+                self.wait(f"the end of {task.name!r}", timeout_s)
+            except SimulationOver:
+                if not self.is_over:
+                    raise
+
+    def join_all(self, place: Place) -> None:
+        """Wait until the threads of a place have ended that Python waits for at its end."""
+        while others := [
+            task
+            for task in self._all
+            if task.place is place
+            and task is not self.current
+            and task.thread is not None
+            and not task.thread.daemon
+        ]:
+            self.join(others[0])
+
     def wake(self, task: Task) -> None:
         """End the wait of a task."""
         if task.waits_for:
-            task.waits_for = ""
             task.was_woken = True
+            self._end_wait(task)
+
+    def interrupt(self, task: Task, call: Callable[[], object]) -> None:
+        """Make a call in a task at its next turn, also in the midst of a wait, which goes on after
+        it; what the call raises is raised there.
+        """
+        task.interrupts.append(call)
+        if task.waits_for and not task.is_called:
+            task.is_called = True
+            self._able.append(task)
+
+    def _end_wait(self, task: Task) -> None:
+        task.waits_for = ""
+        if not task.is_called:
             self._able.append(task)
 
     def call_at(self, due_ns: int, call: Callable[[], object]) -> None:
@@ -178,10 +228,12 @@ class Tasks:
         """The current task belongs to another place until the end of the `with`."""
         task = self.current
         former, task.place = task.place, place
+        self._enter(place)
         try:
             yield
         finally:
             task.place = former
+            self._enter(former)
 
     # Whose turn it is
 
@@ -195,7 +247,7 @@ class Tasks:
         task = self._next()
         self.turns += 1
         if task is not me:
-            self.current = task
+            self._turn_to(task)
             task.turn.release()
             if not me.turn.acquire(timeout=_STUCK_AFTER_S):
                 self._wait_out(me)
@@ -204,6 +256,26 @@ class Tasks:
         if self.failure is not None and me is self.main:
             failure, self.failure = self.failure, None
             raise failure
+        if me.interrupts:
+            self._handle_interrupts(me)
+
+    def _turn_to(self, task: Task) -> None:
+        self.current = task
+        self._enter(task.place)
+
+    def _enter(self, place: Place) -> None:
+        if place is not self._here:
+            self._here.leave()
+            self._here = place
+            place.enter()
+
+    def _handle_interrupts(self, me: Task) -> None:
+        calls, me.interrupts = me.interrupts, []
+        try:
+            for call in calls:
+                call()
+        finally:
+            me.is_called = False
 
     def _wait_out(self, me: Task) -> None:
         """Another task has not given its turn back for long, unless many have had theirs."""
@@ -211,6 +283,7 @@ class Tasks:
         while not me.turn.acquire(timeout=_STUCK_AFTER_S):
             if turns == self.turns and me is self.main:
                 task = self.current
+                self.is_over = True  # that one may still go on
                 raise SimulationError(
                     f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it "
                     "waits for something real, such as a lock, a file or a sleep of Python's own\n"
@@ -281,25 +354,25 @@ class Tasks:
             self.wake(joiner)
         if self.is_over:
             # `end` waits for each in turn.
-            self._ended.release()
+            if self._ended.locked():
+                self._ended.release()
             return
         following = self._next()
         self.turns += 1
-        self.current = following
+        self._turn_to(following)
         following.turn.release()
 
     def end(self) -> None:
         """End all tasks, on the main one; what they still do has no effect."""
         self.is_over = True
-        self._ended = _thread.allocate_lock()
-        self._ended.acquire()
+        self._ended.acquire(blocking=False)
         self._all.pop(self.main, None)
         for task in list(self._all):
             task.waits_for = ""
-            self.current = task
+            self._turn_to(task)
             task.turn.release()
             self._ended.acquire(timeout=_STUCK_AFTER_S)
-        self.current = self.main
+        self._turn_to(self.main)
         self._able.clear()
         self._alarms.clear()
 

@@ -20,7 +20,7 @@ from tfbus.testing.liveliness import Liveliness, Tokens
 from tfbus.testing.matching import Matchings, Publisher, Querier
 from tfbus.testing.messages import Source
 from tfbus.testing.publications import Message, Publications
-from tfbus.testing.queries import Queries
+from tfbus.testing.queries import Cancellation, Queries
 from tfbus.testing.routing import Direct, Router
 from tfbus.testing.session_info import Info
 from tfbus.testing.tasks import SimulationOver, Tasks
@@ -144,6 +144,7 @@ class ZenohSession:
         payload: bytes | None = None,
         timeout: float | None = None,
         allowed_destination: Any = None,
+        cancellation_token: Cancellation | None = None,
         **options: Any,
     ) -> None:
         self.check_open()
@@ -156,6 +157,7 @@ class ZenohSession:
             Handler(handler),
             timeout_s=timeout,
             also_here=allowed_destination != zenoh.Locality.REMOTE,
+            cancellation=cancellation_token,
         )
 
     def liveliness(self) -> Liveliness:

@@ -18,8 +18,8 @@ from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
 from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.executor import Timer as TfbusTimer
-from tfbus.runtime.executor import timer_name
+from tfbus.runtime.timer import Timer as TfbusTimer
+from tfbus.runtime.timer import timer_name
 
 if TYPE_CHECKING:
     from tfbus.compat.transform_topics import TransformsPublisher

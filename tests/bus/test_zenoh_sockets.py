@@ -1,0 +1,102 @@
+"""Sockets of sessions: which of a process's own a session has opened."""
+
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.live_bus import DEADLINE_S
+from tfbus.bus.zenoh_sockets import Marks, ZenohSockets, with_sockets
+
+# A port of its own: other processes of this machine may scout.
+GROUP = ("224.0.0.224", 7559)
+MARKS = Marks(listening=("127.0.0.1",), group=GROUP, ttl=1, interfaces=1)
+
+
+@pytest.fixture
+def closed_at_the_end() -> Iterator[ExitStack]:
+    """What closes the sockets of a test."""
+    with ExitStack() as stack:
+        yield stack
+
+
+def opened(stack: ExitStack, kind: int, address: tuple[str, int]) -> socket.socket:
+    one = stack.enter_context(socket.socket(socket.AF_INET, kind))
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    one.bind(address)
+    if kind == socket.SOCK_STREAM:
+        one.listen()
+    return one
+
+
+def like_zenoh(stack: ExitStack) -> SimpleNamespace:
+    """Sockets as a session of Zenoh has them that scouts on loopback alone."""
+    asking = opened(stack, socket.SOCK_DGRAM, ("0.0.0.0", 0))
+    asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+    return SimpleNamespace(
+        listening=opened(stack, socket.SOCK_STREAM, ("127.0.0.1", 0)),
+        answering=opened(stack, socket.SOCK_DGRAM, GROUP),
+        asking=asking,
+    )
+
+
+def ports(one: Any) -> tuple[list[int], list[int]]:
+    if isinstance(one, ZenohSockets):
+        return list(one.listening), list(one.asking)
+    return [one.listening.getsockname()[1]], [one.asking.getsockname()[1]]
+
+
+def inode(one: socket.socket | None) -> int:
+    assert one is not None
+    return os.fstat(one.fileno()).st_ino
+
+
+def test_a_session_opens_while_another_is_being_opened(closed_at_the_end: ExitStack) -> None:
+    """The second session of a process does not wait until the first is open, which may take a
+    second, and each knows its own sockets.
+    """
+    has_sockets, may_return = threading.Event(), threading.Event()
+
+    def open_slowly() -> SimpleNamespace:
+        ours = like_zenoh(closed_at_the_end)
+        has_sockets.set()
+        assert may_return.wait(DEADLINE_S)
+        return ours
+
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(with_sockets, open_slowly, MARKS)
+        assert has_sockets.wait(DEADLINE_S)
+        second = pool.submit(with_sockets, lambda: like_zenoh(closed_at_the_end), MARKS)
+        try:
+            results = [second.result(DEADLINE_S)]
+        finally:
+            may_return.set()
+        results.append(first.result(DEADLINE_S))
+    for ours, found in results:
+        closed_at_the_end.enter_context(found.answering)
+        assert ports(found) == ports(ours)
+        assert inode(found.answering) == inode(ours.answering)
+
+
+def test_sockets_of_the_program_are_not_taken_for_zenohs(closed_at_the_end: ExitStack) -> None:
+    """Sockets that another thread of the program opens meanwhile are left alone: of UDP, of
+    multicast, and servers.
+    """
+
+    def open_beside_others() -> SimpleNamespace:
+        opened(closed_at_the_end, socket.SOCK_DGRAM, ("0.0.0.0", 0))
+        of_dds = opened(closed_at_the_end, socket.SOCK_DGRAM, ("0.0.0.0", 0))
+        of_dds.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        of_dds.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 32)
+        opened(closed_at_the_end, socket.SOCK_STREAM, ("0.0.0.0", 0))
+        return like_zenoh(closed_at_the_end)
+
+    ours, found = with_sockets(open_beside_others, MARKS)
+    closed_at_the_end.enter_context(found.answering)
+    assert ports(found) == ports(ours)

@@ -1,0 +1,66 @@
+"""What tests of a bus share, on a simulated network and between real processes alike."""
+
+import asyncio
+from collections.abc import Callable
+from typing import TypeVar
+
+from tfbus import (
+    Buffer,
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+from tfbus.runtime import scheduler
+
+T = TypeVar("T")
+
+# The safety net of all waits, in seconds of the network that the test runs on.
+DEADLINE_S = 40.0
+
+
+def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:
+    """The first true value of the condition; an AssertionError where none comes in time."""
+    deadline = scheduler.monotonic() + within_s
+    while not (value := condition()):
+        assert scheduler.monotonic() < deadline, f"not within {within_s} s"
+        scheduler.sleep(0.01)
+    return value
+
+
+async def lookups_wait(buffer: Buffer, count: int = 1) -> None:
+    """Run asyncio until `count` tasks wait in the buffer; TimeoutError if they never do."""
+    async with asyncio.timeout(DEADLINE_S):
+        while buffer.waiting < count:
+            await asyncio.sleep(0)
+
+
+def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
+    """Send again and again until the condition holds, as a broadcaster does."""
+
+    def sent() -> bool:
+        broadcast()
+        return condition()
+
+    eventually(sent)
+
+
+def keep_sending(
+    node: Node, parent: str, child: str, *, rate_hz: float = 20.0, late_ns: int = 0
+) -> None:
+    """Send a dynamic transform, with stamps `late_ns` in the past."""
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamp_ns = node.now_ns() - late_ns
+        broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
+
+    node.create_timer(1 / rate_hz, send)
+
+
+def send_static(node: Node, parent: str, child: str) -> None:
+    """Publish one static transform."""
+    StaticTransformBroadcaster(node).send_transform(
+        TransformStamped(node.now_ns(), parent, child, Transform.identity())
+    )

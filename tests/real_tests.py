@@ -1,0 +1,114 @@
+"""Tests of what only real processes, sockets, browsers or sleeps show: the marker `real`.
+
+All others run in one process, between two of which nothing but memory passes: a test that does
+more without the marker fails, and says what it did.
+"""
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import zenoh
+
+from tfbus.runtime import scheduler
+
+MARKER = "real"
+
+# Events that Python reports to audit hooks, and what a test does by them.
+_REAL = {
+    "os.fork": "forks",
+    "os.forkpty": "forks",
+    "os.posix_spawn": "starts a process",
+    "os.system": "starts a process",
+    "socket.bind": "opens a socket",
+    "socket.connect": "opens a socket",
+    "subprocess.Popen": "starts a process",
+    "time.sleep": "sleeps in real time",
+}
+
+
+class RealThingError(AssertionError):
+    """A test without the marker does what only real tests do."""
+
+
+class _Guard:
+    """Watches the test that runs, unless it is a real one."""
+
+    def __init__(self) -> None:
+        self.test = ""
+        self.found = ""
+
+    def on_event(self, event: str, args: tuple[Any, ...]) -> None:
+        """As an audit hook."""
+        if self.test and event in _REAL and (event != "time.sleep" or args[0] > 0):
+            self.find(f"{_REAL[event]} ({event} {args!r:.200})")
+
+    def find(self, what: str) -> None:
+        """Raise the error, also at the end of the test where this one is swallowed."""
+        # Threads of earlier tests do what they do.
+        if self.test and (
+            scheduler.is_simulated or threading.current_thread() is threading.main_thread()
+        ):
+            self.found = self.found or (
+                f"{self.test} {what}: let it run on the simulated network (the fixtures bus and "
+                f"network), or, if only that shows what it promises, mark it @pytest.mark.{MARKER}"
+            )
+            raise RealThingError(self.found)
+
+
+_guard = _Guard()
+sys.addaudithook(_guard.on_event)
+
+
+def _guarded(function: Callable[..., Any], what: str) -> Callable[..., Any]:
+    def guarded(*args: Any, **named: Any) -> Any:
+        _guard.find(what)
+        return function(*args, **named)
+
+    return guarded
+
+
+# What Zenoh does, Python reports to nobody.
+zenoh.open = _guarded(zenoh.open, "opens a session of Zenoh's own")
+zenoh.scout = _guarded(zenoh.scout, "scouts by Zenoh's own")
+
+
+@pytest.fixture(scope="session")
+def real() -> None:
+    """Makes the tests real that use it, and those of other fixtures that do."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Say what the marker means."""
+    text = f"{MARKER}: has processes, sockets, browsers or sleeps of its own; make quick leaves it"
+    config.addinivalue_line("markers", text)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that use the fixture."""
+    for item in items:
+        if MARKER in getattr(item, "fixturenames", ()):
+            item.add_marker(MARKER)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Watch a test and its fixtures."""
+    _guard.found = ""
+    _guard.test = "" if item.get_closest_marker(MARKER) else item.nodeid
+    try:
+        return (yield)
+    finally:
+        _guard.test = ""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Fail a test that has swallowed the error."""
+    result = yield
+    if _guard.found:
+        pytest.fail(_guard.found)
+    return result

@@ -1,0 +1,90 @@
+"""A bus for tests on a simulated network: what `live_bus.Bus` does, in virtual time."""
+
+import os
+import subprocess
+from importlib import import_module
+from signal import SIGINT
+from typing import Any
+
+from tests.buses import DEADLINE_S, eventually
+from tfbus import Node, NodeSettings
+from tfbus.testing.network import Network
+from tfbus.testing.programs import Program
+
+
+class Bus:
+    """Processes on one host of a simulated network; the nodes of the test are in one of them.
+
+    Of a node that is to be killed or stopped: `with bus.network.process("outside", "robot")`.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        # How to join it, as the real one has.
+        self.options: list[str] = []
+        self.env = {
+            **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},
+            "COLUMNS": "80",
+        }
+        self._nodes: list[Node] = []
+
+    def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
+        """A node in the process of the test; what is given are fields of NodeSettings."""
+        node = Node(settings=NodeSettings(name, namespace=namespace, **given))
+        self._nodes.append(node)
+        return node
+
+    def start(self, *arguments: str, env: dict[str, str] | None = None) -> Program:
+        """`tfbus ARGUMENTS` as a process that goes on."""
+        return self.start_python("tfbus.__main__", *arguments, env=env)
+
+    def start_python(
+        self,
+        module: str,
+        *arguments: str,
+        env: dict[str, str] | None = None,
+        stdin: str = "",
+        is_terminal: bool = False,
+    ) -> Program:
+        """`python -m MODULE ARGUMENTS` as a process that goes on; its `main` takes none."""
+        main = import_module(module).main
+        name = module.removesuffix(".__main__")
+        return self.network.program(
+            self.network.outside,
+            main,
+            *arguments,
+            name=name,
+            env={**self.env, **(env or {})},
+            stdin=stdin,
+            is_terminal=is_terminal,
+        )
+
+    def run(
+        self, *arguments: str, env: dict[str, str] | None = None, stdin: str = ""
+    ) -> subprocess.CompletedProcess[str]:
+        """`tfbus ARGUMENTS`, run to its end."""
+        program = self.start_python("tfbus.__main__", *arguments, env=env, stdin=stdin)
+        code = program.wait(timeout_s=DEADLINE_S * 3)
+        return subprocess.CompletedProcess(arguments, code, program.stdout, program.stderr)
+
+    def run_in_terminal(self, *arguments: str, until: str = "", lines: int = 24) -> str:
+        """All that `tfbus ARGUMENTS` writes to a terminal of 80 columns; Ctrl-C ends it once that
+        has `until` in it.
+        """
+        program = self.start_python(
+            "tfbus.__main__",
+            *arguments,
+            env={"LINES": str(lines), "TERM": "xterm-256color"},
+            is_terminal=True,
+        )
+        if until:
+            eventually(lambda: until in program.stdout or program.exit_code is not None)
+            assert until in program.stdout, f"{until!r} is not in {program.stdout!r}"
+            program.signal(SIGINT)
+        program.wait(timeout_s=DEADLINE_S * 3)
+        return program.stdout
+
+    def close(self) -> None:
+        """Close its nodes; the network ends the processes."""
+        for node in reversed(self._nodes):
+            node.close()

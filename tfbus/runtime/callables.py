@@ -1,0 +1,47 @@
+"""Callbacks: which can be called, and which are an `async def`."""
+
+from functools import partial
+
+from tfbus.wording import printable
+
+# Of a code object: it is that of an `async def`.
+_CO_COROUTINE = 0x80
+
+
+def check_callback(call: str, callback: object) -> None:
+    """Raise TypeError where it cannot be called."""
+    if not callable(callback):
+        raise TypeError(f"{call}: the last argument must be a function, not {shown(callback)}")
+
+
+def check_plain(call: str, callback: object) -> None:
+    """Raise TypeError where it cannot be called, or is an `async def` that nothing would await."""
+    check_callback(call, callback)
+    if is_async(callback):
+        raise TypeError(
+            f"{call}: {shown(callback)} must be a plain function, not an async def, which "
+            "nothing would await: let the function hand over to a coroutine, by "
+            "asyncio.run_coroutine_threadsafe(coroutine, loop)"
+        )
+
+
+def is_async(callback: object) -> bool:
+    """Whether a call of it returns a coroutine: an `async def`, also as a method or partial."""
+    while isinstance(callback, partial):
+        callback = callback.func
+    if not hasattr(callback, "__code__") and not hasattr(callback, "__func__"):
+        # Of an object that can be called.
+        callback = getattr(type(callback), "__call__", None)  # noqa: B004  # its code is looked at
+    code = getattr(getattr(callback, "__func__", callback), "__code__", None)
+    # As inspect.iscoroutinefunction does, which takes long to load.
+    return code is not None and bool(code.co_flags & _CO_COROUTINE)
+
+
+def shown(value: object) -> str:
+    """The value in a sentence: a class or function by its name, a short value as it is."""
+    name = getattr(value, "__qualname__", None)
+    if callable(value) and isinstance(name, str):
+        return printable(name, 60)
+    if value is None or isinstance(value, str | int | float):
+        return printable(repr(value), 60)
+    return f"a value of type {type(value).__name__}"

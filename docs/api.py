@@ -57,7 +57,16 @@ guide](../guide/view.md).
 """
 
 # Methods that the simulated network itself calls.
-_INNER = {"Network.tasks", "Process.receive", "Process.go_on", "Process.urandom"}
+_INNER = {
+    "Network.tasks",
+    *(
+        f"Process.{name}"
+        for name in ("at_exit", "call_at_exit", "enter", "forget_at_exit", "go_on")
+    ),
+    *(f"Process.{name}" for name in ("handler", "leave", "object_of", "receive", "set_handler")),
+    "Process.urandom",
+    *(f"Program.{name}" for name in ("enter", "leave", "run")),
+}
 
 _TESTING = """\
 A simulated network for tests, and the fixture `network` of pytest. See [the

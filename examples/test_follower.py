@@ -24,19 +24,16 @@ class Turtles:
         network.host("robot")
         network.host("base", offset_s=0.2)  # a clock that is 0.2 s ahead
         network.path("robot", "base", delay_s=0.02, jitter_s=0.01, loss=0.2)
-        self.run("robot", "sim", simulator.main, "--headless")
+        # Each as `tfbus simulator --headless` and so on.
+        network.program("robot", simulator.main, "--headless")
         for turtle in ("turtle1", "turtle2"):
-            words = "--name", f"of_{turtle}", "--param", f"turtlename={turtle}"
-            self.run("robot", turtle, broadcaster.main, *words)
-        self.run("base", "carrot", carrot.main)
-        self.run("base", "follow", follow.main, "--param", "target_frame=carrot1")
+            words = f"--name of_{turtle} --param turtlename={turtle} --param drone=above_{turtle}"
+            network.program("robot", broadcaster.main, *words.split(), name=turtle)
+        network.program("base", carrot.main)
+        network.program("base", follow.main, "--param", "target_frame=carrot1")
         with network.process("robot", "referee"):
             self.buffer = tfbus.Buffer()
             tfbus.TransformListener(self.buffer, tfbus.Node("referee"))
-
-    def run(self, host: str, name: str, main: object, *words: str) -> None:
-        """Start a command of tfbus as a process."""
-        self.network.start(host, name, main, [*words], standalone_mode=False)
 
     def distance_m(self) -> float:
         """From the follower to its carrot."""

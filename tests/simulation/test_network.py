@@ -1,6 +1,7 @@
 """The simulated network as users have it: hosts, processes, paths, and words for its faults."""
 
 import os
+import signal
 import socket
 import time
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 import tfbus
 from tfbus.messages import Vector3
+from tfbus.nodes import carrot
 from tfbus.secure.keystore import Keystore
 from tfbus.secure.rights import Identity
 from tfbus.testing import Network, Process, SimulationError
@@ -86,6 +88,20 @@ def test_a_killed_process_is_gone_and_back_when_restarted(network: Network) -> N
     network.run(until=lambda: not eye.sees("arm"))
     network.restart("robot/arm")
     network.run(until=lambda: eye.sees("arm"))
+
+
+def test_a_program_has_output_and_exit_code_and_is_restarted(network: Network) -> None:
+    """A command of tfbus runs as in a terminal, under the name of its module."""
+    network.host("robot")
+    program = network.program("robot", carrot.main, "--param", "radius=1.0")
+    program.wait_for_line("ready")
+    network.restart("robot/carrot")
+    assert program.exit_code == -signal.SIGKILL
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("carrot1"))
+    mistaken = network.program("robot", carrot.main, "--rate", "5", name="mistaken")
+    assert mistaken.wait() == 2
+    assert "No such option" in mistaken.stderr
 
 
 def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:

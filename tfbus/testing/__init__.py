@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from tfbus.testing.network import Network as Network
     from tfbus.testing.processes import Host as Host
     from tfbus.testing.processes import Process as Process
+    from tfbus.testing.programs import Program as Program
     from tfbus.testing.tasks import SimulationError as SimulationError
 
 _MODULES = {
@@ -17,8 +18,16 @@ _MODULES = {
     "Host": "tfbus.testing.processes",
     "Network": "tfbus.testing.network",
     "Process": "tfbus.testing.processes",
+    "Program": "tfbus.testing.programs",
     "SimulationError": "tfbus.testing.tasks",
 }
-__all__ = ["Faults", "Host", "Network", "Process", "SimulationError"]  # imported when used
+__all__ = [
+    "Faults",
+    "Host",
+    "Network",
+    "Process",
+    "Program",
+    "SimulationError",
+]  # imported when used
 
 __getattr__ = exported(__name__, _MODULES)

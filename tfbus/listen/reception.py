@@ -189,9 +189,7 @@ class StreamReception:
             elif not verdict.counts:
                 self.counts.disputed += 1
             else:
-                self._begin_epoch()
-            if verdict is Verdict.TAKEOVER:
-                self.statics.accept_any()
+                self._begin_epoch(verdict)
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:
             self._warn_of_two()
         if verdict is Verdict.FUTURE:
@@ -208,10 +206,13 @@ class StreamReception:
             self._restart(epoch_ns, verdict)
         return verdict.counts
 
-    def _begin_epoch(self) -> None:
+    def _begin_epoch(self, verdict: Verdict) -> None:
         """An epoch begins; with the lock held."""
         self._marks.invalidate()
         self.counts.forget_delays()
+        if verdict is Verdict.TAKEOVER or (self.epoch_ns or 0) < (self.statics.epoch_ns or 0):
+            # The set is of another process, or made up: that of an earlier epoch counts now.
+            self.statics.accept_any()
 
     def _dispute(self, epoch_ns: int) -> None:
         now_s = self.now_s()
@@ -601,10 +602,7 @@ class StreamReception:
                 return False
             verdict = self.epochs.confirm(epoch_ns)
             if verdict is Verdict.RESTART:
-                self._begin_epoch()
-                if epoch_ns < (self.statics.epoch_ns or 0):
-                    # Made up, or of another process.
-                    self.statics.accept_any()
+                self._begin_epoch(verdict)
         if verdict is Verdict.RESTART:
             self._restart(epoch_ns, verdict)
         return True

@@ -7,15 +7,32 @@ from tfbus.listen.registry import Registry
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.structs import Struct
 
 # A stream that sends for so long after its token was lost is not gone. What is under way when a
 # process is killed comes before that.
-_SENDS_FOR_NS = 2 * 10**9
+_SENDS_FOR_S = 2.0
 
 # A stream that was brought back so is gone when it is silent for so long.
-_SILENT_NS = 5 * 10**9
+_SILENT_S = 5.0
 
 _EVERY_S = 1.0
+
+
+class _Heard(Struct, frozen=False):
+    """When a stream was last looked at and had sent, by a clock that nobody sets."""
+
+    gone_s: float
+    last_ns: int | None
+    looked_s: float
+    heard_s: float
+
+    def look(self, last_ns: int | None, now_s: float) -> None:
+        """Note when the last message came, by the system's clock, which may be set."""
+        if last_ns != self.last_ns:
+            # It came since the look before.
+            self.last_ns, self.heard_s = last_ns, self.looked_s
+        self.looked_s = now_s
 
 
 class StillSending:
@@ -25,38 +42,44 @@ class StillSending:
         self._registry = registry
         self._watch = watch
         self._executor = executor
-        # When each was gone, and those that were brought back.
-        self._gone_ns: dict[str, int] = {}
-        self._back: set[str] = set()
+        # Those that are gone, and those of them that were brought back.
+        self._gone: dict[str, _Heard] = {}
+        self._back: dict[str, _Heard] = {}
         self._is_looking = False
 
     def note_gone(self, name: str) -> None:
         """Look from now on whether a stream goes on to send."""
-        self._gone_ns[name] = scheduler.time_ns()
-        self._back.discard(name)
+        now_s = scheduler.monotonic()
+        self._gone[name] = _Heard(now_s, self._last_ns(name), now_s, now_s)
+        self._back.pop(name, None)
         self._look_later()
 
+    def _last_ns(self, name: str) -> int | None:
+        stream = self._registry.get(name)
+        return None if stream is None else stream.reception.counts.last_heard_ns
+
     def _look_later(self) -> None:
-        if not self._is_looking and (self._gone_ns or self._back):
+        if not self._is_looking and (self._gone or self._back):
             self._is_looking = True
             self._executor.after(_EVERY_S, self._look)
 
     def _look(self) -> None:
         self._is_looking = False
-        for name, gone_ns in list(self._gone_ns.items()):
+        now_s = scheduler.monotonic()
+        for name, heard in list(self._gone.items()):
+            heard.look(self._last_ns(name), now_s)
             stream = self._registry.get(name)
             if stream is None or stream.state is None or stream.state.alive:
-                del self._gone_ns[name]
-            elif (stream.reception.counts.last_heard_ns or 0) - gone_ns > _SENDS_FOR_NS:
-                del self._gone_ns[name]
-                self._back.add(name)
+                del self._gone[name]
+            elif heard.heard_s - heard.gone_s >= _SENDS_FOR_S:
+                self._back[name] = self._gone.pop(name)
                 self._watch.take_for_alive(stream.state.key)
-        for name in list(self._back):
+        for name, heard in list(self._back.items()):
+            heard.look(self._last_ns(name), now_s)
             stream = self._registry.get(name)
-            heard_ns = None if stream is None else stream.reception.counts.last_heard_ns
             if stream is None or stream.state is None or self._watch.has_token(stream.state.key):
-                self._back.discard(name)
-            elif scheduler.time_ns() - (heard_ns or 0) > _SILENT_NS:
-                self._back.discard(name)
+                del self._back[name]
+            elif now_s - heard.heard_s > _SILENT_S:
+                del self._back[name]
                 self._watch.take_for_gone(stream.state.key)
         self._look_later()

@@ -8,7 +8,6 @@ import heapq
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfbus.testing.tasks import Tasks
@@ -91,36 +90,37 @@ class Lane:
         self.is_reliable = is_reliable
         self.is_open = True
         self._places = itertools.count(1)
-        # Packets that wait for the bandwidth, a heap; those that wait for the path to be up.
+        # Packets that wait for the bandwidth, a heap.
         self._waiting: list[_Packet] = []
-        self._held: list[_Packet] = []
         self._is_sending = False
-        self._sent = self._arrived = self._arrived_ns = 0
+        # Packets that wait for the path to be up, or for one before them, by their numbers.
+        self._held: dict[int, _Packet] = {}
+        self._numbers = itertools.count(1)
+        # The number of the last packet that has arrived, and when the last one that left is due.
+        self._arrived = self.due_ns = 0
 
     def has_room(self, urgent: bool) -> bool:
         """Whether a message that may be dropped is sent."""
-        waiting = itertools.chain(self._waiting, self._held)
+        waiting = itertools.chain(self._waiting, self._held.values())
         backlog = sum(packet.size for packet in waiting if packet.is_other is not urgent)
         return backlog < (_URGENT_BYTES if urgent else _OTHER_BYTES)
 
     def send(self, call: Callable[[], object], size: int = 100, *, is_urgent: bool = True) -> None:
         """Make a call at the far end, once it has arrived there."""
         packet = _Packet(not is_urgent, next(self._places), call, size)
-        if self.is_reliable and (not self.path.is_up or self._held):
-            self._held.append(packet)
-        elif self.path.bytes_a_second or self._waiting:
+        if self.path.bytes_a_second or self._waiting:
             heapq.heappush(self._waiting, packet)
             self._send_next()
         else:
-            self._launch(packet)
+            self._launch(next(self._numbers), packet)
 
     def release(self) -> None:
         """The path is up again: all that waits is sent anew, after TCP's pause."""
-        held, self._held = sorted(self._held, key=attrgetter("place")), []
+        held, self._held = sorted(self._held.items()), {}
         down_s = (self._tasks.now_ns - self.path.changed_ns) / 1e9
         pause_s = self._tasks.random.uniform(0, min(down_s, 2 * LEASE_S))
-        for packet in held:
-            self._launch(packet, pause_s)
+        for number, packet in held:
+            self._launch(number, packet, pause_s)
 
     def _send_next(self) -> None:
         """Send the first of those that wait, unless another one is leaving."""
@@ -132,28 +132,28 @@ class Lane:
 
         def has_left() -> None:
             self._is_sending = False
-            self._launch(packet)
+            self._launch(next(self._numbers), packet)
             self._send_next()
 
         self._tasks.call_after(packet.size / rate if rate else 0.0, has_left)
 
-    def _launch(self, packet: _Packet, pause_s: float = 0.0) -> None:
+    def _launch(self, number: int, packet: _Packet, pause_s: float = 0.0) -> None:
         """Bring a packet to the far end: after TCP has repeated it, or not at all."""
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
+        if self.is_reliable and not path.is_up:
+            self._held[number] = packet
+            return
         delay_s, more_s = path.delays_s(chance)
         if self.is_reliable:
             delay_s += pause_s + more_s + self._resends_s()
         elif path.loss and chance() < path.loss:
             return
         # Jitter alone changes no order: packets of one way wait in one queue.
-        due_ns = tasks.now_ns + round(delay_s * 1e9)
-        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
-        if not self.is_reliable:
-            due_ns += round(more_s * 1e9)
-        self._sent += 1
-        number = self._sent
-        tasks.call_at(due_ns, lambda: self._arrive(packet, number))
+        self.due_ns = max(self.due_ns + 1, tasks.now_ns + round(delay_s * 1e9))
+        late_ns = 0 if self.is_reliable else round(more_s * 1e9)
+        arrive = self._arrive if self.is_reliable else self._arrive_once
+        tasks.call_at(self.due_ns + late_ns, lambda: arrive(number, packet))
 
     def _resends_s(self) -> float:
         """How long TCP takes to bring a packet through a path that loses some."""
@@ -163,12 +163,14 @@ class Lane:
             resend_s = min(2 * resend_s, 60.0)
         return late_s
 
-    def _arrive(self, packet: _Packet, number: int) -> None:
-        if not self.is_open:
-            return
-        if self.is_reliable and not self.path.is_up:
-            # Lost on its way: TCP sends it again, before what was sent after it.
-            self._held.append(packet)
-        elif self.is_reliable or (self.path.is_up and number > self._arrived):
+    def _arrive(self, number: int, packet: _Packet) -> None:
+        """One that is lost on its way is sent again, and all that was sent after it waits."""
+        self._held[number] = packet
+        while self.is_open and self.path.is_up and self._arrived + 1 in self._held:
+            self._arrived += 1
+            self._held.pop(self._arrived).call()
+
+    def _arrive_once(self, number: int, packet: _Packet) -> None:
+        if self.is_open and self.path.is_up and number > self._arrived:
             self._arrived = number
             packet.call()

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+from collections.abc import Callable
 from importlib import import_module
 from signal import SIGINT
 from typing import Any
@@ -47,8 +48,25 @@ class Bus:
         is_terminal: bool = False,
     ) -> Program:
         """`python -m MODULE ARGUMENTS` as a process that goes on; its `main` takes none."""
-        main = import_module(module).main
-        name = module.removesuffix(".__main__")
+        return self.start_main(
+            import_module(module).main,
+            *arguments,
+            name=module.removesuffix(".__main__"),
+            env=env,
+            stdin=stdin,
+            is_terminal=is_terminal,
+        )
+
+    def start_main(
+        self,
+        main: Callable[[], object],
+        *arguments: str,
+        name: str = "",
+        env: dict[str, str] | None = None,
+        stdin: str = "",
+        is_terminal: bool = False,
+    ) -> Program:
+        """A program of its own, which is a function of a test's, as a process that goes on."""
         return self.network.program(
             self.network.outside,
             main,

@@ -215,6 +215,26 @@ def test_invented_participants_are_forgotten_first(
     assert [each.node for each in one.publishers("/chatter")] == ["/robot1/two"]
 
 
+def test_an_only_node_that_tells_no_writers_has_them_all(legs: tuple[Any, Any]) -> None:
+    """As roswell tells its node; otherwise each writer is of the node that tells it."""
+    one, two = legs
+    two.publisher(CHATTER)
+    gid = two._gid.bytes
+    for nodes, name in (
+        ([NodeEntities("/rover")], "/rover"),
+        ([NodeEntities("/a", [], [bytes(16)])], ""),
+        ([NodeEntities("/rover")], "/rover"),
+        ([NodeEntities("/rover"), NodeEntities("/other")], ""),
+    ):
+        info = encode_nodes(ParticipantNodes(gid, nodes))
+        two._graph.write(two._graph.data_type(info))
+        eventually(
+            lambda name=name: (
+                [one._watch.node_of(each) for each in one._watch.writers("rt/chatter")] == [name]
+            )
+        )
+
+
 def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:
     """The warnings say who publishes the topic with another type."""
     one, two = legs

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from tests.live_bus import DEADLINE_S
+from tests.buses import DEADLINE_S
 from tfbus import Node
 from tfbus.broadcast import node_streams
 from tfbus.broadcast.node_streams import stream_of_node

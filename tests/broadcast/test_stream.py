@@ -1,7 +1,6 @@
 """Streams: how they number and divide messages, when an epoch begins, what they keep."""
 
 import logging
-import sys
 import tracemalloc
 from collections.abc import Callable
 from typing import Any
@@ -13,17 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, at
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,
     LookupException,
     Node,
     StaticTransformBroadcaster,
+    Transform,
     TransformBatch,
     TransformBroadcaster,
     TransformListener,
+    TransformStamped,
 )
 from tfbus.broadcast import newest_stamps
 from tfbus.broadcast.announcer import FrameAnnouncer
@@ -36,8 +38,6 @@ from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
-
-pytestmark = pytest.mark.real
 
 # Without a bus
 
@@ -663,21 +663,19 @@ def test_two_streams_of_a_node_may_send_one_frame(sender: Node, receiver: Node) 
     send_until(send_both, lambda: heard == {"tf/left", "tf/right"})
 
 
-PUBLISHER = """
-import time
-from tfbus import *
-with Node("robot") as node:
-    broadcaster = TransformBroadcaster(node, split=True)
-    for number in range(3):
-        pose = Transform((number, 0, 0))
-        broadcaster.send_transform(TransformStamped(number * 10**9, "world", "base", pose))
-    node.spin()
-"""
+def publish_three() -> None:
+    """A program that sends three poses, then waits."""
+    with Node("robot") as node:
+        broadcaster = TransformBroadcaster(node, split=True)
+        for number in range(3):
+            pose = Transform((number, 0, 0))
+            broadcaster.send_transform(TransformStamped(number * S, "world", "base", pose))
+        node.spin()
 
 
 def test_a_listener_of_another_process_has_what_was_sent_before_it(bus: Bus) -> None:
     """A listener that asks for history knows what another process sent before it was there."""
-    bus.start_command([sys.executable, "-c", PUBLISHER]).wait_for_line("ready")
+    bus.start_main(publish_three).wait_for_line("ready")
     buffer = Buffer()
     with TransformListener(buffer, bus.node("late"), history_s=60.0):
         eventually(lambda: buffer.can_transform("world", "base", 500_000_000))

@@ -6,12 +6,11 @@ import time
 import pytest
 
 from tests.builders import at
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import Node, TransformBatch, TransformBroadcaster
 from tfbus.messages import Clock
-
-pytestmark = pytest.mark.real
 
 HOUR_NS = 3_600_000_000_000
 

@@ -4,10 +4,8 @@ import sys
 
 import pytest
 
-from tests.live_bus import Bus
 from tests.processes.publishers import launch
-
-pytestmark = pytest.mark.real
+from tests.simulated_bus import Bus
 
 # Ends while messages arrive, without closing anything.
 NO_CLOSE = """
@@ -49,6 +47,7 @@ def busy(bus: Bus) -> Bus:
     return bus
 
 
+@pytest.mark.real
 def test_a_process_ends_while_messages_arrive(busy: Bus) -> None:
     """A program that closes nothing ends with 0 and prints nothing."""
     for _ in range(3):
@@ -58,6 +57,7 @@ def test_a_process_ends_while_messages_arrive(busy: Bus) -> None:
         assert process.err == []
 
 
+@pytest.mark.real
 def test_a_process_may_fork_while_messages_arrive(busy: Bus) -> None:
     """A child of a fork ends with its own exit code, and its parent goes on receiving."""
     process = busy.start_command([sys.executable, "-c", FORK])

@@ -5,14 +5,13 @@ import logging
 
 import pytest
 
-from tests.live_bus import Bus, eventually, send_until
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings, SettingsError
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.wire.codec import encode_map
 from tfbus.wire.limits import Limits
-
-pytestmark = pytest.mark.real
 
 SMALL = Limits(topic=1000, service=1000, transforms=1000, description=100_000, parameter=1000)
 
@@ -114,6 +113,7 @@ def test_a_refusal_of_a_stranger_can_be_printed(bus: Bus, sender: Node) -> None:
     assert len(str(answers[0].refusal)) < 1100
 
 
+@pytest.mark.real
 def test_zenoh_keeps_what_is_much_too_large(bus: Bus) -> None:
     """Zenoh itself drops a message of more than twice the largest limit."""
     received = json.loads(zenoh_config(NodeSettings("sim")).get_json("transport/link/rx"))

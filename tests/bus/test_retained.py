@@ -5,10 +5,9 @@ import sys
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
+from tests.simulated_bus import Bus
 from tfbus.bus.retained import declare_retained_subscriber
-
-pytestmark = pytest.mark.real
 
 # While a callback runs, Zenoh holds a lock of its subscriber, and the end of a publisher waits for
 # that lock. Where it holds Python's too, the whole process stands still: so it is one of its own.
@@ -89,6 +88,7 @@ sys.exit(f"Python stood still for {longest_s:.1f} s" if longest_s > 5.0 else 0)
 
 
 @pytest.mark.parametrize("kind", ["of a node", "in ROS"])
+@pytest.mark.real
 def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
     bus: Bus, kind: str
 ) -> None:
@@ -97,6 +97,7 @@ def test_a_retained_publisher_ends_while_a_subscriber_of_its_key_is_called(
     subprocess.run(command, check=True, timeout=DEADLINE_S)
 
 
+@pytest.mark.real
 def test_an_end_that_meets_the_heartbeat_leaves_python_free(bus: Bus) -> None:
     """The end waits for the heartbeat, that for callbacks, and these for Python."""
     command = [sys.executable, "-c", _HEARTBEAT, str(bus.quick_config), bus.endpoint]

@@ -11,13 +11,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.live_bus import DEADLINE_S, Bus, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
-
-pytestmark = pytest.mark.real
 
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
@@ -68,6 +67,7 @@ def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_
     assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
 
 
+@pytest.mark.real
 def test_two_introduced_peers_have_one_link(bus: Bus) -> None:
     """Of two peers that learn of each other from a third, only one connects."""
     peers = [bus.node(f"peer{number}").session.zenoh for number in range(4)]
@@ -76,6 +76,7 @@ def test_two_introduced_peers_have_one_link(bus: Bus) -> None:
     assert [len(peer.info.links()) for peer in peers] == [4, 4, 4, 4]
 
 
+@pytest.mark.real
 def test_a_session_that_does_not_close_in_time_is_logged(
     bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -92,6 +93,7 @@ def test_a_session_that_does_not_close_in_time_is_logged(
     assert caplog.messages == ["Session did not close cleanly: close operation timed out!"]
 
 
+@pytest.mark.real
 def test_tokens_end_even_where_a_link_stays(bus: Bus, receiver: Node) -> None:
     """Where Zenoh leaves a link open that began while it closed, no token is alive on it."""
     settings = NodeSettings("sim", config=str(bus.quick_config), connect=(bus.endpoint,))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, free_port
+from tests.buses import DEADLINE_S
+from tests.live_bus import free_port
 
 pytestmark = [pytest.mark.real, pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")]
 

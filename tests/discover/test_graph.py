@@ -2,15 +2,12 @@
 
 import logging
 
-import pytest
-
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
 from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
 from tfbus.discover.presence import describe_streams
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-
-pytestmark = pytest.mark.real
 
 
 def node(name: str, **interfaces: dict[str, str]) -> NodeDescription:

@@ -12,8 +12,6 @@ from tfbus.discover import out_of_reach
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError
 
-pytestmark = pytest.mark.real
-
 TLS = ("tls/[fe80::1]:4711", "tls/10.0.0.1:4711")
 TCP = ("tcp/10.0.0.2:4712",)
 
@@ -78,6 +76,7 @@ def test_a_client_with_a_router_is_not_kept_out(answering: Any) -> None:
     assert said(FakeSession(settings)) != ""
 
 
+@pytest.mark.real
 def test_an_endpoint_that_does_not_answer_is_named(answering: Any) -> None:
     """It is the first reason; one that answers is none."""
     with socket.socket() as silent:

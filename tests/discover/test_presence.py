@@ -1,12 +1,12 @@
 """Presence: nodes start, are listed and described, and end."""
 
 import logging
-import sys
 
 import pytest
 
-from tests.live_bus import Bus, eventually
-from tfbus import BusError, NodeSettings
+from tests.buses import eventually
+from tests.simulated_bus import Bus
+from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
     NodeWatch,
@@ -16,8 +16,6 @@ from tfbus.discover.presence import (
 )
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key, relative_name
-
-pytestmark = pytest.mark.real
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -54,9 +52,7 @@ def test_a_closed_node_is_not_listed(bus: Bus) -> None:
 def test_a_killed_node_is_not_listed(bus: Bus) -> None:
     """A process that dies takes its node with it."""
     session = look(bus)
-    process = bus.start_command(
-        [sys.executable, "-c", "import tfbus; tfbus.Node('doomed').spin()"],
-    )
+    process = bus.start_main(lambda: Node("doomed").spin())
     eventually(lambda: "/doomed" in list_nodes(session))
     process.kill()
     eventually(lambda: "/doomed" not in list_nodes(session))
@@ -101,8 +97,7 @@ def test_an_unknown_node_is_refused_with_the_nearest_name(bus: Bus) -> None:
 
 def test_an_empty_bus_is_reported(bus: Bus) -> None:
     """Where there is no node at all, the message asks what may be wrong."""
-    settings = NodeSettings("x", config=str(bus.config), connect=(bus.endpoint,))
-    session = Session(settings, logging.getLogger("test"))
+    session = Session(NodeSettings("x"), logging.getLogger("test"))
     with session, pytest.raises(BusError) as caught:
         describe_nodes(session, "sim")
     assert str(caught.value) == (

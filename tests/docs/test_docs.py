@@ -26,12 +26,11 @@ from tests.docs.reader import PATH, Reader
 from tests.live_bus import Bus
 from tfbus.cli import main
 
-pytestmark = pytest.mark.real
-
 SECTIONS = [section for page in PAGES for section in sections(page)]
 BLOCKS = [block for section in SECTIONS for block in section.blocks]
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     "section", [section for section in SECTIONS if any(b.is_run for b in section.blocks)], ids=str
 )
@@ -113,6 +112,7 @@ def test_every_page_and_example_is_in_the_index() -> None:
     assert {path for path in paths - {"README.md"} if f"({path})" not in index} == set()
 
 
+@pytest.mark.real
 def test_the_launch_file_of_the_picture_has_no_mistakes(bus: Bus) -> None:
     """docs/images/picture.yaml, which makes turtle.png, can be started."""
     images = ROOT / "docs" / "images"

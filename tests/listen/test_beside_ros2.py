@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import pytest
 
 from tests.builders import at, x_of
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
 from tests.ros2_on_zenoh import CLOCK, Ros2
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import pytest
 
 from tests.builders import at, payload, x_of
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
 from tfbus.listen.budget import Budget

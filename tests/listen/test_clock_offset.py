@@ -1,16 +1,17 @@
 """How far the clocks of other nodes are from ours, by the four times of NTP; warnings."""
 
 import logging
-import sys
 import threading
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
+    Node,
     Transform,
     TransformBroadcaster,
     TransformListener,
@@ -63,23 +64,24 @@ def test_a_skew_worth_a_warning(offset_s: float, round_trip_s: float, is_skewed:
     assert ClockOffset(offset_s, round_trip_s).is_skewed is is_skewed
 
 
-# A node on a host whose clock is off.
-FALSE_CLOCK = """
-import sys, time
-real = time.time_ns
-time.time_ns = lambda: real() + round(float(sys.argv[1]) * 1e9)
-import tfbus
-with tfbus.Node("robot") as node:
-    tf = tfbus.TransformBroadcaster(node)
-    stamp = lambda: tfbus.TransformStamped(node.now_ns(), "odom", "base", tfbus.Transform())
-    node.create_timer(0.05, lambda: tf.send_transform(stamp()))
-    node.spin()
-"""
+def publish() -> None:
+    """A program that publishes one frame with stamps of its host's clock."""
+    with Node("robot") as node:
+        broadcaster = TransformBroadcaster(node)
+
+        def send() -> None:
+            broadcaster.send_transform(
+                TransformStamped(node.now_ns(), "odom", "base", Transform.identity())
+            )
+
+        node.create_timer(0.05, send)
+        node.spin()
 
 
 def start_robot(bus: Bus, ahead_s: float) -> None:
-    """A publisher in a process of its own, whose clock is `ahead_s` ahead of ours."""
-    bus.start_command([sys.executable, "-c", FALSE_CLOCK, str(ahead_s)]).wait_for_line("ready")
+    """A publisher on a host of its own, whose clock is `ahead_s` ahead of ours."""
+    host = bus.network.host("robot", offset_s=ahead_s)
+    bus.network.program(host, publish).wait_for_line("ready")
 
 
 def robot(listener: TransformListener) -> StreamInfo | None:
@@ -95,7 +97,6 @@ def robot(listener: TransformListener) -> StreamInfo | None:
         (-2.5, " is 2[.]\\d{3} s behind ours .* wait that long, or fail"),
     ],
 )
-@pytest.mark.real
 def test_a_listener_warns_of_a_clock_that_is_off(bus: Bus, ahead_s: float, said: str) -> None:
     """Each listener knows how far a publisher's clock is from its own, and warns of it once."""
     start_robot(bus, ahead_s)
@@ -109,7 +110,6 @@ def test_a_listener_warns_of_a_clock_that_is_off(bus: Bus, ahead_s: float, said:
     assert len([line for line in echo.err if "The clock of" in line]) == 1
 
 
-@pytest.mark.real
 def test_clocks_that_agree_are_not_warned_of(bus: Bus) -> None:
     """On one host the offset is nearly 0, and no warning is logged."""
     start_robot(bus, 0.0)

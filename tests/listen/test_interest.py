@@ -9,8 +9,9 @@ from signal import SIGKILL
 import pytest
 
 from tests.builders import description, live_stream, x_of
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
 from tests.processes.publishers import launch, start
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     ConnectivityException,

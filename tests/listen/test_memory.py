@@ -3,7 +3,8 @@
 import pytest
 
 from tests.builders import at, payload, x_of
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
 
 

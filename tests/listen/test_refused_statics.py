@@ -1,8 +1,9 @@
 """Static transforms that the buffer refused: when they are retried, and when no longer."""
 
 from tests.builders import at
+from tests.buses import eventually
 from tests.listen.received import Received
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
 
 

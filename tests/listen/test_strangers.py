@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import pytest
 
 from tests.builders import S, at, description, payload, x_of
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
@@ -110,7 +111,6 @@ def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) ->
 
 
 @pytest.mark.parametrize("count", [1, 2])
-@pytest.mark.real
 def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, count: int) -> None:
     """Each with a later epoch of its own session, and no message: once the publisher has shown that
     it lives, it keeps its stream. Its restart takes it as ever.

@@ -5,7 +5,9 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import free_port
+from tests.simulated_bus import Bus
 from tfbus import (
     Node,
     NodeSettings,

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from tests.live_bus import Bus, eventually, send_until
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import GoalHandle, InvalidNameError, Node
 from tfbus.discover.graph import graph_of
 from tfbus.discover.presence import describe_all

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.builders import at
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     BusError,

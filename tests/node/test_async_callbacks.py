@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     GoalHandle,
@@ -190,7 +191,6 @@ def test_a_busy_service_refuses_what_would_await_too_much(node: Node) -> None:
     eventually(lambda: node.executor.submit("service a", lambda: None, limit=1))
 
 
-@pytest.mark.real
 def test_a_service_of_the_same_node_is_awaited(node: Node) -> None:
     """Once it is there; the node serves it meanwhile."""
     answers: list[str] = []

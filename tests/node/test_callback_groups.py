@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     GoalHandle,
@@ -108,7 +109,6 @@ def test_topics_services_timers_actions_and_parameters_take_a_group(bus: Bus, no
     go_on.set()
 
 
-@pytest.mark.real
 def test_a_service_of_the_same_node_is_called_from_another_group(node: Node) -> None:
     """And answers on the node's own thread."""
     answers: list[str] = []
@@ -123,7 +123,6 @@ def test_a_service_of_the_same_node_is_called_from_another_group(node: Node) -> 
     eventually(lambda: answers == ["a"])
 
 
-@pytest.mark.real
 def test_a_node_without_groups_has_no_thread_for_them(node: Node) -> None:
     """They start with the first callback of a group."""
     ticked = threading.Event()
@@ -183,7 +182,6 @@ def test_a_callback_that_does_not_return_is_described(node: Node) -> None:
     go_on.set()
 
 
-@pytest.mark.real
 def test_a_lookup_that_holds_up_its_own_broadcaster_says_so(node: Node) -> None:
     """Not that one should query the latest: the remedy is a group, or an `async def`."""
     broadcaster = TransformBroadcaster(node)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus
+from tests.buses import DEADLINE_S
+from tests.simulated_bus import Bus
 from tfbus import BusError, NodeSettings
 from tfbus.bus.query import Answer
 from tfbus.node import fixed_id

@@ -2,7 +2,8 @@
 
 import msgpack
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus.cli.bus import look
 from tfbus.messages import RobotDescription
 

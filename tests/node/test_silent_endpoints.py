@@ -9,7 +9,8 @@ from typing import cast
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import NodeSettings
 from tfbus.bus.session import Session
 from tfbus.node import silent_endpoints

@@ -24,6 +24,7 @@ from tests.recording.foreign_files import (
     write_rosbag2,
 )
 from tfbus.errors import DecodeError
+from tfbus.recording.foreign import files
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
@@ -506,3 +507,17 @@ def test_names_of_ros_1_are_such_as_others_read(tmp_path: Path) -> None:
     others.register(typesys.get_types_from_msg(definition.text, name))
     read = others.deserialize_cdr(data, name)
     assert (read.i_tow_2, read.i_tow, read.vel_n.tolist(), read.FIX) == (5, 6, [1, 2], 3)
+
+
+def test_the_metadata_of_a_folder_is_read_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It may have megabytes, for which YAML takes long."""
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
+    (tmp_path / "a_0.mcap").touch()
+    reads: list[str] = []
+    load = files.yaml.safe_load
+    monkeypatch.setattr(files.yaml, "safe_load", lambda text: (reads.append(text), load(text))[1])
+    with pytest.raises(DecodeError), opened(tmp_path):
+        pass
+    assert len(reads) == 1

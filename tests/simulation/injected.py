@@ -1,6 +1,6 @@
 """Defects put back by hand, to see whether the histories find them.
 
-    python -m tests.simulation.injected
+python -m tests.simulation.injected
 
 Each takes the place of a real function. Prints for each in how many seconds, and with which seed,
 the laws have found it; without `--from` and `--seconds` within a minute from seed 0 on.

@@ -251,6 +251,14 @@ def test_a_closed_bus_is_refused(network: Network, tmp_path: Path) -> None:
         tfbus.Node(settings=settings)
 
 
+def test_a_configuration_file_is_refused(network: Network, tmp_path: Path) -> None:
+    """A node is not simulated as if its file were empty."""
+    path = tmp_path / "zenoh.json5"
+    path.write_text("{}")
+    with pytest.raises(SimulationError, match="files of Zenoh are not simulated: node 'node'"):
+        tfbus.Node(settings=tfbus.NodeSettings("node", config=str(path)))
+
+
 def test_settings_of_the_environment_have_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """A network hides the settings of the machine's own bus."""
     monkeypatch.setenv("TFBUS_MODE", "client")

@@ -157,7 +157,14 @@ class Executor:
             due = [entry for entry in self._due if entry[0] <= now_s and not entry[2].once]
             if due:
                 return min(due)[2].what
-            return self._ready[0][0] if self._ready else ""
+            ready = (what for what, callback, _ in self._ready if not self._is_once(callback))
+            return next(ready, "")
+
+    def _is_once(self, callback: Callback) -> bool:
+        """Whether it is the only tick of a timer: such ones are tfbus's own."""
+        if isinstance(callback, partial) and callback.func == self._tick:
+            return bool(callback.args[1].once)
+        return False
 
     def end(self) -> None:
         """Run no further callbacks, and end the lookups that the current ones wait in."""

@@ -60,15 +60,23 @@ def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
             _rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
 
 
+# By module: how many names it had when it was searched, and those of its names that are replaced.
+_bound: dict[str, tuple[int, tuple[str, ...]]] = {}
+
+
 def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
     """Replace names in modules that have bound them, as `from time import sleep` does."""
-    for module in list(sys.modules.values()):
-        name = getattr(module, "__name__", "")
-        if not isinstance(name, str) or name.partition(".")[0] in _REAL:
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] in _REAL:
             continue
-        for attribute, value in list(getattr(module, "__dict__", {}).items()):
-            if id(value) in replaced:
-                setattr(module, attribute, replaced[id(value)][1])
+        namespace = getattr(module, "__dict__", {})
+        size, attributes = _bound.get(name, (-1, ()))
+        if size != len(namespace):
+            attributes = tuple(each for each, value in namespace.items() if id(value) in replaced)
+            _bound[name] = len(namespace), attributes
+        for attribute in attributes:
+            if id(namespace.get(attribute)) in replaced:
+                setattr(module, attribute, replaced[id(namespace[attribute])][1])
 
 
 def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
@@ -184,6 +192,7 @@ class _Threads:
                 return
             if thread._started.is_set():  # type: ignore[attr-defined]
                 raise RuntimeError("threads can only be started once")
+            threading._limbo[thread] = thread  # type: ignore[attr-defined]
             task = tasks.start(thread.name, tasks.current.place, lambda: _run(thread))
             task.thread = thread
             thread._simulated_task = task  # type: ignore[attr-defined]
@@ -212,5 +221,6 @@ def _run(thread: threading.Thread) -> None:
     """The body of a thread, which `threading.current_thread()` gives within."""
     thread._ident = _thread.get_ident()  # type: ignore[attr-defined]
     threading._active[thread._ident] = thread  # type: ignore[attr-defined]
+    threading._limbo.pop(thread, None)  # type: ignore[attr-defined]
     with suppress(SystemExit):
         thread.run()

@@ -32,17 +32,22 @@ class Host:
         self.address = name
         self.drift_ppm = drift_ppm
         self._offset_ns = round(offset_s * 1e9)
+        self._read_ns = 0
         self.processes: list[Process] = []
 
     def time_ns(self) -> int:
         """The time by its clock, in nanoseconds since the Unix epoch."""
         elapsed_ns = self._tasks.now_ns
         drift_ns = int(elapsed_ns * self.drift_ppm / 1e6)
-        return START_NS + elapsed_ns + drift_ns + self._offset_ns
+        now_ns = START_NS + elapsed_ns + drift_ns + self._offset_ns
+        # No two readings are the same, though no time passes while a task runs.
+        self._read_ns = max(now_ns, self._read_ns + 1)
+        return self._read_ns
 
     def step_clock(self, step_s: float) -> None:
         """Set its clock forward, or back where the step is negative."""
         self._offset_ns += round(step_s * 1e9)
+        self._read_ns = 0
 
     def __repr__(self) -> str:
         return f"<Host {self.name}>"

@@ -115,6 +115,10 @@ class Program:
             self.signal(number)
         return self.wait()
 
+    def kill(self) -> None:
+        """End it at once, as SIGKILL does."""
+        self._network.kill(self.process)
+
     def wait(self, *, timeout_s: float = 60.0) -> int:
         """Let the network run until it has ended: its exit code."""
         if self.exit_code is None:

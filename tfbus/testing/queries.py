@@ -253,7 +253,7 @@ class Queries:
             self._pass_on(way, asked, question)
 
         def ask() -> None:
-            self._ask_here(question, asked, waits=True)
+            self._ask_here(question, asked)
             asked.end_of(here)
 
         if any(intersect(each.full, question.full) for each in self._queryables.values()):
@@ -261,8 +261,8 @@ class Queries:
         else:
             asked.end_of(here)
 
-    def _ask_here(self, question: _Question, asked: Asked, *, waits: bool = False) -> None:
-        """Ask the queryables of this session; with `waits` the query ends once they close it."""
+    def _ask_here(self, question: _Question, asked: Asked) -> None:
+        """Ask the queryables of this session; the query ends once they have closed it."""
         session = self._session
         seen = session.names.seen(question.full)
         if seen is None:
@@ -270,15 +270,14 @@ class Queries:
         for queryable in list(self._queryables.values()):
             if intersect(queryable.full, question.full):
                 one = object()
-                if waits:
-                    asked.waits_for.add(one)
+                asked.waits_for.add(one)
                 query = Query(
                     session,
                     seen,
                     question.parameters,
                     question.payload,
                     asked.answer,
-                    partial(asked.end_of, one) if waits else _nothing,
+                    partial(asked.end_of, one),
                 )
                 guarded(partial(queryable.handler.call, query))
 
@@ -309,7 +308,3 @@ class Queries:
         seen = Reply(Sample(key, reply.ok.payload.to_bytes(), source=reply.ok.source_info))
         seen.replier_id = reply.replier_id
         return seen
-
-
-def _nothing() -> None:
-    pass

@@ -84,6 +84,7 @@ class AdvancedSubscriber(Declared):
     def __init__(self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any) -> None:
         super().__init__(session, self._close)
         self._handler = Handler(handler)
+        self.handler: Any = None
         self._key = key
         # The last number given of each publisher, by session and publisher.
         self._last: dict[tuple[str, int], int] = {}
@@ -179,4 +180,7 @@ def declare_advanced_subscriber(
     """As Zenoh's, with a history of one sample."""
     session.check_open()
     callback = handler[0] if isinstance(handler, tuple) else handler
-    return _Held(AdvancedSubscriber(session, key, callback, allowed_origin))
+    subscriber = AdvancedSubscriber(session, key, callback, allowed_origin)
+    # An object that comes with the callback lives for as long as the subscriber does.
+    subscriber.handler = handler
+    return _Held(subscriber)

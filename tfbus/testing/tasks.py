@@ -24,6 +24,11 @@ _STUCK_AFTER_S = 60.0
 # As many turns without any time passing are an endless loop.
 _MOST_TURNS_AT_ONCE = 2_000_000
 
+# A task that has rested so often, while no other could run, and has not waited for anything, takes
+# this time.
+_MOST_RESTS_ALONE = 50
+_WORK_S = 0.001
+
 _STACK_BYTES = 512 * 1024
 
 
@@ -91,6 +96,7 @@ class Tasks:
         self._interleaving = interleaving
         self._steps_left = 0
         self._turns_at_once = 0
+        self._rests_alone = 0
         self._ended = _thread.allocate_lock()
         self._order = itertools.count()
         self._alarms: list[tuple[int, int, Callable[[], object]]] = []
@@ -145,9 +151,20 @@ class Tasks:
             self._steps_left -= 1
             if not self._steps_left:
                 self._draw_steps()
-                if self._able and not self.is_over:
-                    self._able.append(self.current)
-                    self._give_turn()
+                self._rest()
+
+    def _rest(self) -> None:
+        """Let another task have its turn; where none can, the work of this one takes time."""
+        if self.is_over:
+            return
+        if self._able:
+            self._able.append(self.current)
+            self._give_turn()
+            return
+        self._rests_alone += 1
+        if self._rests_alone > _MOST_RESTS_ALONE:
+            self._rests_alone = 0
+            self.wait("its own work", _WORK_S)
 
     def wait(self, waits_for: str, timeout_s: float | None = None) -> bool:
         """Wait until `wake` is called for this task, at most this long; whether it was."""
@@ -249,6 +266,7 @@ class Tasks:
     def _give_turn(self) -> None:
         """Let the next task run; returns when it is the turn of the current one again."""
         me = self.current
+        self._rests_alone = 0
         task = self._next()
         self.turns += 1
         if task is not me:

@@ -127,7 +127,7 @@ def trail(buffer: Buffer, fixed_frame: str, name: str, end_ns: int, length_s: fl
 
 def _are_near(xyz: Floats) -> NDArray[np.bool_]:
     """Which of the points (N, 3) can be drawn. Two finite transforms may add up to infinity."""
-    near: NDArray[np.bool_] = (np.abs(xyz) <= _FARTHEST_M).all(axis=1)
+    near: NDArray[np.bool_] = np.all(np.abs(xyz) <= _FARTHEST_M, axis=1)
     return near
 
 

@@ -1,0 +1,171 @@
+"""Programs in simulated processes: what each has of its own, and how it ends."""
+
+import atexit
+import os
+import signal
+import sys
+import threading
+import time
+
+import click
+import pytest
+
+import tfbus
+from tfbus.testing import Network, SimulationError
+
+
+def _show() -> None:
+    """A program that shows what it was given."""
+    print(sys.argv[1:], os.environ.get("ROBOT"), sys.stdin.read(), sys.stdout.isatty())
+    print("a mistake", file=sys.stderr)
+
+
+def test_a_program_has_arguments_environment_input_and_output(network: Network) -> None:
+    """All of them are its own, and the test's stay as they were."""
+    before = sys.argv, os.environ, sys.stdout, sys.stdin
+    program = network.program("outside", _show, "--rate", "5", env={"ROBOT": "r1"}, stdin="typed")
+    assert program.wait() == 0
+    assert program.out == ["['--rate', '5'] r1 typed False"]
+    assert program.stderr == "a mistake\n"
+    assert (sys.argv, os.environ, sys.stdout, sys.stdin) == before
+
+
+def test_a_terminal_shows_output_and_errors_together(network: Network) -> None:
+    """Both are terminals, and in the order in which they were written."""
+    program = network.program("outside", _show, is_terminal=True)
+    program.wait()
+    assert program.out[-2:] == ["[] None  True", "a mistake"]
+
+
+def test_two_programs_print_apart(network: Network) -> None:
+    """However their turns change, each has its own output and environment."""
+
+    def count() -> None:
+        os.environ["SET"] = sys.argv[1]
+        for number in range(3):
+            print(sys.argv[1], os.environ["SET"], number)
+            time.sleep(0.1)
+
+    one, other = (network.program("outside", count, name) for name in "ab")
+    network.run(1.0)
+    assert one.out == ["a a 0", "a a 1", "a a 2"]
+    assert other.out == ["b b 0", "b b 1", "b b 2"]
+    assert "SET" not in os.environ
+
+
+def _exit(code: object) -> None:
+    raise SystemExit(code)
+
+
+@pytest.mark.parametrize(
+    ("main", "code", "said"),
+    [
+        (lambda: None, 0, ""),
+        (lambda: _exit(None), 0, ""),
+        (lambda: _exit(3), 3, ""),
+        (lambda: _exit("no bus"), 1, "no bus\n"),
+        (lambda: 1 / 0, 1, "ZeroDivisionError: division by zero\n"),
+        (click.command("tool")(click.argument("n", type=int)(lambda n: None)), 2, "'N'.\n"),
+    ],
+)
+def test_its_exit_code_is_that_of_python(
+    network: Network, main: object, code: int, said: str
+) -> None:
+    """0 for a return, the code of SystemExit, 1 with a traceback for an error."""
+    program = network.program("outside", main)  # type: ignore[arg-type]
+    assert program.wait() == code
+    assert program.stderr.endswith(said)
+
+
+def _spin() -> None:
+    with tfbus.Node("robot") as node:
+        node.spin()
+    print("ended")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_cleanly(network: Network, number: int) -> None:
+    """Its program goes on after the node, as in a real process."""
+    program = network.program("outside", _spin)
+    program.wait_for_line("ready")
+    assert program.stop(number) == 0
+    assert program.out == ["ended"]
+
+
+def test_ctrl_c_interrupts_what_waits(network: Network) -> None:
+    """Without a node it raises KeyboardInterrupt in the main thread, wherever that waits."""
+
+    def wait() -> None:
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            print("interrupted")
+            time.sleep(1.0)
+
+    program = network.program("outside", wait)
+    network.run(0.1)
+    assert program.stop(signal.SIGINT) == 0
+    assert program.out == ["interrupted"]
+
+
+def test_a_handler_lets_a_wait_go_on(network: Network) -> None:
+    """Where a handler returns, a sleep lasts as long as it was to."""
+
+    def sleep() -> None:
+        signal.signal(signal.SIGHUP, lambda number, frame: print("reload"))
+        begun_s = time.monotonic()
+        time.sleep(2.0)
+        print(round(time.monotonic() - begun_s, 3))
+
+    program = network.program("outside", sleep)
+    network.run(0.5)
+    program.signal(signal.SIGHUP)
+    program.wait()
+    assert program.out == ["reload", "2.0"]
+
+
+def test_a_signal_without_a_handler_ends_it(network: Network) -> None:
+    """With the number of the signal, at once; `os.kill` sends one by the number of a process."""
+    program = network.program("outside", lambda: time.sleep(10.0))
+    network.run(0.1)
+    os.kill(program.pid, signal.SIGTERM)
+    assert program.wait() == -signal.SIGTERM
+    with pytest.raises(ProcessLookupError):
+        os.kill(program.pid, signal.SIGTERM)
+
+
+def test_it_waits_for_its_threads_and_then_calls_what_is_for_its_end(network: Network) -> None:
+    """As Python does: threads that are no daemons, then `atexit`, the last first."""
+
+    def main() -> None:
+        atexit.register(print, "first")
+        atexit.register(print, "last")
+        atexit.unregister(atexit.register(_show))
+        threading.Thread(target=lambda: [time.sleep(1.0), print("thread")]).start()
+        threading.Thread(target=threading.Event().wait, daemon=True).start()
+
+    program = network.program("outside", main)
+    assert program.wait() == 0
+    assert program.out == ["thread", "last", "first"]
+
+
+def test_a_node_that_nobody_closes_leaves_at_the_end(network: Network) -> None:
+    """Others know at once that it has gone."""
+    seen = tfbus.Node("eye")
+    network.program("outside", lambda: [tfbus.Node("robot"), time.sleep(1.0)]).wait()
+    begun_ns = network.now_ns
+    network.run(until=lambda: not seen.session.linked())
+    assert network.now_ns - begun_ns < 10_000_000
+    seen.close()
+
+
+def test_an_error_shows_what_a_program_has_printed(network: Network) -> None:
+    """A line that never comes, and an end that never comes, are told with output and errors."""
+    program = network.program("outside", lambda: [print("hello"), time.sleep(100.0)], name="mute")
+    with pytest.raises(SimulationError, match="mute has not printed 'ready' within 1 s\nstdout: h"):
+        program.wait_for_line("ready", timeout_s=1.0)
+    with pytest.raises(SimulationError, match="mute has not ended within 1 s\nstdout: hello"):
+        program.wait(timeout_s=1.0)
+    program.kill()
+    with pytest.raises(SimulationError, match="mute has ended without 'ready'"):
+        program.wait_for_line("ready")

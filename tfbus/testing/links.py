@@ -15,9 +15,14 @@ from tfbus.testing.tasks import Tasks
 if TYPE_CHECKING:
     from tfbus.testing.processes import Host
 
-# As tfbus sets it, and Linux.
+# As tfbus sets it.
 LEASE_S = 1.5
+
+# Linux repeats a packet a round trip after it was lost, once three later ones have arrived; without
+# these after a time of its own, twice as long for each further loss.
+_LATER_ONES = 3
 _RESEND_AFTER_S = 0.2
+_LONGEST_RESEND_S = 60.0
 
 # A queue of Zenoh's holds this much of urgent messages, and of others, before it drops them.
 _URGENT_BYTES = 8 * 65536
@@ -96,6 +101,8 @@ class Lane:
         # Packets that wait for the path to be up, or for one before them, by their numbers.
         self._held: dict[int, _Packet] = {}
         self._numbers = itertools.count(1)
+        # When the last packet left, and the mean time between two.
+        self._left_ns, self._gap_s = 0, _RESEND_AFTER_S
         # The number of the last packet that has arrived, and when the last one that left is due.
         self._arrived = self.due_ns = 0
 
@@ -156,11 +163,16 @@ class Lane:
         tasks.call_at(self.due_ns + late_ns, lambda: arrive(number, packet))
 
     def _resends_s(self) -> float:
-        """How long TCP takes to bring a packet through a path that loses some."""
-        late_s, resend_s = 0.0, _RESEND_AFTER_S
-        while self.path.loss and self._tasks.random.random() < self.path.loss:
-            late_s += resend_s
-            resend_s = min(2 * resend_s, 60.0)
+        """How long TCP takes to repeat a packet until it gets through."""
+        path, now_ns = self.path, self._tasks.now_ns
+        gap_s, self._left_ns = (now_ns - self._left_ns) / 1e9, now_ns
+        self._gap_s += (min(gap_s, _RESEND_AFTER_S) - self._gap_s) / 8
+        by_later_s = _LATER_ONES * self._gap_s
+        late_s, resend_s = 0.0, min(by_later_s, _RESEND_AFTER_S)
+        while path.loss and self._tasks.random.random() < path.loss:
+            late_s += 2 * (path.delay_s + path.jitter_s) + resend_s
+            if by_later_s >= _RESEND_AFTER_S:
+                resend_s = min(2 * resend_s, _LONGEST_RESEND_S)
         return late_s
 
     def _arrive(self, number: int, packet: _Packet) -> None:

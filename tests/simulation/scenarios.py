@@ -1,4 +1,4 @@
-"""What applications may observe of Zenoh, as scenarios: each holds in the model and in Zenoh."""
+"""Scenarios of what applications may observe of Zenoh: each holds in the model and in Zenoh."""
 
 from collections.abc import Callable
 

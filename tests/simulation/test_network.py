@@ -232,7 +232,7 @@ def test_a_mistake_is_explained(network: Network, mistake: object, sentence: str
 
 
 def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
-    """What the main function of a process raises is raised by `run`."""
+    """An error of the main function of a process is raised by `run`."""
 
     def fail() -> None:
         raise ValueError("a mistake of the node")

@@ -56,7 +56,7 @@ class Face:
         self.lane.send(lambda: far.session.process.receive(arrive), size, is_urgent=is_urgent)
 
     def tell(self, kind: str, key: str, change: int) -> None:
-        """One declaration more, or less: the far end hears of the first and of the last."""
+        """Count a declaration more, or less: the far end hears of the first and of the last."""
         told = self._told[kind]
         former = told[key]
         told[key] += change

@@ -84,7 +84,7 @@ class _Packet(NamedTuple):
 
 
 class Lane:
-    """One direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
+    """A direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
 
     They arrive in their order, but urgent ones overtake others that wait for the bandwidth.
     """
@@ -176,7 +176,7 @@ class Lane:
         return late_s
 
     def _arrive(self, number: int, packet: _Packet) -> None:
-        """One that is lost on its way is sent again, and all that was sent after it waits."""
+        """A packet that is lost on its way is sent again, and all that was sent after it waits."""
         self._held[number] = packet
         while self.is_open and self.path.is_up and self._arrived + 1 in self._held:
             self._arrived += 1

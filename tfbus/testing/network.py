@@ -333,7 +333,7 @@ class Network:
 
 
 class _Driver:
-    """Where the test itself runs, before it is in any process."""
+    """The place of the test itself, before it is in any process."""
 
     name = "test"
     is_stopped = False

@@ -82,7 +82,7 @@ class Asked:
             self._on_reply(reply)
 
     def end_of(self, target: object) -> None:
-        """One that it waits for has closed it; the last one ends it."""
+        """A queryable or session that it waits for has closed it; the last one ends it."""
         self.waits_for.discard(target)
         if not self.waits_for:
             self.end()
@@ -108,7 +108,7 @@ class Cancellation:
 
 
 class _Question:
-    """What is asked."""
+    """The key, parameters and payload of a query."""
 
     def __init__(self, full: str, parameters: str, payload: bytes | None) -> None:
         self.full = full

@@ -225,6 +225,18 @@ class TestEcho:
         assert len(echo.err) == 1
         assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
 
+    def test_a_message_that_is_nested_too_deeply_is_told(self, bus: Bus) -> None:
+        """A stranger's message of 900 lists in each other ends nothing."""
+        node = bus.node("stranger")
+        publisher = node.create_raw_publisher("deep", type_name="Deep")
+        deep = b"\x81\xa1a" + b"\x91" * 900 + b"\xc0"
+        node.create_timer(0.05, lambda: publisher.publish(deep))
+        for form in ("--yaml", "--csv", "--json"):
+            options = () if form == "--yaml" else (form,)
+            done = bus.run("topic", "echo", "deep", "--once", *options)
+            assert (done.returncode, done.stderr) == (0, "")
+            assert "nested too deeply" in done.stdout or form == "--json"
+
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
         """Options that are mutually exclusive, and unknown fields, are usage errors."""
         for arguments, sentence in (

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import TfbusError, Transform, TransformArray, TransformBroadcaster, TransformStamped
 from tfbus.frames.plot import PANELS, draw
 from tfbus.frames.track import Track
 from tfbus.geometry.transform_array import make_array
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

@@ -5,8 +5,9 @@ import re
 
 import pytest
 
+from tests.buses import eventually
 from tests.cli.topic_talker import POSE, Battery, run, sim
-from tests.live_bus import Bus, eventually, free_port
+from tests.simulated_bus import Bus
 from tfbus import (
     StaticTransformBroadcaster,
     Transform,
@@ -15,8 +16,6 @@ from tfbus import (
 )
 from tfbus.messages import Color, Pose
 from tfbus.wire.codec import encode_map, encode_message
-
-pytestmark = pytest.mark.real
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
 Try 'python -m tfbus topic echo --help' for help.
@@ -256,7 +255,7 @@ class TestEcho:
 
 def test_a_client_works_through_a_router(bus: Bus) -> None:
     """All of it works for a client that knows only a router."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = "tcp/127.0.0.1:7447"
     router = bus.start("router", "--listen", endpoint)
     router.wait_for_line("Routing on")
     at_router = ("--mode", "client", "--connect", endpoint)

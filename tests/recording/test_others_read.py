@@ -18,8 +18,6 @@ from tfbus import Transform, TransformStamped
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 
-pytestmark = pytest.mark.real
-
 T0 = 1_700_000_000 * S
 
 
@@ -142,6 +140,7 @@ def test_the_reader_of_mcap_finds_all(bag: Path) -> None:
     assert json.loads(events[0].metadata["facts"]) == {"epoch": 1, "frames": []}
 
 
+@pytest.mark.real
 def test_pymcap_cli_follows_the_tree(bag: Path) -> None:
     """A program of others looks up a transform across our channels."""
     program = os.environ.get("PYMCAP_CLI") or shutil.which("pymcap-cli")

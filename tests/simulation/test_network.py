@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import threading
 import time
 from pathlib import Path
 
@@ -213,6 +214,16 @@ def test_udp_loses_messages_where_tcp_delays_them(network: Network, path: dict[s
     assert 40 < _arrived(network, "udp", **path) < 90
 
 
+def test_a_session_listens_at_its_own_host_alone(network: Network) -> None:
+    """An address of another host cannot be taken, as on a real one."""
+    network.host("base")
+    with network.process(network.host("robot"), "router"):
+        for own in ("robot", "[::]", "127.0.0.1"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen=f"tcp/{own}:7447")).close()
+        with pytest.raises(tfbus.BusError, match="could not join"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen="tcp/base:7447"))
+
+
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [
@@ -289,3 +300,17 @@ def test_a_message_that_must_arrive_waits_five_seconds_for_a_link(network: Netwo
         for _ in range(10_000):
             publisher.publish(Vector3())
     assert network.now_ns - begun_ns == pytest.approx(5e9, rel=0.1)
+
+
+def test_a_process_is_in_its_main_thread_from_its_first_turn_on() -> None:
+    """Whichever turns the seed gives: where it was not, signals ended it without its handlers."""
+    found: list[bool] = []
+    for seed in range(20):
+        with Network(seed, interleaving=1) as network:
+            process = network.start(
+                network.host("robot"),
+                "node",
+                lambda: found.append(threading.current_thread() is threading.main_thread()),
+            )
+            network.run(until=lambda process=process: process.is_dead)
+    assert found == [True] * 20

@@ -18,7 +18,7 @@ from tfbus.testing.meeting import Meeting, foreign_place
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.queries import Cancellation
 from tfbus.testing.session_info import Scout
-from tfbus.testing.tasks import Tasks
+from tfbus.testing.tasks import SimulationError, Tasks
 from tfbus.testing.zenoh_session import ZenohSession
 
 # A peer meets others within this time, and one that it has lost within the longer one.
@@ -66,6 +66,7 @@ class Fabric:
 
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""
+        _check_settings(settings)
         process: Process = self.tasks.current.place  # type: ignore[assignment]
         session = ZenohSession(
             self,
@@ -313,3 +314,17 @@ class Fabric:
                 face.session.process.receive(lambda: self.lose(face))
 
         self.tasks.call_after(max(after_s, path.delay_s), look)
+
+
+def _check_settings(settings: Any) -> None:
+    """Refuse settings that have no effect here."""
+    if settings.closed is not None:
+        raise SimulationError(
+            f"a closed bus is not simulated: node {settings.name!r} must not have `secure` "
+            f"({settings.secure})"
+        )
+    if settings.config:
+        raise SimulationError(
+            f"configuration files of Zenoh are not simulated: node {settings.name!r} must not have "
+            f"`config` ({settings.config}), but may have mode, connect, listen and namespace"
+        )

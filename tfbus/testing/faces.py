@@ -47,18 +47,20 @@ class Face:
         """Take over all that a former end knew and told: a link was added to it."""
         self.declared, self._told, self.asked = former.declared, former._told, former.asked
 
-    def send(self, call: Callable[["Face"], object], size: int = 100) -> None:
-        """Make `call(far end)` there, in the order of the calls."""
+    def send(
+        self, call: Callable[["Face"], object], size: int = 100, *, is_urgent: bool = True
+    ) -> None:
+        """Make `call(far end)` there, in the order of the calls that are as urgent."""
         far = self.far
 
         def arrive() -> None:
             if far.is_open:
                 call(far)
 
-        self.lane.send(lambda: far.session.process.receive(arrive), size)
+        self.lane.send(lambda: far.session.process.receive(arrive), size, is_urgent=is_urgent)
 
     def tell(self, kind: str, key: str, change: int) -> None:
-        """One declaration more, or less: the far end hears of the first and of the last."""
+        """Count a declaration more, or less: the far end hears of the first and of the last."""
         told = self._told[kind]
         former = told[key]
         told[key] += change

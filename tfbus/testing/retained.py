@@ -146,7 +146,7 @@ class AdvancedSubscriber(Declared):
 
 
 class _Held:
-    """What the program holds: when it lets go of it, the publisher or subscriber ends."""
+    """The handle of the program: when it lets go of it, the publisher or subscriber ends."""
 
     def __init__(self, core: AdvancedPublisher | AdvancedSubscriber) -> None:
         self._core = core

@@ -19,8 +19,6 @@ from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.ros_names import domain_of
 
-pytestmark = pytest.mark.real
-
 LOG = logging.getLogger("leg")
 # Their ports are below those that systems give out, so that each has its own.
 DOMAINS = range(50, 100)

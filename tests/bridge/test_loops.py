@@ -21,8 +21,6 @@ from tfbus import (
     TransformListener,
 )
 
-pytestmark = pytest.mark.real
-
 
 @pytest.fixture
 def other_ros() -> Iterator[FakeRos]:

@@ -2,8 +2,6 @@
 
 import logging
 
-import pytest
-
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.fakes import Lines
@@ -11,8 +9,6 @@ from tests.live_bus import Bus, eventually
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH
 from tfbus.bridge.lost import LostMessages
-
-pytestmark = pytest.mark.real
 
 
 class TestNumbers:

@@ -24,8 +24,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.timer import Timer
 
-pytestmark = pytest.mark.real
-
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:
     """One row of each child."""

@@ -25,8 +25,6 @@ from tfbus.bridge.leg import LegSettings
 from tfbus.bridge.rospy_leg import open_leg
 from tfbus.messages import JointState, Twist, Vector3
 
-pytestmark = pytest.mark.real
-
 NODE = Path(__file__).parent / "ros1_node.py"
 PUBLISHER = "/usr/lib/robot_state_publisher/robot_state_publisher"
 

@@ -15,8 +15,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.wire.keys import node_key
 
-pytestmark = pytest.mark.real
-
 
 def message_of(*transforms: TransformStamped) -> bytes:
     """A message of ROS."""

@@ -22,8 +22,6 @@ from tfbus import (
 )
 from tfbus.ros.tf_message import TFMessageReader
 
-pytestmark = pytest.mark.real
-
 
 def test_late_joiners_of_ros_get_one_message_with_all(
     bus: Bus, ros: FakeRos, bridged: Bridged

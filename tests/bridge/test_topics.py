@@ -37,8 +37,6 @@ from tfbus.ros.definitions import (
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 
-pytestmark = pytest.mark.real
-
 FORWARD = {
     "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
     "angular": {"x": 0.0, "y": 0.0, "z": 0.5},

@@ -19,8 +19,6 @@ from tfbus import (
     TransformStamped,
 )
 
-pytestmark = pytest.mark.real
-
 STAMP_NS = 1670400305709085026
 EXACT = TransformStamped(
     STAMP_NS, "map", "base_link", Transform((0.1, -2.25, 1e-9), (0.5, -0.5, 0.5, 0.5))

@@ -19,8 +19,6 @@ from tfbus.bridge.zenoh_leg import ZenohLeg, _Subscription
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
-pytestmark = pytest.mark.real
-
 TF = RosTopic("/tf", TF_MESSAGE, depth=100)
 TF_STATIC = RosTopic("/tf_static", TF_MESSAGE, retained=True, depth=1)
 HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"

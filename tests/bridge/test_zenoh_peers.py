@@ -17,8 +17,6 @@ from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.ros.type_hash import type_hash
 
-pytestmark = pytest.mark.real
-
 HERE = Path(__file__).parent
 
 TF = RosTopic("/tf", TF_MESSAGE, depth=100)

@@ -28,8 +28,6 @@ from tfbus.recording.records import (
 from tfbus.recording.summary import summary_of
 from tfbus.recording.writer import Compression, RecordingWriter
 
-pytestmark = pytest.mark.real
-
 T0 = 1_700_000_000 * S
 
 
@@ -176,6 +174,7 @@ HARMFUL: dict[str, Callable[[], bytes]] = {
 
 
 @pytest.mark.parametrize("name", HARMFUL)
+@pytest.mark.real
 def test_a_harmful_file_takes_no_memory(tmp_path: Path, name: str) -> None:
     """It is read, or refused, by a process that may have 1 GB."""
     path = tmp_path / "a.mcap"

@@ -18,8 +18,6 @@ from tfbus import Transform, TransformStamped
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 
-pytestmark = pytest.mark.real
-
 T0 = 1_700_000_000 * S
 
 

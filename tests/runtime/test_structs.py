@@ -12,8 +12,6 @@ import pytest
 
 from tfbus.runtime.structs import Struct, field, replace
 
-pytestmark = pytest.mark.real
-
 
 class Point(Struct):
     """As `DataPoint`."""
@@ -185,6 +183,7 @@ def test_it_matches_by_position() -> None:
             assert (x, y) == (1.0, 2.0)
 
 
+@pytest.mark.real
 def test_a_node_starts_without_dataclasses() -> None:
     """It takes a third of the time in which a node starts, with inspect, which it imports."""
     code = (

@@ -14,8 +14,6 @@ from tests import needs
 from tfbus import SettingsError
 from tfbus.cli import main
 
-pytestmark = pytest.mark.real
-
 needs.module("cryptography")
 
 from tfbus.secure.folder import open_folder  # noqa: E402 - needs it
@@ -68,6 +66,7 @@ def test_a_private_key_is_never_there_for_others(
     assert modes == [0o600]
 
 
+@pytest.mark.real
 def test_openssl_takes_the_certificates(store: Keystore) -> None:
     """The certificate of an identity is valid by the authority's, as others see it."""
     openssl = needs.program("openssl")

@@ -8,8 +8,6 @@ import pytest
 from tests import needs
 from tfbus.errors import SettingsError
 
-pytestmark = pytest.mark.real
-
 needs.module("cryptography")
 
 from tfbus.secure.certificates import Issued, make_for_server  # noqa: E402 - needs it
@@ -22,6 +20,7 @@ def made() -> Issued:
     return make_for_server(["Robot.example", "*.lab.example"], 1.0)
 
 
+@pytest.mark.real
 def test_a_made_certificate_is_for_the_names_of_this_machine() -> None:
     """By name, and at the address that it listens at; its fingerprint is said."""
     tls = made_tls("192.0.2.7")

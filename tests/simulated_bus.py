@@ -19,8 +19,11 @@ class Bus:
     Of a node that is to be killed or stopped: `with bus.network.process("outside", "robot")`.
     """
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, host: str = "outside") -> None:
         self.network = network
+        self.host = host
+        with network.process(host, "test") as self._process:
+            pass
         # How to join it, as the real one has.
         self.options: list[str] = []
         self.env = {
@@ -31,7 +34,8 @@ class Bus:
 
     def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
         """A node in the process of the test; what is given are fields of NodeSettings."""
-        node = Node(settings=NodeSettings(name, namespace=namespace, **given))
+        with self.network.within(self._process):
+            node = Node(settings=NodeSettings(name, namespace=namespace, **given))
         self._nodes.append(node)
         return node
 
@@ -68,7 +72,7 @@ class Bus:
     ) -> Program:
         """A program of its own, which is a function of a test's, as a process that goes on."""
         return self.network.program(
-            self.network.outside,
+            self.host,
             main,
             *arguments,
             name=name,

@@ -16,6 +16,8 @@ from tests.live_bus import eventually, send_until
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.bridge.ros_clock import TOPIC, write_clock
 
+pytestmark = pytest.mark.real
+
 needs.module("cryptography")
 
 from tests.closed_bus import ClosedBus  # noqa: E402 - needs it

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus.bridge.dds_config import configuration
 from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
 from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
@@ -18,6 +18,8 @@ from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.ros_names import domain_of
+
+pytestmark = pytest.mark.real
 
 LOG = logging.getLogger("leg")
 # Their ports are below those that systems give out, so that each has its own.
@@ -211,6 +213,26 @@ def test_invented_participants_are_forgotten_first(
         eventually(lambda gid=gid: gid.hex() in names)
     assert len(names) == 3
     assert [each.node for each in one.publishers("/chatter")] == ["/robot1/two"]
+
+
+def test_an_only_node_that_tells_no_writers_has_them_all(legs: tuple[Any, Any]) -> None:
+    """As roswell tells its node; otherwise each writer is of the node that tells it."""
+    one, two = legs
+    two.publisher(CHATTER)
+    gid = two._gid.bytes
+    for nodes, name in (
+        ([NodeEntities("/rover")], "/rover"),
+        ([NodeEntities("/a", [], [bytes(16)])], ""),
+        ([NodeEntities("/rover")], "/rover"),
+        ([NodeEntities("/rover"), NodeEntities("/other")], ""),
+    ):
+        info = encode_nodes(ParticipantNodes(gid, nodes))
+        two._graph.write(two._graph.data_type(info))
+        eventually(
+            lambda name=name: (
+                [one._watch.node_of(each) for each in one._watch.writers("rt/chatter")] == [name]
+            )
+        )
 
 
 def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:

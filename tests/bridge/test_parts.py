@@ -10,7 +10,7 @@ import pytest
 from tests.bridge.fake_leg import FakeRos, FakeSubscription
 from tests.builders import S, at
 from tests.fakes import Clock
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.frame_names import FrameNames

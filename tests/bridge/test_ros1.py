@@ -12,7 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, Process, eventually, free_port, keep_sending, send_until
+from tests.buses import eventually, keep_sending, send_until
+from tests.live_bus import Bus, Process, free_port
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
@@ -24,6 +25,8 @@ from tfbus import (
 from tfbus.bridge.leg import LegSettings
 from tfbus.bridge.rospy_leg import open_leg
 from tfbus.messages import JointState, Twist, Vector3
+
+pytestmark = pytest.mark.real
 
 NODE = Path(__file__).parent / "ros1_node.py"
 PUBLISHER = "/usr/lib/robot_state_publisher/robot_state_publisher"

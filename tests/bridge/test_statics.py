@@ -8,8 +8,9 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos, FakeSender
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,

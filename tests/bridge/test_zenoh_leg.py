@@ -11,13 +11,15 @@ import pytest
 import zenoh
 
 from tests.bridge.ros_router import RosRouter
-from tests.live_bus import DEADLINE_S, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs import open_leg
 from tfbus.bridge.zenoh_leg import ZenohLeg, _Subscription
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
+
+pytestmark = pytest.mark.real
 
 TF = RosTopic("/tf", TF_MESSAGE, depth=100)
 TF_STATIC = RosTopic("/tf_static", TF_MESSAGE, retained=True, depth=1)

@@ -39,17 +39,16 @@ class Bus:
         self._nodes.append(node)
         return node
 
-    def start(self, *arguments: str, env: dict[str, str] | None = None) -> Program:
+    def start(self, *arguments: str, env: dict[str, str] | None = None, **given: Any) -> Program:
         """`tfbus ARGUMENTS` as a process that goes on."""
-        return self.start_python("tfbus.__main__", *arguments, env=env)
+        return self.start_python("tfbus.__main__", *arguments, env=env, **given)
 
     def start_python(
         self,
         module: str,
         *arguments: str,
         env: dict[str, str] | None = None,
-        stdin: str = "",
-        is_terminal: bool = False,
+        **given: Any,
     ) -> Program:
         """`python -m MODULE ARGUMENTS` as a process that goes on; its `main` takes none."""
         return self.start_main(
@@ -57,8 +56,7 @@ class Bus:
             *arguments,
             name=module.removesuffix(".__main__"),
             env=env,
-            stdin=stdin,
-            is_terminal=is_terminal,
+            **given,
         )
 
     def start_main(
@@ -67,18 +65,16 @@ class Bus:
         *arguments: str,
         name: str = "",
         env: dict[str, str] | None = None,
-        stdin: str = "",
-        is_terminal: bool = False,
+        **given: Any,
     ) -> Program:
-        """A program of its own, which is a function of a test's, as a process that goes on."""
+        """A program that is a function, as a process that goes on; the rest as Network.program."""
         return self.network.program(
             self.host,
             main,
             *arguments,
             name=name,
             env={**self.env, **(env or {})},
-            stdin=stdin,
-            is_terminal=is_terminal,
+            **given,
         )
 
     def run(

@@ -4,16 +4,21 @@ import json
 import os
 import pty
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import zenoh
 
-from tests.docs.pages import CONFIGURATIONS, Block, Command, commands
+from tests.docs.pages import CONFIGURATIONS, Block, Command, Section, commands
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port
 from tests.recordings import write_robot
+from tests.simulated_bus import Bus as SimulatedBus
+from tfbus.testing.programs import Program
 
 # Finds the command `tfbus` of this environment, activated or not.
 PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
@@ -62,10 +67,10 @@ class Reader:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)
         elif block.language == "python":
-            self._run([sys.executable, "-c", text])
+            self._run_block(text)
         elif block.language == "yaml":
             (self._folder / "block.yaml").write_text(text)
-            self._run([sys.executable, "-m", "tfbus", "launch", "./block.yaml", "--dry-run"])
+            self._run_line("tfbus launch ./block.yaml --dry-run")
         elif block.language == "console":
             *others, last = commands(block)
             for command in others:
@@ -86,7 +91,7 @@ class Reader:
         if command.interrupted:
             assert self._start(command).stop() == exit_code
             return
-        printed = self._run(["bash", "-c", self._here(command.line)], exit_code)
+        printed = self._run_line(self._here(command.line), exit_code)
         # On a slow machine a tool says so after a second, and goes on.
         lines = [line for line in printed.splitlines() if "]: Waiting for transform" not in line]
         assert _matches(
@@ -105,9 +110,7 @@ class Reader:
         os.close(terminal)
 
     def _start(self, command: Command) -> Process:
-        process = self._bus.start_command(
-            ["bash", "-c", self._here(command.line)], env=self._env, cwd=self._folder
-        )
+        process = self._start_line(self._here(command.line))
         differ = command.numbers_differ
         shown = {same(self._here(line), differ) for line in command.output} - {"..."}
 
@@ -122,6 +125,15 @@ class Reader:
                 f"but: {process.out}\n{process.err}"
             ) from None
         return process
+
+    def _run_block(self, text: str) -> None:
+        self._run([sys.executable, "-c", text])
+
+    def _run_line(self, line: str, exit_code: int = 0) -> str:
+        return self._run(["bash", "-c", line], exit_code)
+
+    def _start_line(self, line: str) -> Process:
+        return self._bus.start_command(["bash", "-c", line], env=self._env, cwd=self._folder)
 
     def _run(self, command: list[str], exit_code: int = 0) -> str:
         done = subprocess.run(
@@ -141,6 +153,84 @@ class Reader:
 
     def _here(self, line: str) -> str:
         return line.replace(ROUTER_PORT, self._port)
+
+
+# Commands that start processes, or serve pages.
+_REAL_COMMANDS = {"foxglove", "launch", "router", "ros1", "ros2", "teleop", "top", "view"}
+
+# Programs that speak to Zenoh, or serve a page.
+_REAL_PROGRAM = re.compile(r"^import zenoh|\bshow\(|^import http", re.M)
+
+
+def can_be_simulated(section: Section) -> bool:
+    """Whether all that a section runs is commands of tfbus, and programs of Python's."""
+    blocks = [block for block in section.blocks if block.is_run]
+    lines = [
+        command.line
+        for block in blocks
+        if block.language == "console" and block.rule != "file:"
+        for command in commands(block)
+    ]
+    is_real = any(block.rule == "typed:" or _REAL_PROGRAM.search(block.text) for block in blocks)
+    return not is_real and all(
+        re.match(r"(tfbus|python3?) ", line)
+        and not re.search(r"[|;&<>$`*]", line)
+        and line.split()[1] not in _REAL_COMMANDS
+        for line in lines
+    )
+
+
+class SimulatedReader(Reader):
+    """A reader whose commands run on a simulated network, in the current folder."""
+
+    def __init__(self, bus: SimulatedBus, folder: Path):
+        self._bus: Any = bus
+        self._folder = folder
+        self._port = ROUTER_PORT
+        self._going_on = []
+
+    def _run_block(self, text: str) -> None:
+        self._ended(self._begin(text, "-c"), 0)
+
+    def _run_line(self, line: str, exit_code: int = 0) -> str:
+        return self._ended(self._start_line(line), exit_code)
+
+    def _ended(self, program: Program, exit_code: int) -> str:
+        code = program.wait(timeout_s=3 * DEADLINE_S)
+        assert code == exit_code, f"{program} ended with {code}: {program.stdout}"
+        return program.stdout
+
+    def _start_line(self, line: str) -> Any:
+        python, *words = shlex.split(line, comments=True)
+        if python == "tfbus":
+            return self._bus.start(*words, joins_errors=True)
+        if words[0] == "-m":
+            return self._bus.start_python(*words[1:], joins_errors=True)
+        return self._begin(Path(words[0]).read_text(), *words)
+
+    def _begin(self, text: str, path: str, *arguments: str) -> Program:
+        """Start a program of this text."""
+        module = ModuleType("__main__")
+        code = compile(text, path, "exec")
+
+        def main() -> None:
+            sys.modules["__main__"] = module
+            sys.argv[0] = path
+            self._forget_modules()
+            exec(code, vars(module))
+
+        program: Program = self._bus.start_main(main, *arguments, name=path, joins_errors=True)
+        return program
+
+    def _forget_modules(self) -> None:
+        """Each program imports those of the folder anew."""
+        for name, module in list(sys.modules.items()):
+            if str(getattr(module, "__file__", "")).startswith(str(self._folder)):
+                del sys.modules[name]
+
+    def end(self) -> None:
+        super().end()
+        self._forget_modules()
 
 
 def same(line: str, numbers_differ: bool = False) -> str:

@@ -22,23 +22,39 @@ import click
 import pytest
 
 from tests.docs.pages import CONFIGURATIONS, FENCE, PAGES, ROOT, Block, Section, name_of, sections
-from tests.docs.reader import PATH, Reader
+from tests.docs.reader import PATH, Reader, SimulatedReader, can_be_simulated
 from tests.live_bus import Bus
+from tests.simulated_bus import Bus as SimulatedBus
 from tfbus.cli import main
 
 SECTIONS = [section for page in PAGES for section in sections(page)]
 BLOCKS = [block for section in SECTIONS for block in section.blocks]
 
 
-@pytest.mark.real
-@pytest.mark.parametrize(
-    "section", [section for section in SECTIONS if any(b.is_run for b in section.blocks)], ids=str
-)
-def test_what_a_page_shows_works(section: Section, bus: Bus, tmp_path: Path) -> None:
+RUN = [section for section in SECTIONS if any(block.is_run for block in section.blocks)]
+
+
+@pytest.mark.parametrize("section", [each for each in RUN if can_be_simulated(each)], ids=str)
+def test_what_a_page_shows_works(
+    section: Section, bus: SimulatedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Every command and program of the docs runs, and prints what the page says."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    follow(SimulatedReader(bus, tmp_path), section)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("section", [each for each in RUN if not can_be_simulated(each)], ids=str)
+def test_what_a_page_shows_works_in_a_shell(section: Section, bus: Bus, tmp_path: Path) -> None:
+    """So do commands that start others, that serve pages, and that a shell joins."""
     folder = tmp_path / "reader"
     folder.mkdir()
-    reader = Reader(bus, folder)
+    follow(Reader(bus, folder), section)
+
+
+def follow(reader: Reader, section: Section) -> None:
+    """Do all that a section says."""
     for block in section.blocks:
         if block.is_run:
             reader.follow(block)

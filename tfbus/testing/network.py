@@ -162,10 +162,12 @@ class Network:
         env: Mapping[str, str] | None = None,
         stdin: str = "",
         is_terminal: bool = False,
+        joins_errors: bool | None = None,
     ) -> Program:
         """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
         of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
-        and exit code of its own. In a terminal it writes its errors with its output.
+        and exit code of its own. Its errors are part of its output where `joins_errors` (None: in
+        a terminal).
         """
         name = name or main.__module__.rpartition(".")[2]
         process = self._new_process(self._host(host), name)
@@ -177,6 +179,7 @@ class Network:
             os.environ if env is None else env,
             stdin,
             is_terminal=is_terminal,
+            joins_errors=is_terminal if joins_errors is None else joins_errors,
         )
         self._run(process, process.program.run)
         return process.program

@@ -32,13 +32,14 @@ class Program:
         stdin: str,
         *,
         is_terminal: bool,
+        joins_errors: bool,
     ) -> None:
         self.process = process
         self._network = network
         self._main, self._arguments = main, arguments
         module = sys.modules[main.__module__]
         self._out = _Written(is_terminal)
-        self._err = self._out if is_terminal else _Written(is_terminal)
+        self._err = self._out if joins_errors else _Written(is_terminal)
         # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
         self._own: tuple[Any, ...] = (
             io.TextIOWrapper(_Typed(stdin.encode(), is_terminal), "utf-8"),
@@ -57,7 +58,7 @@ class Program:
 
     @property
     def stdout(self) -> str:
-        """All that it has written to its standard output; in a terminal with its errors."""
+        """All that it has written to its standard output, with its errors where they are joined."""
         return self._out.text
 
     @property

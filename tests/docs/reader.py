@@ -9,7 +9,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import zenoh
@@ -209,17 +208,8 @@ class SimulatedReader(Reader):
         return self._begin(Path(words[0]).read_text(), *words)
 
     def _begin(self, text: str, path: str, *arguments: str) -> Program:
-        """Start a program of this text."""
-        module = ModuleType("__main__")
-        code = compile(text, path, "exec")
-
-        def main() -> None:
-            sys.modules["__main__"] = module
-            sys.argv[0] = path
-            self._forget_modules()
-            exec(code, vars(module))
-
-        program: Program = self._bus.start_main(main, *arguments, name=path, joins_errors=True)
+        self._forget_modules()
+        program: Program = self._bus.start_text(text, Path(path), *arguments, joins_errors=True)
         return program
 
     def _forget_modules(self) -> None:

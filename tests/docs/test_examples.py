@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 
 from tests import needs
+from tests.buses import eventually
 from tests.docs.pages import ROOT
-from tests.live_bus import Bus, Process, eventually
+from tests.live_bus import Process
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.discover.presence import describe_nodes, list_nodes
-
-pytestmark = pytest.mark.real
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
 def start(bus: Bus, name: str, *arguments: str) -> Process:
     """An example as a process on the bus."""
-    return bus.start_command([sys.executable, str(ROOT / "examples" / name), *arguments])
+    return bus.start_file(ROOT / "examples" / name, *arguments)
 
 
 def run(bus: Bus, name: str, *arguments: str) -> list[str]:
@@ -91,6 +91,7 @@ def test_asyncio_ends_with_ctrl_c(bus: Bus) -> None:
     assert waiting.err == []
 
 
+@pytest.mark.real
 def test_frames_are_served_over_http(bus: Bus) -> None:
     """http_service.py answers a transform, the reason why there is none, and a wrong request."""
     mast = start(bus, "broadcaster.py")
@@ -212,6 +213,7 @@ def test_a_scan_is_undistorted(bus: Bus) -> None:
 @pytest.mark.parametrize(
     ("name", "need"), [("undistort_scan.py", "numpy"), ("marker_in_world.py", "cv2")]
 )
+@pytest.mark.real
 def test_an_example_shows_a_page(bus: Bus, name: str, need: str) -> None:
     """With --view it serves a page, and prints its address."""
     needs.module("viser")
@@ -291,6 +293,7 @@ def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
     assert imu.stop() == 0, imu.err
 
 
+@pytest.mark.real
 def test_the_log_of_a_drone_is_recorded_and_played(bus: Bus, tmp_path: Path) -> None:
     """drone_log.py turns GPS and angles into frames as robots have them, and plays them."""
     needs.module("mcap")

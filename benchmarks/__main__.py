@@ -1,21 +1,21 @@
-"""Measure tfbus beside its peers, print the table, and write the page: `make bench`.
+"""Measure tfbus beside its peers, print the tables, and write the pages: `make bench`.
 
-The page is docs/reference/performance.md; `make bench ARGS="--only bus"` writes its part about
-the bus, and `--only recordings` that about recordings.
+The pages are docs/reference/performance.md and performance-tables.md, made from what is kept in
+benchmarks/measured; `make bench ARGS="--only bus"` measures the part about the bus anew, and
+`--only recordings` that about recordings.
 """
 
 import argparse
 import sys
-from pathlib import Path
 
-from benchmarks import growth, machine, page, parts, report
-from benchmarks.bus import page as bus_page
+from benchmarks import growth, machine, report
+from benchmarks.bus import part as bus_part
 from benchmarks.bus import plot
 from benchmarks.bus.measure import measure as measure_bus
 from benchmarks.measure import Bench, measure
 from benchmarks.measures import comparisons
-
-DOCS = Path(__file__).parent.parent / "docs" / "reference"
+from benchmarks.pages import DOCS
+from benchmarks.parts import Part, Table
 
 
 def main() -> None:
@@ -25,32 +25,28 @@ def main() -> None:
     parser.add_argument(
         "--only", default="", metavar="WORD", help="rows that have this in them; bus; recordings"
     )
-    parser.add_argument(
-        "--docs", type=Path, default=DOCS, help="folder for performance.md and its plot"
-    )
     arguments = parser.parse_args()
     if arguments.only not in ("bus", "recordings"):
         _measure_buffer(arguments)
     if arguments.only in ("", "bus"):
         measured = measure_bus(min(arguments.runs, 5), _tell)
-        plot.draw(measured.publishers, measured.frames, str(arguments.docs / "performance-bus.svg"))
-        part = bus_page.part(measured, machine.describe())
-        print(part)
-        parts.put_in(arguments.docs / "performance.md", bus_page.MARK, part)
+        plot.draw(measured.publishers, measured.frames, str(DOCS / "performance-bus.svg"))
+        part = bus_part.part(measured, machine.describe())
+        part.show()
+        part.keep("bus")
     if arguments.only in ("", "recordings"):
         _measure_recordings(arguments)
 
 
 def _measure_recordings(arguments: argparse.Namespace) -> None:
     """tfbus and numpy are imported only where recordings are measured."""
-    from benchmarks.recordings import page as recordings_page
+    from benchmarks.recordings import part as recordings_part
     from benchmarks.recordings.measure import measure as measure_recordings
 
     place = machine.describe()
-    measured = measure_recordings(min(arguments.runs, 5), _tell)
-    part = recordings_page.part(measured, place)
-    print(part)
-    parts.put_in(arguments.docs / "performance.md", recordings_page.MARK, part)
+    part = recordings_part.part(measure_recordings(min(arguments.runs, 5), _tell), place)
+    part.show()
+    part.keep("recordings")
 
 
 def _measure_buffer(arguments: argparse.Namespace) -> None:
@@ -65,10 +61,11 @@ def _measure_buffer(arguments: argparse.Namespace) -> None:
         print(f"left out: {line}")
     print(place, *(f"{peer}: {version}" for peer, version in versions.items()), sep="\n")
     if curves:
-        growth.plot(curves, str(arguments.docs / "performance.svg"))
-        file = arguments.docs / "performance.md"
-        kept = parts.former(file)
-        file.write_text(page.performance(results, curves, place, versions) + kept)
+        growth.plot(curves, str(DOCS / "performance.svg"))
+        tables = {"peers": Table(report.HEADINGS, report.rows(results), words=2)}
+        tables |= {curve.axis.measure: growth.as_table(curve) for curve in curves}
+        left_out = "; ".join(report.left_out(results))
+        Part(place, tables, versions, {"left_out": left_out}).keep("buffer")
 
 
 def _tell(what: str) -> None:

@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from benchmarks.measure import Bench, medians_of
+from benchmarks.parts import Table
 from benchmarks.processes import TFBUS, Unavailable
-from benchmarks.report import amount, markdown_table
+from benchmarks.report import amount
 
 PEERS = (TFBUS, "tf2 from C++")
 
@@ -60,13 +61,13 @@ def _curve(bench: Bench, axis: Axis, runs: int, tell: Callable[[str], None]) -> 
     return Curve(axis, times)
 
 
-def as_markdown(curve: Curve) -> str:
-    """A table, one row a size."""
+def as_table(curve: Curve) -> Table:
+    """A row for each size."""
     cells = [
         [f"{size:,}", *(amount(curve.times[peer][row]) for peer in PEERS)]
         for row, size in enumerate(curve.axis.sizes)
     ]
-    return markdown_table([curve.axis.label, *PEERS], cells)
+    return Table([curve.axis.label, *PEERS], cells, words=0)
 
 
 def plot(curves: Sequence[Curve], file: str) -> None:

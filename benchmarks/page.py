@@ -1,106 +1,300 @@
-"""docs/reference/performance.md, written by the benchmark."""
+"""docs/reference/performance.md: whether tfbus is faster than another, by what factor, on what."""
 
-from collections.abc import Mapping, Sequence
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
 
-from benchmarks import growth, report
-from benchmarks.growth import Curve
-from benchmarks.measure import Result
+from benchmarks.parts import Part, Table, kept
+from benchmarks.processes import INTERPRETED
 
 _PAGE = """\
-# How fast the buffer is
+# How fast tfbus is
 
-`make bench` measured this and wrote this page. The numbers are of one machine and differ on others,
-so look at the ratios. {place}
+`make bench` measures and writes this page; [all tables, and how each number was
+measured](performance-tables.md). A ratio is what the other takes over what tfbus takes: above one,
+tfbus is faster, or smaller. Numbers differ on other machines, ratios less.
+
+{peers}
 
 {versions}
 
-## Beside its peers
+{others}
 
-The ratio is what the peer takes over what tfbus takes: above one, tfbus is faster (or smaller). *At
-least* is our goal.
-
-{table}
-
-All have the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps of
-today. Lookups go from end to end of a chain and interpolate on every edge, at stamps scattered over
-the last tenth of a second, as in most robots, unless the row says 10 s. Each peer is a process of
-its own, warmed up; those in one group of rows take turns, so that a busy moment of the machine hits
-all, and a number is the median of their runs. All numbers of Python include the loop in Python.
-
-What differs:
-
-- tf2 from C++ is called from C++, with strings made in advance; all others from Python.
-- transform-tree has a fixed topology, one writer an edge, and refuses samples out of order; its
-  plan is compiled in advance and needs no names; its latest is by plan, too. It and pytransform3d
-  answer with matrices, all others with a translation and a quaternion.
-- schiebung's latest is the newest of each edge, which need not be of one time.
-- pytransform3d takes whole series, so it has no insert; it interpolates along screws.
-- Inserts are timed with messages, transforms or arrays made in advance, 5,000 transforms at a time,
-  so that they are in the processor's caches like what has just arrived; with as many as fit into
-  50 ms, a faster peer would have to fetch more of them from memory. The names in columns are the
-  same texts each time. transform-tree has columns of one edge only, so 50 edges are 50 calls, as
-  with tf2.
-- Many stamps in one call are the same ones from call to call, as many calls as fill 50 ms.
-- Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the peer
-  is tfbus alone.
-- Memory is the growth of the process, with a million samples over 100 edges.
-- The interpreted kernel is the same source without a C compiler.
-
-{left_out}
-
-Times of a busy machine vary; `python -m benchmarks.instructions "lookup 3"` counts the instructions
-instead, under valgrind.
-
-## Where the time goes
-
-- A lookup of three edges takes about 170 ns: 85 for the call, the names and the answer, and 28 for
-  each edge, which is a search that mostly guesses right, a slerp by a series, and a product. With a
-  GIL it does not enter a free lock. Edges of one publisher mostly have the same stamps in the same
-  places: then only the first of them is searched, and all share its ratio.
-- An answer is one object of 96 bytes, which the garbage collector does not track. Answers that are
-  kept need new memory, whose pages the system has to clear; the peers' do too, so that ratios are
-  lower than in the table, whose answers are dropped. By CPU time, three edges, the best of many
-  runs in turns: 3.1 x schiebung and 4.6 x transform-tree on Python 3.13, 3.3 x and 5.4 x on 3.12,
-  5.4 x transform-tree on 3.11.
-- The latest needs neither search nor slerp where the newest samples of all edges have one time:
-  10 ns an edge.
-- Samples are in rings, so that nothing moves when they are added and removed. The history of 50
-  edges is 3.7 MB, more than the processor's nearer caches hold, and each row is written to another
-  part of it. In a profile 58 % of the loop over the rows was at the first store that had to wait
-  for earlier stores; so the slot of the next sample is fetched while this one is written, which
-  made columns of 50 edges take 66 ns a row instead of 92.
-- The loop over the rows is in the module of what it calls, so that all of it is compiled as one and
-  no pose passes from function to function: 40 ns a row instead of the 51 of that time, with the
-  rows in the caches. About 10 of them are the copy of a batch's arrays (most of it the calls),
-  which messages from the bus do not need. The names of the frames are compared with those of the
-  batch before, unless they are the same texts, as from the bus, and here.
-- Many stamps go edge by edge through blocks of 64. What two samples have in common is computed
-  once, which makes sorted stamps twice as fast (41 ns each instead of 87, for three edges). Random
-  stamps are first put roughly in order, which takes 6 ns each (a full sort would take 46); so they
-  cost 52 ns each, and 93 without it.
-
-These are times of the processor, of one thread of an EPYC on Python 3.13, the least of many runs;
-the table above has the whole, measured now.
-
-## How it grows
+## The buffer
 
 ![The time of one lookup by depth, number of frames and number of samples](performance.svg)
 
-{curves}
+{growth}
+
+A lookup searches each edge on its path once, where the first guess is mostly right, and
+interpolates; edges of one publisher whose samples have the same stamps share the search. The latest
+needs neither search nor interpolation where the newest samples of all edges have one time. Answers
+that are kept need new memory, with every library, so that their ratios are lower. transform-tree
+and pytransform3d answer with matrices; transform-tree has a fixed topology, and its latest is by a
+plan made in advance.
+
+## The bus
+
+Between processes on loopback. A message that comes alone costs most, to wake threads and to take
+Python's lock, as with bare Zenoh. Of a path only what it needs is received, here of two hundred
+publishers of 100,000 transforms a second in all.
+
+{bus}
+
+![The CPU of a listener, by publishers and by frames](performance-bus.svg)
+
+A listener of 10,000 transforms a second in all, from more and more streams of one frame, then of
+more and more frames of one stream:
+
+{bus_growth}
+
+[Scaling](../guide/scaling.md) says what follows; [an hour of faults](soak.md) has memory, files and
+threads of listeners while others are killed.
+
+## Recordings
+
+A robot of 50 frames at 50 Hz: 3,000 messages in a minute, {hour} in an hour. When it writes, tfbus
+makes the messages too, which mcap has in advance.
+
+{files}
+
+## Robots
+
+Made-up robots: an arm of {arm}, a humanoid of {humanoid}; CPU. {robots_place}
+
+{robots}
+
+## The view
+
+`tfbus view` with one browser, which only counts what it is sent; all frames move at 30 Hz.
+{view_place}
+
+{view}
+
+## A small machine
+
+A publisher sends {frames} frames at {rate} Hz, in messages of all, to those with frames.
+{resources_place}
+
+{resources}
 """
 
+# The rows of the first table, and what a row of the measurement is called.
+_PEERS = {
+    "one lookup by names, 3 edges": "one lookup, 3 edges",
+    "one lookup by names, 30 edges": "one lookup, 30 edges",
+    "one lookup, 3 edges, up to 10 s back": "one lookup up to 10 s back, 3 edges",
+    "the latest, 3 edges": "the latest, 3 edges",
+    "insert one": "insert one",
+    "insert columns of 50, each": "insert 50 in one call, each",
+    "50,000 stamps in one call, sorted, each": "50,000 lookups in one call, each",
+    "memory of a stored sample": "memory of a sample",
+}
+_COLUMNS = {
+    "tf2": "tf2 from C++",
+    "tf2_py": "tf2_py",
+    "schiebung": "schiebung",
+    "transform-tree": "transform-tree",
+    "pytransform3d": "pytransform3d",
+}
 
-def performance(
-    results: Sequence[Result], curves: Sequence[Curve], place: str, versions: Mapping[str, str]
-) -> str:
+_GROWTH = (
+    ("deep", "1", "along 1 edge"),
+    ("deep", "10", "along 10 edges"),
+    ("deep", "100", "along 100 edges"),
+    ("deep", "1,000", "along 1,000 edges"),
+    ("frames", "100", "between any two of 100 frames"),
+    ("frames", "100,000", "between any two of 100,000 frames"),
+    ("samples", "1,000,000", "at any of 1,000,000 samples of an edge"),
+)
+
+_BUS = (
+    "single-transform messages into the buffer",
+    "transforms, 50 to a message, a core",
+    "CPU of a message that comes alone",
+    "latency of a transform, p50",
+    "latency of a transform, p99",
+    "CPU to receive what a path over one publisher needs",
+    "joint states of {joints} joints until a lookup elsewhere answers, p50",
+    "CPU of a message of one transform to ROS by the bridge",
+    "memory of a process then",
+)
+
+_FILES = (
+    ("write a minute, compressed by zstd", "mcap"),
+    ("write a minute, compressed by zstd", "rosbags"),
+    ("read all of a minute into arrays", "mcap"),
+    ("read all of a minute into arrays", "rosbags"),
+    ("open an hour", "rosbags"),
+    ("seek in an hour, read 0.1 s into arrays", "rosbags"),
+    ("open an hour, one lookup in the middle", "all from the beginning into a buffer"),
+)
+
+_LIVE = (
+    "CPU to record the robot, one publisher",
+    "transforms recorded without loss, 50 to a message",
+)
+
+_ROBOTS = (
+    ("an arm", "where all links are"),
+    ("a humanoid", "read the URDF"),
+    ("a humanoid", "where all links are"),
+    ("a humanoid", "where all links are in 10,000 configurations"),
+)
+
+
+def made() -> str:
     """The whole page."""
-    missing = report.left_out(results)
+    buffer, bus, files, robots = kept("buffer"), kept("bus"), kept("recordings"), kept("robots")
+    view, resources = kept("view"), kept("resources")
+    measures = [name.format(**bus.facts) for name in _BUS]
     return _PAGE.format(
-        place=place,
-        versions="\n".join(f"- {peer}: {version}" for peer, version in versions.items()),
-        table=report.as_markdown(results),
-        left_out="Left out:\n\n" + "\n".join(f"- {line}" for line in missing) if missing else "",
-        curves="\n\n".join(
-            f"{curve.axis.title}:\n\n{growth.as_markdown(curve)}" for curve in curves
-        ),
+        versions=_versions(buffer),
+        peers=_peers(buffer).as_markdown(),
+        others=_others(bus, files, robots).as_markdown(),
+        growth=_growth(buffer).as_markdown(),
+        bus=_only(
+            bus.tables["measures"], measures, ("measure", "tfbus", "beside it")
+        ).as_markdown(),
+        bus_growth=_bus_growth(bus).as_markdown(),
+        hour=files.facts["hour"],
+        files=_files(files).as_markdown(),
+        arm=robots.facts["arm"],
+        humanoid=robots.facts["humanoid"],
+        robots=_robots(robots).as_markdown(),
+        robots_place=_elsewhere(robots, buffer),
+        view=_view(view).as_markdown(),
+        view_place=_elsewhere(view, buffer),
+        frames=resources.facts["frames"],
+        rate=resources.facts["rate"],
+        resources=_only(
+            resources.tables["processes"],
+            [row[0] for row in resources.tables["processes"].rows],
+            ("process", "CPU", "wake-ups", "memory", "threads"),
+        ).as_markdown(),
+        resources_place=_elsewhere(resources, buffer),
     )
+
+
+def _elsewhere(part: Part, first: Part) -> str:
+    """What the load was where a part was measured at another time."""
+    load = re.search(r"load [\d.]+", part.place)
+    is_apart = part.place != first.place and load is not None
+    return f"Measured apart, at a {load[0]}." if is_apart and load else ""
+
+
+def _versions(part: Part) -> str:
+    """The versions of the peers in a sentence."""
+    versions = [what for who, what in part.versions.items() if who != INTERPRETED]
+    text = (
+        '"tf2" is libtf2 called from C++, "tf2_py" its module for Python; tfbus and all others are '
+        f"called from Python. {part.place} {', '.join(versions)}."
+    )
+    return textwrap.fill(text, 100, break_long_words=False, break_on_hyphens=False)
+
+
+def _short(ratio: str) -> str:
+    """A ratio in two digits or so: 5.3 x, 36 x, 12,000 x."""
+    number = float(ratio.removesuffix(" x").replace(",", ""))
+    if number >= 1_000:
+        return f"{float(f'{number:.2g}'):,.0f} x"
+    return f"{number:.0f} x" if number >= 10 else f"{number:.1f} x"
+
+
+def _peers(buffer: Part) -> Table:
+    table, rows = buffer.tables["peers"], []
+    for what, text in _PEERS.items():
+        ours, ratios = "", []
+        for peer in _COLUMNS.values():
+            try:
+                row = table.row(what, peer)
+            except KeyError:
+                ratios.append("-")
+                continue
+            ours = row["tfbus takes"]
+            ratios.append(row["ratio"] if row["ratio"] == "-" else _short(row["ratio"]))
+        rows.append([text, ours, *ratios])
+    return Table(["", "tfbus", *_COLUMNS], rows)
+
+
+def _others(bus: Part, files: Part, robots: Part) -> Table:
+    measures, rows = bus.tables["measures"], []
+    received = measures.row("CPU of a transform, 50 to a message")
+    if received["ratio"]:
+        rows.append(_beside("receive a transform, CPU", received, received["ratio"]))
+    for part in ("p50", "p99"):
+        row = measures.row(f"latency of a transform, {part}")
+        ratio = 1.0 / float(row["ratio"].removesuffix(" x"))
+        rows.append(_beside(f"latency of a transform, {part}", row, f"{ratio:.2f} x"))
+    for what, peer in (_FILES[0], _FILES[2]):
+        row = files.tables["files"].row(what, peer)
+        theirs = f"{peer}: {row['peer takes']}"
+        rows.append([f"{what}, CPU", row["tfbus takes"], theirs, _fine(row["ratio"])])
+    row = robots.tables["peers"].row("a humanoid", "where all links are")
+    theirs = f"pytransform3d: {row['pytransform3d']}"
+    what = "where all links of a humanoid are, CPU"
+    rows.append([what, row["tfbus"], theirs, _fine(row["over pytransform3d"])])
+    return Table(["", "tfbus", "beside it", "ratio"], rows)
+
+
+def _beside(what: str, row: dict[str, str], ratio: str) -> list[str]:
+    return [what, row["tfbus"], row["beside it"], _fine(ratio)]
+
+
+def _fine(ratio: str) -> str:
+    """A ratio of which two digits count below ten."""
+    number = float(ratio.removesuffix(" x"))
+    return f"{number:.2f} x" if number < 2 else _short(ratio)
+
+
+def _growth(buffer: Part) -> Table:
+    rows = []
+    for name, size, text in _GROWTH:
+        row = buffer.tables[name].row(size)
+        rows.append([text, row["tfbus"], row["tf2 from C++"]])
+    return Table(["one lookup", "tfbus", "tf2 from C++"], rows)
+
+
+def _only(table: Table, names: Iterable[str], headings: Sequence[str]) -> Table:
+    rows = [[table.row(name)[heading] for heading in headings] for name in names]
+    return Table(headings, rows)
+
+
+def _bus_growth(bus: Part) -> Table:
+    rows = []
+    for name, size in (
+        ("publishers", "1"),
+        ("publishers", "1,000"),
+        ("frames", "1,000"),
+        ("frames", "100,000"),
+    ):
+        row = bus.tables[name].row(size)
+        what = f"{size} {name.removesuffix('s') if size == '1' else name}"
+        rows.append([what, row["CPU"], row["until all were there"], row["memory grown by"]])
+    headings = ["", "CPU", "until all were there", "memory grown by"]
+    return Table(headings, rows)
+
+
+def _files(files: Part) -> Table:
+    rows = []
+    for what, peer in _FILES:
+        row = files.tables["files"].row(what, peer)
+        rows.append([what, row["tfbus takes"], f"{peer}: {row['peer takes']}", _fine(row["ratio"])])
+    for what in _LIVE:
+        rows.append([what, files.tables["live"].row(what)["result"], "", ""])
+    return Table(["CPU", "tfbus", "beside it", "ratio"], rows)
+
+
+def _view(view: Part) -> Table:
+    table = view.tables["costs"]
+    rows = [[row[0], *row[2:5]] for row in table.rows if row[1] == "1"]
+    return Table([table.headings[0], *table.headings[2:5]], rows, words=0)
+
+
+def _robots(robots: Part) -> Table:
+    rows = []
+    for robot, what in _ROBOTS:
+        row = robots.tables["peers"].row(robot, what)
+        ratios = [_fine(row[f"over {peer}"]) for peer in ("yourdfpy", "pytransform3d")]
+        rows.append([f"{robot}: {what}", row["tfbus"], *ratios])
+    return Table(["", "tfbus", "yourdfpy", "pytransform3d"], rows)

@@ -1,4 +1,4 @@
-"""The table, for people at a terminal and for docs/reference/performance.md."""
+"""The table of the buffer beside its peers, in words."""
 
 from collections.abc import Sequence
 
@@ -23,11 +23,6 @@ def as_text(results: Sequence[Result]) -> str:
         ).rstrip()
         for row in table
     )
-
-
-def as_markdown(results: Sequence[Result]) -> str:
-    """The same as a table of Markdown."""
-    return markdown_table(HEADINGS, rows(results), words=2)
 
 
 def markdown_table(

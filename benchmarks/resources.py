@@ -15,40 +15,14 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks import machine, parts
+from benchmarks import machine
 from benchmarks.bus import ros
 from benchmarks.bus.at_rest import FRAMES, RATE_HZ
 from benchmarks.bus.place import Place, Process, free_port, place
-from benchmarks.report import markdown_table
+from benchmarks.parts import Part, Table
 
-DOCS = Path(__file__).parent.parent / "docs" / "reference"
-MARK = "<!-- the resources -->"
 _SETTLE_S = 4.0
 _TICKS = os.sysconf("SC_CLK_TCK")
-
-_PART = """\
-{mark}
-
-## A small machine
-
-`python -m benchmarks.resources --write` measured this part. {place}
-
-{table}
-
-- **CPU** in percent of one core, and **wake-ups** (voluntary context switches of all threads) a
-  second, over {seconds:g} s. **Memory** is what the process has for itself alone (USS). **Start**
-  is from the start of the process until it is ready, CPU in brackets.
-- With frames, a publisher sends {frames} frames at {rate:g} Hz in messages of all. The view has no
-  browser open.
-- 32 of the threads are Zenoh's that receive: tfbus asks for that number, since one of them waits
-  for 10 s where a host that is linked is unplugged. They are there from the first link on, sleep,
-  and take 20 kB each. `ZENOH_RUNTIME` overrides it.
-- numpy, 6 MB more, is loaded only when arrays are asked for, and a command imports only what it
-  needs.
-- Most of a start is importing 230 modules. Those that each process imports make their classes of
-  values by `tfbus.runtime.structs` rather than by dataclasses, which with the module inspect takes
-  a third of the time.
-"""
 
 
 @dataclass(frozen=True)
@@ -168,8 +142,8 @@ def measure_rospy(seconds: float) -> Taken:
             return _Watch(process.pid, time.monotonic() - began_s)(seconds)
 
 
-def table(results: Mapping[str, Taken]) -> str:
-    """The table of the page."""
+def table(results: Mapping[str, Taken]) -> Table:
+    """A row for each process."""
     rows = [
         [
             title,
@@ -181,16 +155,14 @@ def table(results: Mapping[str, Taken]) -> str:
         ]
         for title, taken in results.items()
     ]
-    return markdown_table(
-        ["process", "CPU", "wake-ups", "memory", "threads", "start"], rows, words=1
-    )
+    return Table(["process", "CPU", "wake-ups", "memory", "threads", "start"], rows)
 
 
 def main() -> None:
     """Measure, and print the part."""
     parser = argparse.ArgumentParser(prog="benchmarks.resources", description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each process (20)")
-    parser.add_argument("--write", action="store_true", help="write the part of performance.md")
+    parser.add_argument("--write", action="store_true", help="write the pages about speed")
     arguments = parser.parse_args()
     where = machine.describe()
     results = {kind.title: measure(kind, arguments.seconds) for kind in KINDS}
@@ -198,17 +170,18 @@ def main() -> None:
         results["rospy node"] = measure_rospy(arguments.seconds)
     except ros.NotInstalled as error:
         print(f"The table will do without rospy: {error}", file=sys.stderr)
-    part = _PART.format(
-        mark=MARK,
-        place=where,
-        table=table(results),
-        seconds=arguments.seconds,
-        frames=FRAMES,
-        rate=RATE_HZ,
+    part = Part(
+        where,
+        {"processes": table(results)},
+        facts={
+            "seconds": f"{arguments.seconds:g}",
+            "frames": str(FRAMES),
+            "rate": f"{RATE_HZ:g}",
+        },
     )
-    print(part)
+    part.show()
     if arguments.write:
-        parts.put_in(DOCS / "performance.md", MARK, part)
+        part.keep("resources")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 tfbus, yourdfpy and pytransform3d compute where all links of a robot are in its root, in one
 configuration and in 10,000. Each answers in its own way: tfbus with transforms, the others with
-matrices. With --write the part of docs/reference/performance.md is written.
+matrices. With --write the pages about speed are written.
 """
 
 import argparse
@@ -12,47 +12,23 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from benchmarks import machine, parts
-from benchmarks.report import amount, markdown_table
+from benchmarks import machine
+from benchmarks.parts import Part, Table
+from benchmarks.report import amount
 from tfbus import Robot
-from tfbus.core import kernel
+from tfbus.buffer.buffer import COMPILED
 from tfbus.runtime.version import installed_version
-
-DOCS = Path(__file__).parent.parent / "docs" / "reference"
-MARK = "<!-- the robots -->"
 
 # Limbs, and the joints of each, of which every third is fixed.
 ROBOTS = {"an arm": (1, 10), "a humanoid": (5, 15)}
 MANY = 10_000
 # The peers have no call for many: some hundred calls are measured, and 10,000 reckoned from them.
 LOOPED = 100
-
-_PART = """\
-{mark}
-
-## Robots
-
-`python -m benchmarks.robots --write` measured this part, with the {kernel} kernel. {place}
-
-{versions}
-
-{table}
-
-- Numbers are CPU, medians of {runs} runs that take turns. The ratio is what the peer takes over
-  what tfbus takes.
-- The robots are made up: an arm with {arm} and a humanoid with {humanoid}, two of three joints
-  revolute and one fixed, all origins turned.
-- **Where all links are** in the root, from a map of angles by joint (yourdfpy: an array). tfbus
-  answers with a `Transform` a link, the others with a matrix (4, 4).
-- **10,000 configurations**: `Robot.fk_many` of tfbus; the others have no such call, so that theirs
-  is a loop, of which {looped} turns are measured.
-"""
 
 
 @dataclass(frozen=True)
@@ -171,7 +147,7 @@ def measure(limbs: int, joints: int, runs: int) -> dict[str, dict[str, float]]:
     return {what: {who: median(times) for who, times in by.items()} for what, by in found.items()}
 
 
-def table(results: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
+def table(results: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Table:
     """A row for each robot and what is done with it."""
     peers = [who for who in PEERS if who != "tfbus"]
     rows = []
@@ -179,42 +155,43 @@ def table(results: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
         for what, by in done.items():
             row = [robot, what, amount(by["tfbus"])]
             for who in peers:
-                ratio = f"{by[who] / by['tfbus']:.1f}" if who in by else "-"
+                ratio = f"{by[who] / by['tfbus']:.1f} x" if who in by else "-"
                 row += [amount(by.get(who)), ratio]
             rows.append(row)
-    headings = [each for who in peers for each in (who, "ratio")]
-    return markdown_table(["robot", "what", "tfbus", *headings], rows, words=2)
+    headings = [each for who in peers for each in (who, f"over {who}")]
+    return Table(["robot", "what", "tfbus", *headings], rows, words=2)
 
 
 def main() -> None:
     """Measure, and print the part."""
     parser = argparse.ArgumentParser(prog="benchmarks.robots", description=__doc__)
     parser.add_argument("--runs", type=int, default=5, help="of which the median counts (5)")
-    parser.add_argument("--write", action="store_true", help="write the part of performance.md")
-    parser.add_argument("--docs", type=Path, default=DOCS, help="the folder with performance.md")
+    parser.add_argument("--write", action="store_true", help="write the pages about speed")
     arguments = parser.parse_args()
     place = machine.describe()
     results = {robot: measure(*size, arguments.runs) for robot, size in ROBOTS.items()}
     arm, humanoid = (f"{limbs * joints} joints" for limbs, joints in ROBOTS.values())
-    part = _PART.format(
-        mark=MARK,
-        kernel="compiled" if kernel.__file__.endswith(".so") else "interpreted",
-        place=place,
-        versions=", ".join(f"{who} {_version(who)}" for who in PEERS),
-        table=table(results),
-        runs=arguments.runs,
-        arm=arm,
-        humanoid=humanoid,
-        looped=LOOPED,
+    part = Part(
+        place,
+        {"peers": table(results)},
+        {who: _version(who) for who in PEERS},
+        {
+            "runs": str(arguments.runs),
+            "arm": arm,
+            "humanoid": humanoid,
+            "looped": str(LOOPED),
+        },
     )
-    print(part)
+    part.show()
     if arguments.write:
-        parts.put_in(arguments.docs / "performance.md", MARK, part)
+        part.keep("robots")
 
 
 def _version(package: str) -> str:
     try:
-        return installed_version() if package == "tfbus" else version(package)
+        if package == "tfbus":
+            return f"{installed_version()}, {'compiled' if COMPILED else 'interpreted'}"
+        return version(package)
     except PackageNotFoundError:
         return "(not installed)"
 

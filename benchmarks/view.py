@@ -4,7 +4,7 @@ Frames move at 30 Hz, all of them, in a tree two deep. For each number of frames
 measures the processor time of the view's process, and the bytes and messages a second that one
 browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
 pictures a second that it draws are counted; without a graphics card that is slow. With --write the
-part of docs/reference/performance.md is written.
+pages about speed are written.
 """
 
 import argparse
@@ -23,46 +23,18 @@ from pathlib import Path
 
 import msgpack
 
-from benchmarks import machine, parts
-from benchmarks.report import markdown_table
-from tfbus.core import kernel
+from benchmarks import machine
+from benchmarks.parts import Part, Table
+from tfbus.buffer.buffer import COMPILED
+from tfbus.runtime.version import installed_version
 from tfbus.view.screenshot import FLAGS
 
 RATE_HZ = 30.0
 SIZES = (3, 300, 3000)
 BROWSERS = (0, 1, 3)
 
-DOCS = Path(__file__).parent.parent / "docs" / "reference"
-MARK = "<!-- the view -->"
-
 # How long a browser is given to get all that there is, before what follows is counted.
 _SETTLE_S = 3.0
-
-_PART = """\
-{mark}
-
-## The view
-
-`python -m benchmarks.view --write` measured this part, with the {kernel} kernel. {place}
-
-{table}
-
-- All frames move at 30 Hz, each message has all of them, and `tfbus view` sends at most 30 updates
-  a second. A core is one second of processor time a second, of all threads of the view's process.
-  While no page is open it receives the frames, and checks them once a second.
-- These browsers receive and draw nothing, to leave the processor to the view. Fewer than 30
-  messages a second mean that the view could not keep up or, under a load far above one, that other
-  processes had the cores.
-- Pictures a second are those that a Chromium draws of the page, 1280 by 800{drawn}.
-"""
-
-# How the pictures came about.
-_DRAWN = {
-    True: """. This machine has no
-  graphics card: SwiftShader draws them on the cores that the view and the publisher use too, so
-  they are few. They do not measure a browser with a graphics card""",
-    False: "; they were not counted",
-}
 
 # What a page says first: where it looks from. Before that it is none of the page's browsers.
 _CAMERA = {
@@ -107,8 +79,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, nargs="*", default=SIZES)
     parser.add_argument("--seconds", type=float, default=5.0, help="for each row; 5")
     parser.add_argument("--pictures", action="store_true", help="draw the page in a Chromium")
-    parser.add_argument("--write", action="store_true", help="write the part of performance.md")
-    parser.add_argument("--docs", type=Path, default=DOCS, help="the folder with performance.md")
+    parser.add_argument("--write", action="store_true", help="write the pages about speed")
     parser.add_argument("--publish", type=int, metavar="N", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.publish:
@@ -124,16 +95,17 @@ def main() -> None:
                     cost = replace(cost, pictures_hz=draw(address, arguments.seconds))
                 costs.append(cost)
                 print(cost, file=sys.stderr, flush=True)
-    part = _PART.format(
-        mark=MARK,
-        kernel="compiled" if kernel.__file__.endswith(".so") else "interpreted",
-        place=place,
-        table=table(costs),
-        drawn=_DRAWN[arguments.pictures],
+    kind = "compiled" if COMPILED else "interpreted"
+    drawn_by = "SwiftShader" if arguments.pictures else ""
+    part = Part(
+        place,
+        {"costs": table(costs)},
+        {"tfbus": f"{installed_version()}, {kind}"},
+        {"pictures": drawn_by},
     )
-    print(part)
+    part.show()
     if arguments.write:
-        parts.put_in(arguments.docs / "performance.md", MARK, part)
+        part.keep("view")
 
 
 def publish(count: int) -> None:
@@ -266,8 +238,8 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def table(costs: Sequence[Cost]) -> str:
-    """A row for each, in Markdown."""
+def table(costs: Sequence[Cost]) -> Table:
+    """A row for each."""
     cells = [
         [
             f"{cost.frames:,}",
@@ -280,7 +252,7 @@ def table(costs: Sequence[Cost]) -> str:
         for cost in costs
     ]
     headings = ["browsers", "server, cores", "bytes a second to each", "messages a second"]
-    return markdown_table(["frames", *headings, "pictures a second"], cells)
+    return Table(["frames", *headings, "pictures a second"], cells, words=0)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ All of it comes from the commands themselves, as `--help` prints it.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -33,6 +34,19 @@ A command below that has `[NODE OPTIONS]` in its usage takes these too.
 """
 
 
+_OF_MANY = """\
+## Options that many commands have
+
+A command that has one of these names it below its own.
+"""
+
+# So many commands have an option that it is described once.
+_SHARED_BY = 4
+
+# The names of an option, and what it means.
+Row = tuple[str, str]
+
+
 def page() -> str:
     """The whole page."""
     parts = [_HEAD, "| command | what it does |\n| --- | --- |"]
@@ -40,13 +54,17 @@ def page() -> str:
         f"\n| [`{name}`](#tfbus-{name}) | {text} |" for name, text in sorted(_texts().items())
     )
     parts[-1] += "\n"
-    parts += [_OF_NODES, _options(_node_parameters())]
-    shared = {_declared(parameter) for parameter in _node_parameters()}
+    of_nodes = _rows(_node_parameters())
     root = click.Context(tfbus, info_name="tfbus", max_content_width=100)
-    for name in sorted(_texts()):
-        command = tfbus.get_command(root, name)
-        assert command is not None
-        parts += _sections(command, name, root, shared)
+    commands = [(each, tfbus.get_command(root, each)) for each in sorted(_texts())]
+    known = [(name, command) for name, command in commands if command is not None]
+    count = Counter(row for name, command in known for row in _all_rows(command, name, root))
+    often = [row for row, times in count.items() if times >= _SHARED_BY and row not in of_nodes]
+    meanings = Counter(names for names, _ in often)
+    shared = [row for row in often if meanings[row[0]] == 1]
+    parts += [_OF_NODES, _table(of_nodes), _OF_MANY, _table(sorted(shared))]
+    for name, command in known:
+        parts += _sections(command, name, root, of_nodes, shared)
     return "\n".join(parts)
 
 
@@ -65,30 +83,48 @@ def _node_parameters() -> Sequence[click.Parameter]:
     return anything.params
 
 
-def _declared(parameter: click.Parameter) -> tuple[str, ...]:
-    return tuple(parameter.opts)
+def _below(command: click.Command, context: click.Context) -> Iterator[tuple[str, click.Command]]:
+    """The commands of a group by their names."""
+    for verb in command.list_commands(context) if isinstance(command, click.Group) else ():
+        below = command.get_command(context, verb)
+        if below is not None and not below.hidden:
+            yield verb, below
+
+
+def _all_rows(command: click.Command, name: str, parent: click.Context) -> Iterator[Row]:
+    """The options of a command, and of those below it."""
+    context = click.Context(command, info_name=name, parent=parent, max_content_width=100)
+    yield from _rows(command.params)
+    for verb, below in _below(command, context):
+        yield from _all_rows(below, verb, context)
 
 
 def _sections(
-    command: click.Command, name: str, parent: click.Context, shared: set[tuple[str, ...]]
+    command: click.Command,
+    name: str,
+    parent: click.Context,
+    of_nodes: Sequence[Row],
+    shared: Sequence[Row],
 ) -> Iterator[str]:
     """A command, then those below it."""
     context = click.Context(command, info_name=name, parent=parent, max_content_width=100)
-    own = [each for each in command.params if _declared(each) not in shared]
-    is_node = len(own) < len(command.params)
+    names_of_nodes = {names for names, _ in of_nodes}
+    rows = _rows(command.params)
+    own = [row for row in rows if row[0] not in names_of_nodes and row not in shared]
+    is_node = any(names in names_of_nodes for names, _ in rows)
     yield f"{'##' if parent.parent is None else '###'} {context.command_path}\n"
     yield f"{_paragraphs(command.help or '')}\n"
     pieces = [context.command_path, *_usage(command, context, is_node)]
-    yield f"```text\nUsage: {' '.join(pieces)}\n```\n"
-    if text := _options(own):
-        yield text
+    yield f"`{' '.join(pieces)}`\n"
+    if own:
+        yield _table(own)
+    if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:
+        each = ", ".join(f"`{name.rstrip(',')}`" for name in also)
+        yield f"And, [as many do](#options-that-many-commands-have): {each}.\n"
     if command.epilog:
         yield _examples(command.epilog)
-    if isinstance(command, click.Group):
-        for verb in command.list_commands(context):
-            below = command.get_command(context, verb)
-            if below is not None and not below.hidden:
-                yield from _sections(below, verb, context, shared)
+    for verb, below in _below(command, context):
+        yield from _sections(below, verb, context, of_nodes, shared)
 
 
 def _usage(command: click.Command, context: click.Context, is_node: bool) -> list[str]:
@@ -105,17 +141,17 @@ def _examples(epilog: str) -> str:
     return f"{word}:\n\n```text\n{lines}\n```\n"
 
 
-def _options(parameters: Sequence[click.Parameter]) -> str:
-    """A table of options, "" where there are none."""
+def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:
+    """The names of options and what they mean."""
     context = click.Context(click.Command("tfbus"), max_content_width=100)
     context.meta[SHOWS_ALL] = True
     records = [each.get_help_record(context) for each in parameters]
-    rows = [
-        f"| `{_cell(names)}` | {_cell(_shown(text))} |"
-        for names, text in filter(None, records)
-        if text
-    ]
-    return "\n".join(["| option | |", "| --- | --- |", *rows, ""]) if rows else ""
+    return [(_cell(names), _cell(_shown(text))) for names, text in filter(None, records) if text]
+
+
+def _table(rows: Sequence[Row]) -> str:
+    lines = [f"| `{names}` | {text} |" for names, text in rows]
+    return "\n".join(["| option | |", "| --- | --- |", *lines, ""])
 
 
 def _shown(text: str) -> str:

@@ -160,6 +160,15 @@ COMPAT = {
     "message_filters": (
         "ApproximateTimeSynchronizer Cache SimpleFilter Subscriber TimeSynchronizer"
     ),
+    "rosidl_runtime_py": (
+        "get_message_slot_types message_to_csv message_to_ordereddict message_to_yaml "
+        "set_message_fields"
+    ),
+    "rosidl_runtime_py.convert": (
+        "get_message_slot_types message_to_csv message_to_ordereddict message_to_yaml"
+    ),
+    "rosidl_runtime_py.set_message": ("set_message_fields"),
+    "rosidl_runtime_py.utilities": ("get_action get_interface get_message get_service"),
     "sensor_msgs_py": ("point_cloud2"),
     "sensor_msgs_py.point_cloud2": (
         "create_cloud create_cloud_xyz32 dtype_from_fields read_points read_points_list "

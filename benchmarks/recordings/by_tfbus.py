@@ -1,8 +1,11 @@
 """What tfbus does with recordings: each function is a process, see benchmarks/bus/place.py."""
 
+import platform
 import random
 import time
 from collections.abc import Iterable
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from statistics import median
 
 from benchmarks.bus.place import say
@@ -10,10 +13,22 @@ from benchmarks.recordings import robot
 from benchmarks.recordings.cost import cpu_s, say_cost
 from benchmarks.recordings.robot import HOUR, LAST, PERIOD_NS
 from tfbus import Buffer, Recording
+from tfbus.buffer.buffer import COMPILED
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.writer import Compression, RecordingWriter
+from tfbus.runtime.version import installed_version
 
 _LOOKUPS = 100
+
+
+def versions() -> None:
+    """What is measured: the programs as they are installed for these processes."""
+    kind = "compiled" if COMPILED else "interpreted"
+    found = {"tfbus": f"{installed_version()}, {kind}, Python {platform.python_version()}"}
+    for name in ("mcap", "mcap-ros2-support", "rosbags"):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    say(found)
 
 
 def make(path: str, count: int) -> None:

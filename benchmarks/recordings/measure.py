@@ -38,11 +38,12 @@ _SLOW_RUNS = 1
 
 @dataclass(frozen=True)
 class Measured:
-    """CPU seconds by what is done and by whom, or why there are none; the cores for a robot, by its
-    publishers; floods by the transforms of a message; the timing of a replay and of bare Zenoh; the
-    size of the file of an hour.
+    """The versions of the programs; CPU seconds by what is done and by whom, or why there are none;
+    the cores for a robot, by its publishers; floods by the transforms of a message; the timing of a
+    replay and of bare Zenoh; the size of the file of an hour.
     """
 
+    versions: Mapping[str, str]
     cpu_s: Mapping[str, Mapping[str, float | str]]
     robot_cores: Mapping[int, float]
     floods: Mapping[int, Sequence[Flood]]
@@ -53,6 +54,7 @@ class Measured:
 def measure(runs: int, tell: Callable[[str], None]) -> Measured:
     """Measure all of it, which takes some minutes."""
     with place() as at:
+        versions = _ask(at, f"by_{TFBUS}:versions")
         files = {"minute": MINUTE, "hour": HOUR}
         for name, messages in files.items():
             tell(f"recordings: make the file of one {name}")
@@ -75,7 +77,7 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
     tell("recordings: without loss")
     floods = {rows: bus.without_loss(rows) for rows in (50, 1)}
     tell("recordings: play")
-    return Measured(cpu_s, robot_cores, floods, bus.play(runs), hour_bytes)
+    return Measured(versions, cpu_s, robot_cores, floods, bus.play(runs), hour_bytes)
 
 
 _folders = count()

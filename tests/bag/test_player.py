@@ -416,3 +416,12 @@ def test_what_was_read_before_a_mistake_is_played() -> None:
             else:
                 taken.append(ahead.take().log_ns)
     assert taken == [*range(1000)]
+
+
+def test_an_item_in_millennia_is_waited_for(quick: list[Playing]) -> None:
+    """A log time may be any of 64 bits, and the rate a thousandth: no clock waits so long."""
+    quick.append(Playing(Tape([topic(0), topic(2**63 - 1, 1)]), rate=0.001))
+    eventually(lambda: quick[0].taken == [0])
+    assert quick[0].waits()
+    quick[0].player.stop()
+    assert quick[0].result() is None

@@ -295,8 +295,19 @@ class TestSplits:
         log_ns = [item.log_ns for item in items]
         assert numbers(items) == list(range(len(offsets)))
         assert log_ns == sorted(log_ns)
-        assert log_ns[4] - log_ns[2] == 2 * S // 100
+        assert log_ns[4] - log_ns[2] == 2 * S // 100 * 9 // 10
         assert [line for line in lines.lines if "clock was set back" in line]
+
+    def test_log_times_are_those_of_the_clock_again_once_it_has_caught_up(self, run: Run) -> None:
+        """Ten times as long as it was set back."""
+        start_ns = time.time_ns()
+        offsets_ns = [0, -S, 4 * S, 8 * S, 10 * S, 11 * S]
+        run.queue._clock_ns = iter([start_ns + offset_ns for offset_ns in offsets_ns]).__next__
+        run.send(len(offsets_ns))
+        items = [item for item in run.items() if isinstance(item, TransformItem)]
+        came_ns = [0, 0, 4.5 * S, 8.1 * S, 10 * S, 11 * S]
+        assert [item.log_ns - start_ns for item in items] == came_ns
+        assert run.queue.set_back_ns == 0
 
     def test_files_end_after_their_time(self, tmp_path: Path) -> None:
         """The time is that between messages."""

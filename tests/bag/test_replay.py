@@ -25,8 +25,9 @@ from tfbus import (
     TransformException,
     TransformListener,
 )
+from tfbus.bag.moved_stamps import moved
 from tfbus.bag.played_time import PlayedTime
-from tfbus.bag.player import Player
+from tfbus.bag.player import Pace, Player
 from tfbus.bag.player_services import serve
 from tfbus.bag.replay import Replay
 from tfbus.bag.replayed_names import ReplayedNames
@@ -607,6 +608,41 @@ def test_joint_states_get_stamps_of_now(played: Any, receiver: Node) -> None:
     run.player.resume()
     eventually(lambda: stamps)
     assert abs(stamps[0] - time.time_ns()) < 60 * S
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rate", [0.001, 1.0, 10_000.0])
+def test_stamps_that_do_not_fit_are_the_last_that_do(rate: float) -> None:
+    """Recorded times may be any: what would be beyond 64 bits is at their end, in order."""
+    first, last = -(2**31) * S, 2**31 * S - 1
+    rows = Columns.of_transforms([at(1, "early", first), at(1, "late", last)])
+    for log_ns in (0, 2**63 - 1):
+        for ahead_ns in (first, 0, last):
+            found = moved(rows, Pace(log_ns, 0, last, rate), ahead_ns).stamps_as_ints()
+            assert found == sorted(found)
+            exact = [last + each - log_ns - ahead_ns for each in (first, last)]
+            if rate == 1.0:
+                assert found == [min(max(each, -(2**63)), 2**63 - 1) for each in exact]
+
+
+def test_what_cannot_be_sent_is_left_out(played: Any, receiver: Node) -> None:
+    """A message that is nested too deeply, and a description with a number that no message holds:
+    the rest is played.
+    """
+    deep: dict[str, Any] = {}
+    for _ in range(400):
+        deep = {"a": deep}
+    came: list[bytes] = []
+    receiver.create_raw_subscription("pose", came.append)
+    wrong = described(0, ("turtle1", False))
+    wrong = replace(wrong, facts={**wrong.facts, "pid": 2**70})
+    items = [wrong, topic(0.1, "deep", deep), *(topic(n / 5, "pose") for n in range(1, 9))]
+    run = played(items, at_end="loop")
+    lines = Lines(run.node.log, logging.WARNING)
+    run.player.resume()
+    eventually(lambda: came and len(lines.lines) >= 2)
+    assert lines.lines[0].startswith("Left out the recorded description of stream 'sim'")
+    assert "nested too deep" in lines.lines[1]
 
 
 def header(s: float, frame: str = "laser") -> dict[str, Any]:

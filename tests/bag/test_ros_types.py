@@ -13,12 +13,13 @@ from tfbus.bag.capture import Capture
 from tfbus.bag.player import Player
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.replay import Replay
+from tfbus.bus.session import Session
 from tfbus.discover.ros_types import RosTypes
 from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
-from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, standard_definition
+from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, completed, standard_definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import encode_map, type_name
 
@@ -151,3 +152,28 @@ def test_a_definition_of_ones_own_that_is_invalid_stops_nothing(
     file.write_text("absent_msgs/Nothing nothing\n")
     monkeypatch.setenv(FOLDERS_VARIABLE, str(tmp_path))
     assert RosTypes(bus.node("asks").session).codec("/nobody", "bad_msgs/msg/Bad") is None
+
+
+def test_a_node_is_asked_once_for_all_its_types(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also for standard ones; for one that it publishes later it is asked again."""
+    sender = bus.node("sender")
+    types = RosTypes(bus.node("asks").session)
+    asked: list[str] = []
+    ask = Session.ask
+
+    def counted(session: Session, selector: str, *values: object, **options: object) -> object:
+        asked.append(selector)
+        return ask(session, selector, *values, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Session, "ask", counted)
+    own = "std_msgs/Header header\nfloat32 width\n"
+    text = completed(Definition("my_msgs/msg/Gripper", own)).text
+    sender.create_raw_publisher("gripper", type_name="my_msgs/msg/Gripper", definition=text)
+    for name in ("Imu", "LaserScan"):
+        sender.create_raw_publisher(name, type_name=f"sensor_msgs/msg/{name}")
+    assert types.codec("/sender", "my_msgs/msg/Gripper") is not None
+    for name in ("Imu", "LaserScan"):
+        assert types.codec("/sender", f"sensor_msgs/msg/{name}") is not None
+    assert len(asked) == 1
+    assert types.codec("/sender", "sensor_msgs/msg/Range") is not None
+    assert len(asked) == 2

@@ -7,8 +7,12 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tfbus import TfbusError
+from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.options import BridgeOptions
+from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TABLE, TopicTable
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
+from tfbus.wire.codec import decode_map, encode_map
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 
@@ -103,8 +107,30 @@ def test_a_type_of_its_own_is_given_by_a_file(tmp_path: Path) -> None:
     (tmp_path / "Gripper.msg").write_text("std_msgs/Header header\nfloat32 width\n")
     lines = table(tmp_path, "gripper: {ros: my_msgs/Gripper, msg: Gripper.msg}\n")
     line = lines.names["gripper"]
-    assert (line.type_name, line.ros_type) == ("Gripper", "my_msgs/msg/Gripper")
+    assert line.type_name == line.ros_type == "my_msgs/msg/Gripper"
     assert "MSG: std_msgs/Header" in line.counterpart.definition.text
+
+
+def test_without_a_type_a_message_is_as_in_ros(tmp_path: Path) -> None:
+    """With its full name and its fields, as programs with ROS's messages have it on the bus."""
+    lines = table(tmp_path, f"a: {{ros: {BATTERY}}}\nb: {{type: {BATTERY}, ros: {BATTERY}}}\n")
+    values = {"header": {"stamp": {"sec": 7, "nanosec": 5}, "frame_id": "base"}, "voltage": 0.5}
+    for name in ("a", "b"):
+        line = lines.line_of(name, BATTERY)
+        assert line is not None and line.type_name == BATTERY
+        translation = Translation(line, FrameNames(BridgeOptions()), lambda: 0)
+        there = translation.to_ros(encode_map(values))
+        back = decode_map(translation.of_ros(there))
+        assert {field: back[field] for field in values} == values
+    with pytest.raises(TfbusError, match=r"it carries Battery, .*: give the line `type: Battery`"):
+        lines.line_of("a", "Battery")
+
+
+def test_without_a_type_one_that_tfbus_has_is_that(tmp_path: Path) -> None:
+    """A PoseStamped on the bus is that of tfbus.messages, also by a line of its own."""
+    lines = table(tmp_path, "target: {ros: geometry_msgs/msg/PoseStamped, direction: from-ros}\n")
+    line = lines.names["target"]
+    assert line.counterpart is LIVE_COUNTERPARTS["PoseStamped"]
 
 
 def test_a_line_goes_before_the_table(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests.needs import module
-from tests.recordings import at, described, gone, publisher, statics, steadily, write
+from tests.recordings import at, described, gone, publisher, sent, statics, steadily, write
 from tfbus.cli import main
 from tfbus.recording.items import TopicItem
 
@@ -110,6 +110,21 @@ def test_recordings_of_ros_are_to_be_imported(
     done = run(*tool, given)
     assert done.exit_code == 1
     assert f"tfbus bag import {given} -o" in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize("command", ["bag export", "plot", "echo"])
+def test_a_span_of_a_century_at_a_rate_is_refused(tmp_path: Path, command: str) -> None:
+    """One wrong stamp makes it so long: the sentence says how many poses it has."""
+    far = sent(SIM, 50.0, ("world", "base", 1.0), stamp_ns=(2**31 - 1) * 10**9)
+    path = write(tmp_path / "far.mcap", steadily(SIM, 0.0, 5.0, ("world", "base")), far)
+    name, *more = command.split()
+    output = {"echo": (), "plot": ("-o", tmp_path / "out.svg")}.get(
+        name, ("-o", tmp_path / "a.csv")
+    )
+    words = (*more, path) if more else ("--bag", path)
+    done = run(name, *words, "world", "base", "--rate", 100, *output)
+    assert done.exit_code == 1
+    assert "35,748," in done.output and "give a lower --rate" in done.output
 
 
 @pytest.mark.parametrize(

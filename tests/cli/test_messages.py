@@ -18,7 +18,7 @@ from tfbus.cli.messages.message import (
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
-from tfbus.messages import Color, TeleportRelative, Twist
+from tfbus.messages import Color, Odometry, PoseStamped, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -118,9 +118,35 @@ def test_missing_fields_take_their_defaults() -> None:
     }
 
 
+def test_fields_may_be_those_of_ros() -> None:
+    """Of a type that ROS has with others; what is missing is as in a new message of ROS."""
+    pose = {"header": {"frame_id": "map", "stamp": {"sec": 1}}, "pose": {"position": {"x": 1}}}
+    for name in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):
+        assert complete_values(pose, find_type(name)) == {
+            "stamp_ns": 1_000_000_000,
+            "frame": "map",
+            "position": {"x": 1.0, "y": 0.0, "z": 0.0},
+            "quat_xyzw": [0.0, 0.0, 0.0, 1.0],
+        }
+    twist = {"twist": {"twist": {"linear": {"x": 2}}}}
+    assert complete_values(twist, Odometry)["twist"]["linear"]["x"] == 2.0
+
+
 @pytest.mark.parametrize(
     ("values", "message_type", "sentence"),
     [
+        (
+            {"header": {"frame": "map"}},
+            PoseStamped,
+            "not a valid geometry_msgs/msg/PoseStamped: there is no field 'header.frame'; "
+            "std_msgs/msg/Header has stamp, frame_id",
+        ),
+        (
+            {"points": [{"x": 1, "w": 2}]},
+            find_type("geometry_msgs/msg/Polygon"),
+            "not a valid geometry_msgs/msg/Polygon: there is no field 'points[0].w'; "
+            "geometry_msgs/msg/Point32 has x, y, z",
+        ),
         ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),
         ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; available: x, y, z"),
         ({"linear": 2}, Twist, "not a valid Twist: field 'linear' must be a map, not an integer"),

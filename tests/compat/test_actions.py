@@ -14,7 +14,11 @@ from tfbus.compat.example_interfaces.action import Fibonacci
 from tfbus.compat.lifecycle_msgs.msg import State, Transition
 from tfbus.compat.lifecycle_msgs.srv import ChangeState, GetState
 from tfbus.compat.rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from tfbus.compat.rclpy.action.client import _Feedbacks
+from tfbus.compat.rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from tfbus.compat.rclpy.executors import MultiThreadedExecutor
 from tfbus.compat.rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from tfbus.compat.rclpy.task import Future
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.action import RotateAbsolute
 
@@ -52,6 +56,7 @@ def test_a_goal_is_sent_and_reached(rclpy: ModuleType, execute: Any) -> None:
     assert [*ended.result().result.sequence] == [0, 1, 1, 2, 3]
     spin_until(client, lambda: len(heard) == 3)
     assert [*heard[0].feedback.sequence] == [0, 1, 1]
+    assert {bytes(each.goal_id.uuid) for each in heard} == {bytes(goal.goal_id.uuid)}
 
 
 def test_a_goal_may_be_rejected(rclpy: ModuleType) -> None:
@@ -124,6 +129,75 @@ def test_a_goal_is_cancelled_where_its_server_takes_that(rclpy: ModuleType, is_t
     assert bool(cancelled.result().goals_canceling) == is_taken
     wanted = GoalStatus.STATUS_CANCELED if is_taken else GoalStatus.STATUS_SUCCEEDED
     assert (ended.result().status, [*ended.result().result.sequence]) == (wanted, [7])
+
+
+def test_the_first_feedback_may_come_before_the_id_of_its_goal() -> None:
+    """It waits for that, and the order stays."""
+    heard: list[Any] = []
+    feedbacks = _Feedbacks(heard.append, lambda call: call())
+    feedbacks.came(1)
+    assert heard == []
+    feedbacks.begin("id")
+    feedbacks.came(2)
+    assert heard == [("id", 1), ("id", 2)]
+
+
+def test_feedback_is_heard_in_the_group_of_the_client(rclpy: ModuleType) -> None:
+    """One after the other in an exclusive one, also with several threads, as in ROS."""
+    server, client = rclpy.create_node("server"), rclpy.create_node("client")
+    ActionServer(server, Fibonacci, "fibonacci", count)
+    group = MutuallyExclusiveCallbackGroup()
+    alone: list[bool] = []
+    running = threading.Lock()
+
+    def hear(feedback: Any) -> None:
+        is_alone = running.acquire(blocking=False)
+        alone.append(is_alone)
+        if is_alone:
+            running.release()
+
+    calls = ActionClient(client, Fibonacci, "fibonacci", callback_group=group)
+    executor = MultiThreadedExecutor(4)
+    for node in (server, client):
+        executor.add_node(node)
+    calls.send_goal_async(Fibonacci.Goal(order=30), feedback_callback=hear)
+    while len(alone) < 29:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    assert set(alone) == {True} and group.owner == "/client"
+
+
+@pytest.mark.parametrize("is_taken", [True, False])
+def test_a_coroutine_may_decide_about_the_cancelling(rclpy: ModuleType, is_taken: bool) -> None:
+    """Its answer counts, also where it comes later."""
+    server, client = rclpy.create_node("server"), rclpy.create_node("client")
+    decided = Future()
+
+    async def decide(goal_handle: Any) -> CancelResponse:
+        return await decided
+
+    async def wait(goal_handle: Any) -> Any:
+        await decided
+        while is_taken and not goal_handle.is_cancel_requested:
+            await passed()
+        goal_handle.canceled() if is_taken else goal_handle.succeed()
+        return Fibonacci.Result(sequence=[7])
+
+    def passed() -> Future:
+        future = Future()
+        server.create_timer(0.01, lambda: future.set_result(None))
+        return future
+
+    ActionServer(server, Fibonacci, "fibonacci", wait, cancel_callback=decide)
+    sent = ActionClient(client, Fibonacci, "fibonacci").send_goal_async(Fibonacci.Goal(order=1))
+    spin_until(server, sent.done)
+    cancelled = sent.result().cancel_goal_async()
+    decided.set_result(CancelResponse.ACCEPT if is_taken else CancelResponse.REJECT)
+    ended = sent.result().get_result_async()
+    spin_until(server, lambda: cancelled.done() and ended.done())
+    assert bool(cancelled.result().goals_canceling) == is_taken
+    wanted = GoalStatus.STATUS_CANCELED if is_taken else GoalStatus.STATUS_SUCCEEDED
+    assert ended.result().status == wanted
 
 
 def test_a_callback_that_fails_aborts_its_goal(rclpy: ModuleType) -> None:

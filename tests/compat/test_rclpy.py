@@ -90,6 +90,29 @@ def test_a_timer_is_cancelled_and_reset(rclpy: ModuleType) -> None:
     spin_until(node, lambda: calls)
 
 
+def test_a_timer_without_autostart_begins_with_its_reset(rclpy: ModuleType) -> None:
+    """Until then it calls nothing."""
+    node, calls = rclpy.create_node("timed"), []
+    timer = node.create_timer(0.001, lambda: calls.append(1), autostart=False)
+    assert timer.is_canceled()
+    rclpy.spin_once(node, timeout_sec=0.05)
+    assert not calls
+    timer.reset()
+    spin_until(node, lambda: calls)
+
+
+def test_a_timer_may_have_a_clock_of_its_own(rclpy: ModuleType) -> None:
+    """As beside a simulated time that has not begun."""
+    simulated = ["--ros-args", "-p", "use_sim_time:=true"]
+    node, calls = rclpy.create_node("timed", cli_args=simulated), []
+    steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
+    node.create_timer(0.001, lambda: calls.append("simulated"))
+    node.create_timer(0.001, lambda: calls.append("steady"), clock=steady)
+    spin_until(node, lambda: len(calls) > 2)
+    node.create_rate(1000.0, steady).sleep()
+    assert set(calls) == {"steady"}
+
+
 def test_what_a_callback_raises_ends_the_spin(rclpy: ModuleType) -> None:
     """As in rclpy, and is not only logged."""
     node = rclpy.create_node("fails")

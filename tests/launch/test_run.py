@@ -255,6 +255,15 @@ def test_stopping_lets_processes_end_by_themselves() -> None:
         launch.wait_for(f"[INFO] [{name}]: process has finished cleanly")
 
 
+def test_a_process_that_died_before_the_stop_fails_the_launch() -> None:
+    """A stop, by a user or by `--for`, does not hide it: exit code 1, and a sentence."""
+    launch = Launch([shell("b", "exit 3"), shell("a", "exec sleep 1000")])
+    launch.wait_for("[ERROR] [b]: process has died")
+    launch.stop()
+    launch.wait_for("[ERROR] [launch]: died before: b; exit code 1")
+    assert launch.exit_code() == 1
+
+
 def test_a_process_that_does_not_obey_gets_sigterm_then_sigkill() -> None:
     """SIGINT, SIGTERM, SIGKILL: each after the timeout of the one before."""
     launch = Launch([shell("a", STUBBORN)], Timeouts(0.05, 0.06, NEVER_S, NEVER_S))

@@ -185,6 +185,18 @@ def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
     assert received.stream.counts.outdated == 0
 
 
+def test_statics_of_an_earlier_epoch_follow_its_first_dynamic_message(received: Received) -> None:
+    """Where that message comes before its token, the set of the process before does not stay."""
+    received.stream.appear()
+    received.send_static(at(1, "post"), epoch_ns=2)
+    received.stream.vanish()
+    received.send(at(2, "robot", 1 * S), epoch_ns=1)
+    received.stream.appear()
+    received.describe("post", "robot", epoch_ns=1)
+    received.send_static(at(2, "post"), epoch_ns=1)
+    assert received.x_of("post") == 2
+
+
 def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) -> None:
     """A link that was down for a while does not make earlier epochs new."""
     received.send(at(1, "robot", 9 * S), epoch_ns=2)

@@ -1,8 +1,11 @@
 """Publishers whose token is lost, and that go on to send."""
 
+import pytest
+
 from tests.buses import eventually, keep_sending
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
+from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import stream_key
 
 
@@ -21,6 +24,21 @@ def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:
         # And it is gone for good once it no longer sends.
         publisher.close()
         eventually(lambda: buffer.frame("robot").gone)
+
+
+def test_a_publisher_that_is_gone_costs_no_wake_ups(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stream that is gone and silent is not looked at again and again."""
+    looks: list[float] = []
+    publisher, buffer = bus.node("sim"), Buffer()
+    keep_sending(publisher, "world", "robot")
+    with TransformListener(buffer, bus.node("listener")):
+        eventually(lambda: "robot" in buffer.frames())
+        monkeypatch.setattr(Executor, "after", lambda self, delay_s, call: looks.append(delay_s))
+        publisher.close()
+        eventually(lambda: buffer.frame("robot").gone)
+    assert looks == []
 
 
 def test_a_publisher_without_a_token_is_gone_once_it_is_silent(bus: Bus) -> None:

@@ -1,5 +1,6 @@
 """Nodes: topics, services, actions, parameters, their names and their end."""
 
+import asyncio
 import logging
 import threading
 import time
@@ -381,6 +382,22 @@ class TestActions:
         assert (result.status, result.result) == ("canceled", RotateAbsolute.Result(2))
         assert not first.ended
         second.cancel()
+
+    @pytest.mark.parametrize("is_taken", [True, False])
+    def test_a_coroutine_may_cancel(
+        self, other: Node, handles: list[GoalHandle], *, is_taken: bool
+    ) -> None:
+        """Where it returns False, the goal goes on."""
+        client = other.create_goal_client(RotateAbsolute, "rotate")
+        sent = client.send(RotateAbsolute.Goal(1))
+        (handle,) = eventually(lambda: handles)
+
+        async def decide() -> bool:
+            await asyncio.sleep(0)
+            return is_taken
+
+        handle.on_cancel(decide)
+        assert sent.cancel(timeout_s=DEADLINE_S) == is_taken
 
     def test_an_empty_id_cancels_all_goals(self, other: Node, handles: list[GoalHandle]) -> None:
         """Without an id all goals are cancelled."""

@@ -58,13 +58,16 @@ def tf_message(store: Any, transforms: Iterable[RawTransform]) -> Any:
     return types[TF_MESSAGE](made)
 
 
-def write_bag(path: Path, sent: Iterable[Sent]) -> Path:
-    """A .bag of rosbag1."""
+def write_bag(path: Path, sent: Iterable[Sent], *, compression: str = "") -> Path:
+    """A .bag of rosbag1; its chunks compressed, as by BZ2 or LZ4."""
     store = store_of(1)
     from rosbags.rosbag1 import Writer
 
     connections: dict[tuple[str, str], Any] = {}
-    with Writer(path) as bag:
+    bag = Writer(path)
+    if compression:
+        bag.set_compression(Writer.CompressionFormat[compression])
+    with bag:
         for each in sent:
             key = each.topic, each.publisher
             if key not in connections:
@@ -77,13 +80,16 @@ def write_bag(path: Path, sent: Iterable[Sent]) -> Path:
     return path
 
 
-def write_rosbag2(path: Path, sent: Iterable[Sent], *, storage: str) -> Path:
-    """A folder of rosbag2, stored as SQLITE3 or MCAP."""
+def write_rosbag2(path: Path, sent: Iterable[Sent], *, storage: str, packed: str = "") -> Path:
+    """A folder of rosbag2, stored as SQLITE3 or MCAP; each FILE or MESSAGE of it compressed."""
     store = store_of(2)
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     connections: dict[str, Any] = {}
-    with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as bag:
+    bag = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
+    if packed:
+        bag.set_compression(CompressionMode[packed], CompressionFormat.ZSTD)
+    with bag:
         for each in sent:
             if each.topic not in connections:
                 connections[each.topic] = bag.add_connection(

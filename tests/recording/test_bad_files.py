@@ -4,11 +4,13 @@ import random
 import struct
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import zstandard
+from mcap.writer import Writer
 
 from tests.builders import S, as_values, at, in_recording
 from tfbus import Recording
@@ -194,6 +196,29 @@ except DecodeError as error:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) == 1
+
+
+def test_messages_of_a_chunk_are_decoded_one_by_one(tmp_path: Path) -> None:
+    """Their values take many times their bytes: those of one message are there at a time."""
+    path, count, numbers = tmp_path / "a.mcap", 40, 50_000
+    data = b"\0\1\0\0" + struct.pack("<I", numbers) + b"\0\x70" * numbers
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**30)
+        writer.start()
+        schema = writer.register_schema("a/msg/Grid", "ros2msg", b"int16[] cells\n")
+        channel = writer.register_channel("/grid", "cdr", schema)
+        for number in range(count):
+            writer.add_message(channel, T0 + number, data, T0 + number)
+        writer.finish()
+    tracemalloc.start()
+    try:
+        with RecordingReader(path) as reader:
+            assert len(reader.chunks) == 1
+            assert sum(1 for _ in reader.items()) == count
+            most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < count * numbers * 40 / 4
 
 
 def test_an_index_of_another_file_is_not_believed(tmp_path: Path) -> None:

@@ -1,11 +1,17 @@
 """Files of ROS and Foxglove become recordings."""
 
+import bz2
+import shutil
 import sqlite3
+import tracemalloc
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import pytest
+import zstandard
 
 from tests import needs
 from tests.recording.foreign_files import (
@@ -18,6 +24,7 @@ from tests.recording.foreign_files import (
     write_rosbag2,
 )
 from tfbus.errors import DecodeError
+from tfbus.recording.foreign import files
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
@@ -49,10 +56,22 @@ SENT = [
     Sent(START_NS + 7 * S, [raw(START_NS, "map", "base")], "/robot7/tf"),
 ]
 
+
+def _packed_rosbag2(folder: Path, *, storage: str, packed: str) -> Path:
+    return write_rosbag2(folder / "r", SENT, storage=storage, packed=packed)
+
+
 WRITERS: dict[str, Callable[[Path], Path]] = {
     "bag": lambda folder: write_bag(folder / "r.bag", SENT),
     "db3": lambda folder: write_rosbag2(folder / "r", SENT, storage="SQLITE3"),
     "rosbag2 mcap": lambda folder: write_rosbag2(folder / "r", SENT, storage="MCAP"),
+    "bag of bzip2": lambda folder: write_bag(folder / "r.bag", SENT, compression="BZ2"),
+    "bag of lz4": lambda folder: write_bag(folder / "r.bag", SENT, compression="LZ4"),
+    **{
+        f"{storage} packed by {packed}": partial(_packed_rosbag2, storage=storage, packed=packed)
+        for storage in ("SQLITE3", "MCAP")
+        for packed in ("FILE", "MESSAGE")
+    },
     "mcap of ROS 2": lambda folder: write_bare_mcap(folder / "r.mcap", SENT, ros=2),
     "mcap of ROS 1": lambda folder: write_bare_mcap(folder / "r.mcap", SENT, ros=1),
     "mcap of Foxglove": lambda folder: write_foxglove_json(folder / "r.mcap", SENT),
@@ -319,6 +338,73 @@ def test_a_database_that_computes_what_it_holds_is_refused(
         pass
 
 
+def test_a_packed_database_is_looked_at_as_any_other(tmp_path: Path) -> None:
+    """What it computes is found once it is unpacked."""
+    folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="FILE")
+    file, plain = next(folder.glob("*.zstd")), tmp_path / "plain.db3"
+    plain.write_bytes(zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read())
+    with sqlite3.connect(plain) as database:
+        database.execute("CREATE VIEW more AS SELECT 1")
+    database.close()
+    file.write_bytes(zstandard.compress(plain.read_bytes()))
+    with pytest.raises(DecodeError, match="'more' in it is computed"), opened(folder):
+        pass
+
+
+ZEROS = 600 * 2**20
+
+
+def zstd_of_zeros(*, is_sized: bool) -> bytes:
+    """600 MB in 30 kB, with or without a word of their number before them."""
+    if is_sized:
+        return zstandard.compress(bytes(ZEROS))
+    packer = zstandard.ZstdCompressor().compressobj()
+    return b"".join(packer.compress(bytes(2**20)) for _ in range(600)) + packer.flush()
+
+
+def replaced(database_of: Path, data: bytes) -> None:
+    """Put bytes into all messages of a database."""
+    with sqlite3.connect(database_of) as database:
+        database.execute("UPDATE messages SET data = ?", (data,))
+    database.close()
+
+
+@pytest.mark.parametrize("kind", ["sized", "not sized", "bz2", "lz4"])
+def test_what_unpacks_to_gigabytes_is_refused(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chunks of .bag and messages of rosbag2 unpack to 256 MiB at the most."""
+    if "sized" in kind:
+        path = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="MESSAGE")
+        replaced(next(path.glob("*.db3")), zstd_of_zeros(is_sized=kind == "sized"))
+    else:
+        pack = {"bz2": bz2.compress, "lz4": lz4.frame.compress}[kind]
+        zeros = bytes(ZEROS)
+        # As the writer would: its chunk is these zeros.
+        monkeypatch.setattr(f"rosbags.rosbag1.writer.{kind}_compress", lambda *_: pack(zeros))
+        path = write_bag(tmp_path / "run.bag", SENT, compression=kind.upper())
+    tracemalloc.start()
+    try:
+        with pytest.raises(DecodeError, match="unpack"), opened(path) as files:
+            list(files.messages())
+        assert tracemalloc.get_traced_memory()[1] < ZEROS
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_file_that_unpacks_to_more_than_the_disk_has_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gigabyte stays free, and nothing of it is left behind."""
+    folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="FILE")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    full = shutil.disk_usage(tmp_path)._replace(free=10**9)
+    monkeypatch.setattr("tfbus.recording.unpacked.disk_usage", lambda _: full)
+    with pytest.raises(DecodeError, match="has no room: TMPDIR"), opened(folder):
+        pass
+    assert [each.name for each in tmp_path.iterdir()] == ["run"]
+
+
 def test_metadata_that_is_nested_too_deeply_is_told(tmp_path: Path) -> None:
     """At once, whichever files are beside it."""
     folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3")
@@ -369,15 +455,14 @@ def test_damaged_files_are_refused_wherever_they_are_cut(tmp_path: Path) -> None
     for kind, write in WRITERS.items():
         folder = tmp_path / kind.replace(" ", "_")
         folder.mkdir()
-        whole = write(folder)
-        if whole.is_dir():
-            [whole] = [each for each in whole.iterdir() if each.suffix in (".db3", ".mcap")]
-        data = whole.read_bytes()
+        given = file = write(folder)
+        if given.is_dir():
+            [file] = [each for each in given.iterdir() if each.suffix != ".yaml"]
+        data = file.read_bytes()
         for end in range(1, len(data), len(data) // 15):
-            cut = tmp_path / f"cut{whole.suffix}"
-            cut.write_bytes(data[:end])
+            file.write_bytes(data[:end])
             try:
-                items_of(cut)
+                items_of(given)
             except DecodeError as error:
                 assert "\n" not in str(error)
 
@@ -422,3 +507,17 @@ def test_names_of_ros_1_are_such_as_others_read(tmp_path: Path) -> None:
     others.register(typesys.get_types_from_msg(definition.text, name))
     read = others.deserialize_cdr(data, name)
     assert (read.i_tow_2, read.i_tow, read.vel_n.tolist(), read.FIX) == (5, 6, [1, 2], 3)
+
+
+def test_the_metadata_of_a_folder_is_read_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It may have megabytes, for which YAML takes long."""
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
+    (tmp_path / "a_0.mcap").touch()
+    reads: list[str] = []
+    load = files.yaml.safe_load
+    monkeypatch.setattr(files.yaml, "safe_load", lambda text: (reads.append(text), load(text))[1])
+    with pytest.raises(DecodeError), opened(tmp_path):
+        pass
+    assert len(reads) == 1

@@ -1,6 +1,9 @@
 """Static transforms in recordings: they hold at all times, or from when they were received."""
 
+import sys
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +17,8 @@ from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice
 from tfbus.frames.recorded_poses import recorded_transform
 from tfbus.recording.items import Item
-from tfbus.recording.lasting_statics import Statics
+from tfbus.recording.lasting_statics import LastingStatics, Statics
+from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
 
 SETTINGS = NodeSettings("test")
@@ -126,3 +130,29 @@ def test_what_is_said_before_a_restart_is_found(tmp_path: Path) -> None:
         choice = BagChoice((path,), Moment(at(second)))
         found = recorded_transform(choice, SETTINGS, None, "map", frame)
         assert found.transform.x == pytest.approx(second)
+
+
+@pytest.mark.parametrize("count", [100, 400])
+def test_each_frame_is_looked_at_once(tmp_path: Path, count: int) -> None:
+    """Static transforms that come one by one, as in bags of ROS, take no longer each if there are
+    more of them.
+    """
+    path = write(
+        tmp_path / "run.mcap",
+        (statics(MODEL, number / 100, ("base", f"f{number}", 1.0)) for number in range(count)),
+    )
+    lines = 0
+
+    def trace(frame: FrameType, event: str, argument: Any) -> Any:
+        nonlocal lines
+        lines += event == "line" and frame.f_code.co_filename.endswith("lasting_statics.py")
+        return trace
+
+    with RecordingReader(path) as reader:
+        former = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            LastingStatics(reader)
+        finally:
+            sys.settrace(former)
+    assert lines < 100 * count

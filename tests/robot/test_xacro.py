@@ -150,3 +150,21 @@ def test_what_would_never_end_is_a_mistake(
     arm.write_text(ARM.replace('<link name="tip"/>', f'<link name="tip"/>{expression}'))
     with pytest.raises(UrdfError, match=r"xacro (has not|needs more|cannot)"):
         Robot.from_urdf(arm)
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("import os; os.abort()", "crashed, by SIGABRT"),
+        ("raise SystemExit(3)", "crashed, with exit code 3"),
+    ],
+)
+def test_a_crash_is_called_one(
+    arm: Path, program: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not a limit of time."""
+    monkeypatch.setattr(
+        "tfbus.robot.xacro_file.command_of", lambda module: [sys.executable, "-c", program]
+    )
+    with pytest.raises(UrdfError, match=said):
+        Robot.from_urdf(arm)

@@ -89,3 +89,40 @@ def test_a_message_of_more_than_a_million_values_is_refused() -> None:
         codec = MessageCodec.of_definition(definition)
         with pytest.raises(DecodeError, match="more than 1000000 values"):
             codec.decode(b"\0\1\0\0" + struct.pack("<I", count) + items)
+
+
+def test_too_many_numbers_are_refused_before_they_are_made() -> None:
+    """Each takes forty bytes; of one byte eight: maps of 100 million cells are read."""
+    codec = MessageCodec.of_definition(Definition("a/msg/T", "int16[] x\n"))
+    data = b"\0\1\0\0" + struct.pack("<I", 33_000_000) + bytes(66_000_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DecodeError, match="too many numbers, 33,000,000"):
+            codec.decode(data)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_integers_of_one_byte_share_their_objects() -> None:
+    """They are what they were, and a million of them takes 8 MB, whatever they are."""
+    codec = MessageCodec.of_definition(Definition("a/msg/T", "int8[] x\n"))
+    expected = [*range(-128, 128)] * 4096
+    data = codec.encode({"x": expected})
+    assert data is not None
+    tracemalloc.start()
+    try:
+        found = codec.decode(data)["x"]
+        assert tracemalloc.get_traced_memory()[0] < 10_000_000
+    finally:
+        tracemalloc.stop()
+    assert found == expected
+
+
+def test_numbers_beside_each_other_count_too() -> None:
+    """A list of messages of a thousand numbers each has fewer of them."""
+    fields = "".join(f"uint8 x{number}\n" for number in range(1000))
+    nested = Definition("a/msg/T", f"N[] x\n{SEPARATOR}\nMSG: a/N\n{fields}")
+    data = b"\0\1\0\0" + struct.pack("<I", 40_000) + bytes(40_000_000)
+    with pytest.raises(DecodeError, match="more than 1000000 values"):
+        MessageCodec.of_definition(nested).decode(data)

@@ -3,7 +3,9 @@
 import pytest
 
 from tfbus import SettingsError
+from tfbus.listen.stream_rights import StreamRights
 from tfbus.secure.rights import RIGHTS, ROLES, Identity, Rights
+from tfbus.wire.descriptions import StreamDescription
 
 
 @pytest.mark.parametrize(
@@ -156,3 +158,26 @@ def test_an_identity_needs_the_rights_of_few() -> None:
     )
     assert list(rights.seen_by(fleet[0]).identities) == ["robot1", "hub", "ben"]
     assert rights.seen_by(rights.of("hub")) == rights.seen_by(rights.of("ben")) == rights
+
+
+class Counted(str):
+    """A name that counts how often it is looked up."""
+
+    __slots__ = ()
+    hashes = 0
+
+    def __hash__(self) -> int:
+        Counted.hashes += 1
+        return super().__hash__()
+
+
+def test_a_description_of_many_refused_frames_is_judged_name_by_name() -> None:
+    """It is not gone through again for each of them: a member could hold up all listeners."""
+    rights = Rights({"arm": Identity("arm", "publisher", frames=("arm/*",))})
+    rows = tuple(("w", Counted(f"{at}{n}"), False) for n in range(500) for at in ("arm/", "leg/"))
+    description = StreamDescription(1, "/arm", 1, rows)
+    Counted.hashes = 0
+    kept, mistake = StreamRights(rights, "").checked("@tfbus/stream/arm", description)
+    assert kept is not None and len(kept.frames) == 500
+    assert "may not publish 'leg/0'" in mistake
+    assert Counted.hashes < 10 * len(rows)

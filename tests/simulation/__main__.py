@@ -1,40 +1,85 @@
 """Run random histories: python -m tests.simulation [--seeds N] [--from SEED] [--seconds S]."""
 
 import argparse
+import logging
+import os
+import random
 import sys
 import time
 
-from tests.simulation.histories import Plan, shrunk, violation
+from tests.simulation.histories import shrunk, violation
+from tests.simulation.plans import LARGE, SMALL, Plan
 
 
 def main() -> None:
     """Run them until one fails, which is printed with its seed, as small as it gets."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--from", dest="first", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=1e9)
-    parser.add_argument("--no-shrink", action="store_true")
-    parser.add_argument("--go-on", action="store_true")
-    options = parser.parse_args()
+    repeat_in_all_processes("tests.simulation")
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # coroutines of killed processes
+    options = _options()
+    first = random.SystemRandom().randrange(2**40) if options.fresh else options.first
+    if options.shrink is not None:
+        plan = _plan(options, options.shrink)
+        if (found := violation(plan)) is None:
+            sys.exit(f"seed {plan.seed} violates no law")
+        _report(options, plan, found)
+        sys.exit(1)
     begun, done, failed = time.monotonic(), 0, 0
-    for seed in range(options.first, options.first + options.seeds):
+    for seed in range(first, first + options.seeds):
         if time.monotonic() - begun > options.seconds:
             break
-        plan = Plan.drawn(seed)
-        try:
-            found = violation(plan)
-        except Exception as error:  # printed with its seed
-            found = f"{type(error).__name__}: {error}\n{plan}"
+        plan = _plan(options, seed)
+        found = violation(plan)
         done += 1
         if found:
             failed += 1
-            print(f"seed {seed} violates:\n{found}")
-            if not options.no_shrink:
-                print("smallest:", shrunk(plan), violation(shrunk(plan)), sep="\n")
+            _report(options, plan, found)
             if not options.go_on:
                 break
-    print(f"{done} histories in {time.monotonic() - begun:.1f} s, {failed} failed")
+    took_s = time.monotonic() - begun
+    kind = "large histories" if options.large else "histories"
+    print(f"{done} {kind} from seed {first} in {took_s:.1f} s, {failed} failed")
     sys.exit(bool(failed))
+
+
+def repeat_in_all_processes(module: str) -> None:
+    """Begin anew with hashes of texts that are always the same: the order of sets is by them."""
+    if os.environ.get("PYTHONHASHSEED") != "0":
+        os.environ["PYTHONHASHSEED"] = "0"
+        command = [sys.executable, "-m", module, *sys.argv[1:]]
+        os.execv(sys.executable, command)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=10**9, help="at most so many histories")
+    parser.add_argument("--from", dest="first", type=int, default=0, help="the first seed")
+    parser.add_argument("--fresh", action="store_true", help="the system draws the first seed")
+    parser.add_argument("--seconds", type=float, default=1e9, help="begin none after this time")
+    parser.add_argument("--large", action="store_true", help="an hour of 200 processes each")
+    parser.add_argument("--only", metavar="N,N", help="of the actions only these")
+    parser.add_argument("--shrink", type=int, metavar="SEED", help="make a known one smaller")
+    parser.add_argument("--no-shrink", action="store_true")
+    parser.add_argument("--go-on", action="store_true", help="also after one that failed")
+    return parser.parse_args()
+
+
+def _plan(options: argparse.Namespace, seed: int) -> Plan:
+    plan = Plan.drawn(seed, LARGE if options.large else SMALL)
+    if options.only is not None:
+        plan = plan.only(plan.actions[int(number)] for number in options.only.split(",") if number)
+    return plan
+
+
+def _report(options: argparse.Namespace, plan: Plan, found: str) -> None:
+    large = " --large" if options.large else ""
+    again = f"python -m tests.simulation{large} --seeds 1 --no-shrink --from {plan.seed}"
+    print(f"seed {plan.seed} violates:\n{found}\nagain: {again}", flush=True)
+    if options.no_shrink:
+        return
+    smallest = shrunk(plan)
+    every = Plan.drawn(plan.seed, plan.size).actions
+    numbers = ",".join(str(every.index(action)) for action in smallest.actions)
+    print(f"smallest:\n{violation(smallest)}\nagain: {again} --only {numbers}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,150 +1,74 @@
-"""Random histories of a small network, and the laws that hold in all of them.
-
-A history is drawn from a seed before it runs: hosts, publishers, listeners and what happens to them
-when. Each process that publishes has a number of its own, which its transforms carry: x is the
-number, y the stamp in seconds. So each answer of a lookup says who sent it, and when.
-"""
+"""Random histories of a network: run from their plans, and held against the laws."""
 
 import logging
-import random
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import tfbus
+from tests.simulation.laws import Laws
+from tests.simulation.model import Publisher, Sent
+from tests.simulation.plans import Action, Plan
+from tfbus.errors import TfbusError
+from tfbus.runtime import scheduler
 from tfbus.testing.network import Network
 from tfbus.testing.processes import START_NS, Process
+from tfbus.testing.tasks import SimulationError
 
-_SETTLE_S = 20.0
-_PERIOD_S = 0.1
-_LOOK_S = 0.23
+_SETTLE_S = 22.0
 
+# A task that gets no processor gets none for at most this long.
+_STALL_S = 0.2
 
-@dataclass(frozen=True)
-class Action:
-    """One thing that happens: `kind` to `who`, with `args`, at a time."""
-
-    at_s: float
-    kind: str
-    who: str
-    args: tuple[Any, ...] = ()
-
-    def __str__(self) -> str:
-        return (
-            f"{self.at_s:7.3f} s  {self.kind} {self.who} {' '.join(map(str, self.args))}".rstrip()
-        )
-
-
-@dataclass(frozen=True)
-class Plan:
-    """All of a history: the hosts of its publishers and listeners, and its actions."""
-
-    seed: int
-    hosts: tuple[str, ...]
-    publishers: dict[str, str]
-    listeners: dict[str, str]
-    actions: tuple[Action, ...]
-    lost_declarations: float = 0.0
-    rule: str = "first"
-
-    @classmethod
-    def drawn(
-        cls,
-        seed: int,
-        *,
-        hosts: int = 3,
-        publishers: int = 3,
-        listeners: int = 2,
-        actions: int = 14,
-        seconds: float = 20.0,
-    ) -> "Plan":
-        """The history of a seed."""
-        draw = random.Random(seed)
-        names = tuple(f"h{number}" for number in range(draw.randint(2, hosts)))
-        senders = {f"p{n}": draw.choice(names) for n in range(draw.randint(1, publishers))}
-        readers = {f"l{n}": draw.choice(names) for n in range(draw.randint(1, listeners))}
-        found = [
-            Action(round(draw.uniform(0.0, 2.0), 3), "start", who) for who in (*senders, *readers)
-        ]
-        kinds = (
-            ["static"] * 4
-            + ["remove_static"] * 2
-            + ["remove"] * 2
-            + ["kill", "close", "power_off"]
-            + ["restart"] * 3
-            + ["stop"] * 2
-            + ["partition"] * 3
-            + ["cut"] * 2
-            + ["heal"] * 3
-            + ["clock"] * 1
-            + ["loss"] * 1
-            + ["restart_listener"]
-        )
-        for _ in range(draw.randint(2, actions)):
-            kind = draw.choice(kinds)
-            at_s = round(draw.uniform(1.0, seconds), 3)
-            who = draw.choice(list(senders))
-            args: tuple[Any, ...] = ()
-            if kind in ("static", "remove_static"):
-                args = (draw.randrange(3),)
-            elif kind == "stop":
-                args = (round(draw.choice((0.3, 1.0, 2.0, 5.0)) * draw.uniform(0.5, 1.5), 3),)
-                who = draw.choice([*senders, *readers])
-            elif kind in ("partition", "power_off", "clock"):
-                who = draw.choice(names)
-                args = (round(draw.uniform(-5, 5), 3),) if kind == "clock" else ()
-            elif kind in ("cut", "loss"):
-                one, other = draw.sample(names, 2)
-                who, args = one, (other, round(draw.uniform(0.0, 0.3), 3))
-            elif kind == "heal":
-                who = "all"
-            elif kind == "restart_listener":
-                who = draw.choice(list(readers))
-            found.append(Action(at_s, kind, who, args))
-        return cls(
-            seed,
-            names,
-            senders,
-            readers,
-            tuple(sorted(found, key=lambda each: each.at_s)),
-            lost_declarations=draw.choice((0.0, 0.0, 0.05)),
-            rule=draw.choice(("first", "priority")),
-        )
-
-    def without(self, dropped: Action) -> "Plan":
-        """The same history without one of its actions."""
-        return replace(self, actions=tuple(each for each in self.actions if each is not dropped))
-
-    def __str__(self) -> str:
-        rows = [f"seed {self.seed}: {self.publishers} {self.listeners} rule {self.rule}"]
-        return "\n".join([*rows, *map(str, self.actions)])
+# What processes ask of each other takes at most this long.
+_PATIENCE_S = (0.3, 1.0, 2.0)
 
 
 class Violation(AssertionError):
     """A law does not hold."""
 
 
-@dataclass
-class Publisher:
-    """A process that publishes, and what it has sent: the model."""
+class Ask:
+    """A service that answers with the number of its process."""
 
-    number: int
-    slot: str
-    process: Process | None = None
-    node: Any = None
-    statics: dict[str, int] = field(default_factory=dict)
-    removed: set[str] = field(default_factory=set)
-    sends: bool = True
+    @dataclass
+    class Request:
+        """Nothing is asked."""
+
+    @dataclass
+    class Response:
+        """Who answers."""
+
+        number: int = 0
+
+
+@dataclass
+class Count:
+    """A message of a topic: its number, and whose it is."""
+
+    process: int = 0
+    number: int = 0
+
+
+@dataclass
+class Part:
+    """A listener of a process, and what it fills."""
+
+    who: str
+    process: Process
+    node: Any
+    listener: Any
+    buffer: Any
+    options: dict[str, Any] = field(default_factory=dict)
     is_closed: bool = False
 
     @property
-    def is_alive(self) -> bool:
-        return (
-            self.process is not None
-            and not self.process.is_dead
-            and self.node is not None
-            and not self.is_closed
-        )
+    def name(self) -> str:
+        """What a violation calls it."""
+        return f"{self.who}{' by interest' if 'reads' in self.options else ''}"
 
 
 class Run:
@@ -153,109 +77,253 @@ class Run:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.network = Network(plan.seed)
-        self.publishers: dict[str, Publisher] = {}
-        self.listeners: dict[str, tuple[Process, Any, Any]] = {}
+        self.sent = Sent()
+        # The processes of each slot, the last one last; and all of them by their numbers.
+        self.publishers: dict[str, list[Publisher]] = {}
         self.by_number: dict[int, Publisher] = {}
+        self.readers: dict[str, Process] = {}
+        self.parts: list[Part] = []
         self.violations: list[str] = []
+        self.laws = Laws(self)
         self._version = 0
 
+    @property
+    def now_s(self) -> float:
+        """The time of the history, in seconds."""
+        return self.network.tasks.now_ns / 1e9
+
     def violate(self, text: str) -> None:
-        now_s = self.network.tasks.now_ns / 1e9
-        self.violations.append(f"{now_s:.3f} s: {text}")
+        """Note that a law does not hold."""
+        self.violations.append(f"{self.now_s:.3f} s: {text}")
 
     def run(self) -> None:
-        """Run it all. Raises Violation."""
+        """Run it all. Raises Violation, and SimulationError where nothing can go on."""
         logging.disable(logging.CRITICAL)
         try:
             with self.network as network:
-                network.faults.lost_declarations = self.plan.lost_declarations
+                for fault, share in self.plan.faults:
+                    setattr(network.faults, fault, share)
+                if self.plan.stalls:
+                    network.tasks.stalls = (self.plan.stalls, _STALL_S)
                 for host in self.plan.hosts:
                     network.host(host)
                 for action in self.plan.actions:
-                    wait_s = action.at_s - network.tasks.now_ns / 1e9
-                    if wait_s > 0:
-                        network.run(wait_s)
+                    self._go_on_until(action.at_s)
                     getattr(self, f"_{action.kind}")(action.who, *action.args)
-                    self._raise()
+                    self.laws.note_calm()
                 self._heal("all")
-                for process in self._processes():
+                for process in [*self._processes()]:
                     if process.is_stopped:
                         network.go_on(process)
-                network.run(_SETTLE_S)
-                self._check_end()
-                self._raise()
+                self._go_on_until(self.now_s + _SETTLE_S)
+                self._end_all()
         finally:
             logging.disable(logging.NOTSET)
 
-    def _raise(self) -> None:
-        if self.violations:
-            raise Violation("\n".join([*self.violations[:5], str(self.plan)]))
+    def _go_on_until(self, end_s: float) -> None:
+        while (left_s := end_s - self.now_s) > 1e-9:
+            self.network.run(min(left_s, self.plan.size.look_s))
+            self.laws.check()
+            if self.violations:
+                raise Violation("\n".join([*self.violations[:5], str(self.plan)]))
+
+    def _end_all(self) -> None:
+        """Close all nodes: nothing of theirs is left."""
+        living = [each for each in self._processes() if not each.is_dead]
+        for publisher in self.by_number.values():
+            if publisher.is_alive:
+                publisher.node.shutdown()
+        for part in self.parts:
+            if not part.process.is_dead:
+                part.node.shutdown()
+        self._go_on_until(self.now_s + 5.0)
+        for process in living:
+            if not process.is_dead:
+                self.violate(f"{process.name} does not end: {self.laws.tasks_of(process)}")
+        self._go_on_until(self.now_s + 0.1)
 
     def _processes(self) -> Iterator[Process]:
-        for publisher in self.publishers.values():
+        for publisher in self.by_number.values():
             if publisher.process is not None:
                 yield publisher.process
-        for process, _, _ in self.listeners.values():
-            yield process
+        yield from self.readers.values()
+
+    def living(self, slot: str) -> list[Publisher]:
+        """The processes of a slot that are there."""
+        return [each for each in self.publishers.get(slot, ()) if each.is_alive]
 
     # What happens
 
     def _start(self, who: str) -> None:
         if who in self.plan.publishers:
-            self._start_publisher(who)
-        elif who not in self.listeners:
-            self._start_listener(who)
+            if not self._is_there(who):
+                self._start_publisher(who, self.plan.publishers[who])
+        elif who not in self.readers:
+            self._start_reader(who)
 
-    def _start_publisher(self, slot: str) -> None:
-        """Start the process of a slot, unless one runs."""
-        former = self.publishers.get(slot)
-        if former is not None and former.process is not None and not former.process.is_dead:
-            return
-        publisher = Publisher(len(self.by_number) + 1, slot)
-        self.by_number[publisher.number] = self.publishers[slot] = publisher
-        publisher.process = self.network.start(
-            self.plan.publishers[slot], slot, self._publish, publisher
+    def _is_there(self, slot: str) -> bool:
+        return any(
+            each.process is not None and not each.process.is_dead
+            for each in self.publishers.get(slot, ())
         )
 
-    def _publish(self, publisher: Publisher) -> None:
-        node = tfbus.Node(publisher.slot)
-        priority = int(publisher.slot[1:])
-        broadcaster = tfbus.TransformBroadcaster(node, priority=priority)
-        statics = tfbus.StaticTransformBroadcaster(node)
-        publisher.broadcaster, publisher.static_broadcaster = broadcaster, statics  # type: ignore[attr-defined]
-        dynamic = f"{publisher.slot}_moving"
+    def _kill(self, slot: str) -> None:
+        for publisher in self.publishers.get(slot, ()):
+            if publisher.process is not None:
+                self.network.kill(publisher.process)
 
-        def send() -> None:
-            stamp_ns = node.now_ns()
-            children = [] if dynamic in publisher.removed else [dynamic]
-            if publisher.slot in ("p0", "p1"):
-                children.append("shared")
-            if children:
-                pose = tfbus.Transform((publisher.number, (stamp_ns - START_NS) / 1e9, 0.0))
-                broadcaster.send_transform(
-                    [tfbus.TransformStamped(stamp_ns, "world", child, pose) for child in children]
+    def _close(self, slot: str) -> None:
+        for publisher in self.living(slot):
+            publisher.node.shutdown()
+
+    def _restart(self, slot: str) -> None:
+        self._fail_over(slot, self.plan.publishers[slot])
+
+    def _fail_over(self, slot: str, host: str) -> None:
+        """The process ends, and another of the same name begins on this host."""
+        self._kill(slot)
+        self._start_publisher(slot, host)
+
+    def _twin(self, slot: str, host: str) -> None:
+        """A second process of the same name, while the first goes on."""
+        if len(self.living(slot)) < 2:
+            self._start_publisher(slot, host)
+
+    def _power_off(self, host: str) -> None:
+        self.network.power_off(host)
+
+    def _stop(self, who: str, seconds: float) -> None:
+        found = [self.readers[who]] if who in self.readers else []
+        found += [each.process for each in self.living(who) if each.process is not None]
+        for process in found:
+            if process.is_running:
+                self.network.stop(process)
+                self.network.tasks.call_after(
+                    seconds, lambda each=process: each.is_stopped and self.network.go_on(each)
                 )
 
-        node.create_timer(_PERIOD_S, send)
+    def _partition(self, host: str) -> None:
+        self.network.partition(host)
+
+    def _flap(self, host: str, seconds: float) -> None:
+        self.network.partition(host)
+        self.network.tasks.call_after(seconds, self.network.heal)
+
+    def _cut(self, one: str, other: str) -> None:
+        self.network.cut(one, other, both_ways=False)
+
+    def _slow(
+        self, one: str, other: str, delay_s: float, loss: float, bytes_a_second: float
+    ) -> None:
+        self.network.path(
+            one,
+            other,
+            delay_s=delay_s,
+            jitter_s=0.5 * delay_s,
+            loss=loss,
+            bytes_a_second=bytes_a_second,
+        )
+
+    def _heal(self, _: str) -> None:
+        for one in self.plan.hosts:
+            for other in self.plan.hosts:
+                if one < other:
+                    self.network.path(one, other)
+        self.network.heal()
+
+    def _clock(self, host: str, step_s: float) -> None:
+        self.network.host(host).step_clock(step_s)
+        self.laws.note_clock(host)
+
+    # Publishers
+
+    def _start_publisher(self, slot: str, host: str) -> None:
+        publisher = Publisher(len(self.by_number) + 1, slot)
+        self.by_number[publisher.number] = publisher
+        self.publishers.setdefault(slot, []).append(publisher)
+        publisher.process = self.network.start(host, slot, self._publish, publisher)
+
+    def _publish(self, publisher: Publisher) -> None:
+        slot = publisher.slot
+        node = tfbus.Node(slot)
+        publisher.dynamic = tfbus.TransformBroadcaster(node, priority=int(slot[1:]), history_s=5.0)
+        publisher.static = tfbus.StaticTransformBroadcaster(node)
+        counts = node.create_publisher(Count, f"{slot}/count")
+        number = 0
+
+        def send() -> None:
+            nonlocal number
+            self._send(publisher)
+            number += 1
+            counts.publish(Count(publisher.number, number))
+
+        node.create_timer(self.plan.period_s, send)
+        self._race_timers(node, publisher.process)
+        node.create_service(Ask, f"{slot}/ask", lambda _: Ask.Response(publisher.number))
         publisher.node = node
-        self._set_static(publisher, f"{publisher.slot}_fixed0")
+        self._set_static(publisher, f"{slot}_fixed0")
         node.wait(None)
         publisher.is_closed = True
         node.close()
+        self._check_closed(publisher.process)
+
+    def _send(self, publisher: Publisher) -> None:
+        stamp_ns = publisher.node.now_ns()
+        frames = [] if publisher.moving in publisher.removed else [publisher.moving]
+        if publisher.slot in ("p0", "p1"):
+            frames.append("shared")
+        if frames:
+            series = self.sent.note(publisher, frames, stamp_ns)
+            y = (stamp_ns - START_NS) / 1e9
+            publisher.dynamic.send_transform(
+                [
+                    tfbus.TransformStamped(
+                        stamp_ns, "world", each.frame, tfbus.Transform((each.x, y, 0.0))
+                    )
+                    for each in series
+                ]
+            )
+
+    def _race_timers(self, node: Any, process: Process | None) -> None:
+        """Two timers that are due at once, the first of which cancels the second now and then."""
+        assert process is not None
+        period_s = 2.5 * self.plan.period_s
+        cancelled = False
+
+        def second() -> None:
+            if cancelled:
+                self.violate(f"{process.name}: a cancelled timer ticks")
+
+        def first() -> None:
+            nonlocal cancelled, rival
+            if cancelled:
+                cancelled, rival = False, node.create_timer(period_s, second)
+            elif process.random.random() < 0.3:
+                rival.cancel()
+                cancelled = True
+
+        node.create_timer(period_s, first)
+        rival = node.create_timer(period_s, second)
 
     def _set_static(self, publisher: Publisher, frame: str) -> None:
         self._version += 1
         version = self._version
-        pose = tfbus.Transform((publisher.number, version, 0.0))
-        publisher.static_broadcaster.send_transform(  # type: ignore[attr-defined]
-            tfbus.TransformStamped(publisher.node.now_ns(), "world", frame, pose)
+        publisher.versions.setdefault(frame, set()).add(version)
+        publisher.ever_sent.add(frame)
+        publisher.static.send_transform(
+            tfbus.TransformStamped(
+                publisher.node.now_ns(),
+                "world",
+                frame,
+                tfbus.Transform((publisher.number, version, 0.0)),
+            )
         )
         publisher.statics[frame] = version
+        publisher.changed_s = self.now_s
 
-    def _do(self, slot: str, job: Any) -> None:
-        publisher = self.publishers.get(slot)
-        if publisher is not None and publisher.is_alive:
-            publisher.node.executor.submit("an action", lambda: job(publisher))
+    def _do(self, slot: str, job: Callable[[Publisher], None]) -> None:
+        for publisher in self.living(slot)[-1:]:
+            publisher.node.executor.submit("an action", partial(job, publisher))
 
     def _static(self, slot: str, number: int) -> None:
         self._do(slot, lambda publisher: self._set_static(publisher, f"{slot}_fixed{number}"))
@@ -265,195 +333,177 @@ class Run:
 
         def remove(publisher: Publisher) -> None:
             if frame in publisher.statics:
-                publisher.static_broadcaster.remove(frame)  # type: ignore[attr-defined]
+                publisher.static.remove(frame)
                 del publisher.statics[frame]
+                publisher.changed_s = self.now_s
 
         self._do(slot, remove)
 
     def _remove(self, slot: str) -> None:
-        frame = f"{slot}_moving"
-
         def remove(publisher: Publisher) -> None:
+            frame = publisher.moving
             if frame in publisher.removed:
-                publisher.removed.discard(frame)
-            else:
-                try:
-                    publisher.broadcaster.remove(frame)  # type: ignore[attr-defined]
-                except tfbus.LookupException:
-                    return
-                publisher.removed.add(frame)
+                del publisher.removed[frame]
+            elif frame in publisher.series:
+                publisher.dynamic.remove(frame)
+                publisher.removed[frame] = self.now_s
+                self.sent.end(publisher, frame)
+            publisher.changed_s = self.now_s
 
         self._do(slot, remove)
 
-    def _kill(self, slot: str) -> None:
-        publisher = self.publishers.get(slot)
-        if publisher is not None and publisher.process is not None:
-            self.network.kill(publisher.process)
+    # Listeners
 
-    def _close(self, slot: str) -> None:
-        publisher = self.publishers.get(slot)
-        if publisher is not None and publisher.is_alive:
-            publisher.node.shutdown()
+    def _start_reader(self, who: str) -> None:
+        host, history_s, by_interest = self.plan.listeners[who]
+        options: list[dict[str, Any]] = [{"history_s": history_s}]
+        if by_interest:
+            options.append({"reads": "needed", "history_s": history_s})
 
-    def _restart(self, slot: str) -> None:
-        self._kill(slot)
-        self._start_publisher(slot)
+        def read() -> None:
+            node = tfbus.Node(who)
+            for each in options:
+                self._listen(who, process, node, each)
+            self._ask_now_and_then(who, process, node)
+            self._race_timers(node, process)
+            node.wait(None)
+            for part in self.parts:
+                part.is_closed |= part.node is node
+            node.close()
+            self._check_closed(process)
 
-    def _power_off(self, host: str) -> None:
-        self.network.power_off(host)
+        process = self.readers[who] = self.network.start(host, who, read)
 
-    def _stop(self, who: str, seconds: float) -> None:
-        process = (
-            self.listeners[who][0]
-            if who in self.listeners
-            else self.publishers[who].process
-            if who in self.publishers
-            else None
-        )
-        if process is not None and process.is_running:
-            self.network.stop(process)
-            self.network.tasks.call_after(
-                seconds, lambda: process.is_stopped and self.network.go_on(process)
-            )
-
-    def _partition(self, host: str) -> None:
-        self.network.partition(host)
-
-    def _cut(self, one: str, other: str, _: float) -> None:
-        self.network.cut(one, other, both_ways=False)
-
-    def _loss(self, one: str, other: str, loss: float) -> None:
-        self.network.path(one, other, delay_s=0.02, jitter_s=0.01, loss=loss)
-
-    def _heal(self, _: str) -> None:
-        self.network.heal()
-
-    def _clock(self, host: str, step_s: float) -> None:
-        self.network.host(host).step_clock(step_s)
+    def _listen(self, who: str, process: Process, node: Any, options: dict[str, Any]) -> None:
+        rule: Any = self.plan.rule
+        buffer = tfbus.Buffer(self.plan.size.cache_s)
+        listener = tfbus.TransformListener(buffer, node, conflicts=rule, **options)
+        part = Part(who, process, node, listener, buffer, options)
+        buffer.on_change(lambda change: self.laws.check_change(part, change))
+        self.parts.append(part)
 
     def _restart_listener(self, who: str) -> None:
-        if who in self.listeners:
-            self.network.kill(self.listeners[who][0])
-            self._start_listener(who)
+        if who in self.readers:
+            self.network.kill(self.readers[who])
+            self._start_reader(who)
 
-    def _start_listener(self, who: str) -> None:
-        buffer = tfbus.Buffer()
+    def _close_listener(self, who: str) -> None:
+        """Its node is closed, and another begins."""
+        for part in self.parts:
+            if part.who == who and not part.process.is_dead:
+                part.node.shutdown()
+                break
+        if who in self.readers and self.readers[who].is_dead:
+            self._start_reader(who)
 
-        def listen() -> None:
-            node = tfbus.Node(who)
-            rule: Any = self.plan.rule
-            listener = tfbus.TransformListener(buffer, node, conflicts=rule)
-            node.create_timer(_LOOK_S, lambda: self._look(who, node, buffer))
-            self.listeners[who] = (process, listener, buffer)
-            node.wait(None)
+    def _listen_again(self, who: str) -> None:
+        """The first listener of a node is closed, and another one takes its place."""
+        for part in self.parts:
+            if part.who == who and not part.process.is_dead and not part.is_closed:
 
-        process = self.network.start(self.plan.listeners[who], who, listen)
+                def change(former: Part = part) -> None:
+                    if not former.is_closed:
+                        former.is_closed = True
+                        former.listener.close()
+                        self._listen(former.who, former.process, former.node, former.options)
 
-    # The laws
+                part.node.executor.submit("an action", change)
+                return
 
-    def _look(self, who: str, node: Any, buffer: Any) -> None:
-        """No lookup answers with a value that no publisher sent for that stamp."""
-        for slot in self.plan.publishers:
-            frame = f"{slot}_moving"
-            for stamp_ns in (None, node.now_ns() - 500_000_000):
-                try:
-                    found = buffer.lookup_transform("world", frame, stamp_ns)
-                except tfbus.TransformException:
-                    continue
-                self._check_value(who, slot, frame, found)
+    # Questions
 
-    def _check_value(self, who: str, slot: str, frame: str, found: Any) -> None:
-        x, y = found.transform.x, found.transform.y
-        publisher = self.by_number.get(round(x))
-        sent_s = (found.stamp_ns - START_NS) / 1e9
-        if publisher is None or abs(x - publisher.number) > 1e-9 or publisher.slot != slot:
-            self.violate(f"{who}: {frame} at {sent_s:.3f} has x {x}, which no process sent")
-        elif abs(y - sent_s) > 1e-6:
-            self.violate(f"{who}: {frame} at {sent_s:.3f} has y {y}")
+    def _ask_now_and_then(self, who: str, process: Process, node: Any) -> None:
+        group = tfbus.ReentrantCallbackGroup()
+        slots = [*self.plan.publishers]
+        clients = {slot: node.create_client(Ask, f"{slot}/ask") for slot in slots}
+        draw = process.random
+        last: dict[int, int] = {}
 
-    def _check_end(self) -> None:
-        """All is healed since long: every listener knows what living publishers hold."""
-        for who, (process, listener, buffer) in self.listeners.items():
-            if process.is_dead:
-                continue
-            with self.network.within(process):
-                infos = {info.name: info for info in listener.streams()}
-                for slot, publisher in self.publishers.items():
-                    self._check_stream(who, slot, publisher, infos.get(slot), buffer)
-                self._check_shared(who, buffer)
+        def on_count(message: Count) -> None:
+            if message.number <= last.get(message.process, 0):
+                self.violate(
+                    f"{who}: message {message.number} of process {message.process} comes after "
+                    f"{last[message.process]}"
+                )
+            last[message.process] = message.number
 
-    def _check_stream(
-        self, who: str, slot: str, publisher: Publisher, info: Any, buffer: Any
-    ) -> None:
-        if not publisher.is_alive:
-            if info is not None and info.alive:
-                self.violate(f"{who}: {slot} is taken for living and is gone")
-            return
-        if info is None or not info.alive:
-            self.violate(f"{who}: {slot} is taken for gone and lives ({info})")
-            return
-        for number in range(3):
-            frame = f"{slot}_fixed{number}"
-            version = publisher.statics.get(frame)
-            value = _value(buffer, frame)
-            wanted = None if version is None else (publisher.number, version)
-            is_left = value is not None and value[0] != publisher.number and _is_gone(buffer, frame)
-            # What an earlier process held stays, marked as gone, until it is sent again.
-            if value != wanted and not (wanted is None and is_left):
-                self.violate(f"{who}: static {frame} is {value}, its publisher has {wanted}")
-        frame = f"{slot}_moving"
-        value = _value(buffer, frame)
-        number = None if value is None else value[0]
-        wanted_number = None if frame in publisher.removed else publisher.number
-        if number != wanted_number and not (
-            wanted_number is None and number != publisher.number and _is_gone(buffer, frame)
-        ):
-            self.violate(f"{who}: {frame} is of {number}, sent by {wanted_number}")
+        for slot in slots:
+            node.create_subscription(Count, f"{slot}/count", on_count)
 
-    def _check_shared(self, who: str, buffer: Any) -> None:
-        """With two publishers of a frame the rule decides, everywhere alike."""
-        rivals = [
-            self.publishers[slot]
-            for slot in ("p0", "p1")
-            if slot in self.publishers and self.publishers[slot].is_alive
-        ]
-        value = _value(buffer, "shared")
-        if rivals and (value is None or value[0] not in [each.number for each in rivals]):
-            self.violate(f"{who}: shared is of {value}, living are {rivals}")
-        decides = len(rivals) == 2 and self.plan.rule == "priority" and value is not None
-        if decides and value[0] != rivals[1].number:
-            self.violate(f"{who}: shared is of {value[0]}, not of p1, which has priority")
+        def call() -> None:
+            slot, patience_s = draw.choice(slots), draw.choice(_PATIENCE_S)
+            with self._question(process, f"service {slot}/ask", patience_s):
+                answer = clients[slot].call(Ask.Request(), timeout_s=patience_s)
+                if self.by_number[answer.number].slot != slot:
+                    self.violate(f"{who}: {slot}/ask is answered by {answer.number}")
 
+        def wanted() -> tuple[Any, str, float]:
+            parts = [part for part in self.parts if part.node is node]
+            frame = draw.choice([f"{draw.choice(slots)}_moving", "shared", "nothing"])
+            return draw.choice(parts).buffer, frame, draw.choice(_PATIENCE_S)
 
-def _value(buffer: Any, frame: str) -> tuple[float, float] | None:
-    try:
-        found = buffer.lookup_transform("world", frame)
-    except tfbus.TransformException:
-        return None
-    return found.transform.x, found.transform.y
+        def look_up() -> None:
+            buffer, frame, patience_s = wanted()
+            stamp_ns = draw.choice((None, node.now_ns() - 300_000_000, node.now_ns()))
+            with self._question(process, f"lookup of {frame}", patience_s):
+                buffer.lookup_transform("world", frame, stamp_ns, timeout_s=patience_s)
 
+        async def wait() -> None:
+            buffer, frame, patience_s = wanted()
+            with self._question(process, f"wait for {frame}", patience_s):
+                await buffer.wait_for_transform("world", frame, timeout_s=patience_s)
 
-def _is_gone(buffer: Any, frame: str) -> bool:
-    return bool(buffer.frame(frame).gone)
+        pause_s = 13 * self.plan.period_s
+        node.create_timer(pause_s, call, callback_group=group)
+        node.create_timer(1.3 * pause_s, look_up, callback_group=group)
+        node.create_timer(1.7 * pause_s, wait)
+
+    @contextmanager
+    def _question(self, process: Process, what: str, patience_s: float) -> Iterator[None]:
+        """A question that ends in time; a refusal is an end, too."""
+        end = self.laws.expect_end(process, what, patience_s)
+        try:
+            yield
+        except TfbusError:
+            pass
+        finally:
+            end()
+
+    def _check_closed(self, process: Process | None) -> None:
+        """A node that has been closed leaves nothing behind, but for a moment."""
+        assert process is not None
+        deadline_s = scheduler.monotonic() + 2.0
+        while left := self.laws.tasks_of(process):
+            if scheduler.monotonic() > deadline_s:
+                self.violate(f"{process.name}: after its end there are {left}")
+                return
+            scheduler.sleep(0.05)
 
 
 def violation(plan: Plan) -> str | None:
     """What a history violates; None for nothing."""
     try:
         Run(plan).run()
-    except Violation as error:
-        return str(error)
+    except (Violation, SimulationError) as error:
+        text = str(error)
+        return text if isinstance(error, Violation) else f"{text}\n{plan}"
     return None
 
 
-def shrunk(plan: Plan) -> Plan:
-    """A history with as few actions as still violate a law."""
-    is_smaller = True
-    while is_smaller:
+def shrunk(plan: Plan, *, seconds: float = 60.0) -> Plan:
+    """A history with as few actions as still violate a law, as far as that is found in time."""
+    end_s = time.monotonic() + seconds
+    actions, size = list(plan.actions), max(len(plan.actions) // 2, 1)
+    while size and time.monotonic() < end_s:
         is_smaller = False
-        for action in plan.actions:
-            smaller = plan.without(action)
-            if violation(smaller):
-                plan, is_smaller = smaller, True
+        for at in range(0, len(actions), size):
+            fewer: list[Action] = actions[:at] + actions[at + size :]
+            if violation(plan.only(fewer)):
+                actions, is_smaller = fewer, True
                 break
-    return plan
+            if time.monotonic() > end_s:
+                break
+        if not is_smaller:
+            size //= 2
+        size = min(size, max(len(actions) // 2, 1)) if size else 0
+    return plan.only(actions)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.simulation.histories import Plan, violation
+from tests.simulation.histories import violation
+from tests.simulation.plans import Plan
 
 
 @pytest.mark.parametrize("seed", range(40))

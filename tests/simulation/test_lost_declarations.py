@@ -22,7 +22,7 @@ def _frames_known(network: Network, lost: int) -> list[str]:
     with network.process("h1", "sim"):
         node = tfbus.Node("sim")
         network.run(1.0)
-        network.loses_declaration = loses_declaration  # type: ignore[method-assign]
+        network._fabric.loses_declaration = loses_declaration  # type: ignore[method-assign]
         here = tfbus.Transform((1.0, 0.0, 0.0))
         tfbus.StaticTransformBroadcaster(node).send_transform(
             tfbus.TransformStamped(node.now_ns(), "world", "fixed", here)

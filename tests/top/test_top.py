@@ -17,7 +17,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.messages import Empty
-from tfbus.top.rows import Cell, Row, Table, chosen, nodes_table
+from tfbus.top.rows import Cell, Row, Table, chosen, fitting, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
 pytestmark = pytest.mark.real
@@ -56,6 +56,20 @@ class TestRows:
         assert names(chosen(self.bus, "ba", 0, False)) == ["Base"]
         assert names(chosen(self.bus, "DRO 60", 0, False)) == ["drone"]
         assert names(chosen(self.bus, "dro base", 0, False)) == []
+
+
+def test_a_narrow_screen_gives_up_the_least_useful_columns() -> None:
+    """The other columns keep their whole width, and one comes back only with room to spare."""
+    cells = tuple(Cell(text, text) for text in ("base", "world", "odometry", "20.0"))
+    bus = Table(
+        "frames", ("frame", "parent", "stream", "Hz"), (Row("base", cells),), ("stream", "parent")
+    )
+    all_of_them = 4 * 2 + len("frame") + len("parent") + len("odometry") + len("20.0") + 2 * 2
+    assert fitting(bus, bus.rows, all_of_them, range(4)) == [0, 1, 2, 3]
+    assert fitting(bus, bus.rows, all_of_them - 1, range(4)) == [0, 1, 3]
+    assert fitting(bus, bus.rows, all_of_them + 3, [0, 1, 3]) == [0, 1, 3]
+    assert fitting(bus, bus.rows, all_of_them + 4, [0, 1, 3]) == [0, 1, 2, 3]
+    assert fitting(bus, bus.rows, 1, range(4)) == [0, 3]
 
 
 Tmux = Callable[..., str]
@@ -106,7 +120,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
         f"{sys.executable} -m tfbus top; echo left; cat",
     )
     shows("3 frames, 2 streams, 3 nodes, 3 topics, 1 service")
-    shows("frame ▲", "odometry", "static", "root")
+    shows("frame ▲", "odometry", "static", "root", "state")
     tmux("send-keys", "r")
     shows("frame ▼")
     tmux("send-keys", "r", "Enter")
@@ -116,9 +130,9 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     tmux("send-keys", "r")
     shows("frame ▼")
     tmux("send-keys", "2")
-    shows("stream ▲", "/odometry")
+    shows("stream ▲", "/odometry", "state")
     tmux("send-keys", "3")
-    shows("node ▲", "/mount")
+    shows("node ▲", "/mount", "lost")
     tmux("send-keys", "4")
     shows("name ▲", "tf/odometry", "TransformMessage")
     shows("? Help", "q Quit", "m Measure")

@@ -159,6 +159,17 @@ def test_frames_are_placed_in_the_fixed_frame(buffer: Buffer) -> None:
     assert placed.extent_m() == 2.0
 
 
+def test_a_frame_that_is_too_far_to_draw_is_missing(buffer: Buffer) -> None:
+    """Two transforms of a stranger may add up to infinity: all other frames are drawn."""
+    for parent, child in (("map", "far"), ("far", "farther")):
+        send(buffer, parent, child, x=1.7e308, by="stranger")
+    placed = place(buffer, "map", ["map", "far", "farther", "base"], None)
+    assert placed.names == ("map", "base")
+    assert placed.missing.keys() == {"far", "farther"}
+    assert len(trail(buffer, "map", "farther", S, 1.0)) == 0
+    assert place(buffer, "farther", ["map", "farther"], None).names == ("farther",)
+
+
 def test_the_past_is_placed_as_it_was(buffer: Buffer) -> None:
     """At a time before all data no dynamic frame has a place, and the reason is the buffer's."""
     send(buffer, "base", "tool", at_ns=3 * S, x=5.0)

@@ -28,6 +28,11 @@ _HEADER = {"stamp", "frame_id"}
 _TIME = {"sec", "nanosec"}
 _SECOND_NS = 1_000_000_000
 
+_FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+
+# 146 years. What is nearer can be added to any stamp of a recording.
+_FAR_NS = 2.0**62
+
 
 def stamps_ahead_ns(source: Source, selection: Selection, from_ns: int) -> int:
     """By how much the stamps of a recording are ahead of its log times, from a moment on.
@@ -55,15 +60,24 @@ def moved(rows: Columns, pace: Pace, ahead_ns: int) -> Columns:
 
     At rate 1 all are moved by the same number of nanoseconds.
     """
-    # As a Python integer: the offset of years at once could be beyond 64 bits.
     origin_ns = pace.log_ns + ahead_ns
     stamps = rows.stamps_ns()
     if pace.rate == 1.0:
-        stamps = stamps + (pace.wall_ns - origin_ns)
+        stamps = _later(stamps, pace.wall_ns - origin_ns)
     else:
-        since = np.rint((stamps - origin_ns) / pace.rate)
-        stamps = since.astype(np.int64) + pace.wall_ns
+        since = np.clip(np.rint(_later(stamps, -origin_ns) / pace.rate), -_FAR_NS, _FAR_NS)
+        stamps = _later(since.astype(np.int64), pace.wall_ns)
     return _stamped(rows, stamps)
+
+
+def _later(stamps: "NDArray[np.int64]", by_ns: int) -> "NDArray[np.int64]":
+    """The stamps, so much later; the first or the last one of 64 bits where they are beyond."""
+    if -_FAR_NS <= by_ns <= _FAR_NS:
+        return stamps + by_ns  # those of a recording are from 1901 to 2038
+    by_ns = min(max(by_ns, _FIRST_NS), _LAST_NS)
+    return (
+        np.clip(stamps, max(_FIRST_NS, _FIRST_NS - by_ns), min(_LAST_NS, _LAST_NS - by_ns)) + by_ns
+    )
 
 
 def moved_to(rows: Columns, stamp_ns: int) -> Columns:

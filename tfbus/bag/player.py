@@ -312,7 +312,8 @@ class Player:
         if self._is_paused or (first is None and not ahead.is_at_end):
             return None
         due_ns = self._end_ns if first is None else first.log_ns
-        return max(self._pace.real_at(due_ns) - self._real_ns(), 0) / 1e9
+        left_s = max(self._pace.real_at(due_ns) - self._real_ns(), 0) / 1e9
+        return min(left_s, scheduler.TIMEOUT_MAX)
 
     # With the lock held
 

@@ -18,6 +18,10 @@ _BYTES_OF_OBJECTS = 5
 _MUCH = 1 / 16
 
 
+# Of ten seconds of a clock that was set back, log times go on by nine, until it has caught up.
+_CATCHES_UP_BY = 10
+
+
 class Source(Protocol):
     """What messages of one key are, and how to read them.
 
@@ -60,8 +64,8 @@ class RawQueue:
     Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
     again. What was taken out counts until the next `take`, and what its taker holds then longer.
 
-    Log times never go back: where the system's clock is set back, by `set_back_ns`, they go on from
-    the last one until it has caught up.
+    Log times never go back: where the system's clock is set back, they go on from the last one, by
+    `set_back_ns` ahead of the clock, and a tenth more slowly until it has caught up.
     """
 
     def __init__(
@@ -93,16 +97,22 @@ class RawQueue:
                 return False
             self._bytes = taken
             log_ns = self._clock_ns()
-            if log_ns < self.last_ns:
-                self.set_back_ns = max(self.set_back_ns, self.last_ns - log_ns)
-                log_ns += self.set_back_ns
-            elif self.set_back_ns:
-                self.set_back_ns = 0
+            if self.set_back_ns or log_ns < self.last_ns:
+                log_ns += self._ahead(log_ns)
             self.last_ns = log_ns
             self._waiting.append(Raw(log_ns, source, payload))
         if taken > self._most_bytes * _MUCH:
             self._wakes.set()
         return True
+
+    def _ahead(self, clock_ns: int) -> int:
+        """By how much the log time of now is ahead of the clock: of the time since the last message
+        a tenth less than was the last.
+        """
+        passed_ns = max(0, clock_ns - (self.last_ns - self.set_back_ns))
+        behind_ns = self.set_back_ns - passed_ns // _CATCHES_UP_BY
+        self.set_back_ns = max(0, self.last_ns - clock_ns, behind_ns)
+        return self.set_back_ns
 
     def now_ns(self) -> int:
         """The log time of now."""

@@ -313,7 +313,8 @@ class Recorder:
             if self._queue.set_back_ns > _SLEWED_NS:
                 self._once.warning(
                     "set back",
-                    "The system's clock was set back by %s: log times go on until it catches up",
+                    "The system's clock was set back by %s: log times go on, a tenth more slowly "
+                    "until it has caught up",
                     duration(self._queue.set_back_ns / 1e9),
                 )
             self._note_dropped()

@@ -80,6 +80,8 @@ class Replay:
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
+        # The recorded names of streams by those that they have on the bus.
+        self._old_names: dict[str, str] = {}
         self._statics: dict[str, tuple[object, ...]] = {}
         self._topics: dict[str, RawPublisher | None] = {}
         self._declare(reader)
@@ -203,7 +205,16 @@ class Replay:
                 error,
             )
             return
-        self._stream(_recorded_stream(event)).describe(self._as_replayed(event.name, description))
+        stream = self._stream(_recorded_stream(event))
+        try:
+            stream.describe(self._as_replayed(event.name, description))
+        except BusError as error:
+            self._log_once.warning(
+                ("description", event.name),
+                "Left out the recorded description of stream '%s': %s",
+                printable(event.name),
+                error,
+            )
 
     def _as_replayed(self, name: str, description: StreamDescription) -> StreamDescription:
         """A recorded description as it is true now."""
@@ -232,12 +243,12 @@ class Replay:
 
     def _declared(self, recorded: RecordedStream) -> ReplayedStream:
         name, new_name = recorded.name, self._names.stream(recorded)
-        for other, stream in self._streams.items():
-            if stream.name == new_name:
-                raise InvalidNameError(
-                    f"the streams {other!r} and {name!r} would both be called {new_name!r}: "
-                    "give one another name (--remap)"
-                )
+        other = self._old_names.setdefault(new_name, name)
+        if other != name:
+            raise InvalidNameError(
+                f"the streams {other!r} and {name!r} would both be called {new_name!r}: "
+                "give one another name (--remap)"
+            )
         first = self._described.get(name)
         description = first or StreamDescription(
             STREAM_VERSION,
@@ -277,7 +288,10 @@ class Replay:
         """The fields of a message, with stamps as those of the transforms."""
         if self._stamps != "now":
             return item.values
-        values = with_stamps(item.values, lambda ns: moved_ns(ns, pace, self._ahead_ns))
+        try:
+            values = with_stamps(item.values, lambda ns: moved_ns(ns, pace, self._ahead_ns))
+        except RecursionError as error:
+            raise BusError("it is nested too deeply for its stamps to be moved") from error
         if values is item.values and item.encoded is None and not _is_supplied(item.type_name):
             self._log_once.info(
                 ("stamps", item.topic),

@@ -24,6 +24,9 @@ _MOST_GONE = 1000
 # A participant may tell of nodes of any other one, which then never leaves.
 _MOST_PARTICIPANTS = 1000
 
+# In the place of a gid: all writers of a participant are of its only node.
+_ALL_WRITERS = ""
+
 # The name of a node comes after its writer, together with its first messages, if it comes: from
 # Fast DDS in 3 s.
 _NAMELESS_S = 10.0
@@ -92,7 +95,8 @@ class DdsWatch:
     def node_of(self, writer: Writer) -> str:
         """The full name of the node of a writer, "" where it has told none."""
         with self._lock:
-            return self._names.get(writer.participant, {}).get(writer.gid, "")
+            names = self._names.get(writer.participant, {})
+            return names.get(writer.gid) or names.get(_ALL_WRITERS, "")
 
     def is_nameless(self, writer: Writer) -> bool:
         """Whether a writer has told no name for 10 s, so that none will come."""
@@ -148,9 +152,11 @@ class DdsWatch:
         self._names.pop(participant, None)
         if len(self._names) >= _MOST_PARTICIPANTS:
             self._forget_one()
-        self._names[participant] = {
-            gid.hex(): node.name for node in info.nodes for gid in node.writers
-        }
+        names = {gid.hex(): node.name for node in info.nodes for gid in node.writers}
+        if not names and len(info.nodes) == 1:
+            # As roswell tells its node: without its writers.
+            names[_ALL_WRITERS] = info.nodes[0].name
+        self._names[participant] = names
 
     def _forget_one(self) -> None:
         """Forget the names of the participant that told them longest ago, best of one without

@@ -187,8 +187,13 @@ class TopicFromRos:
     def _begun(self) -> RawPublisher | None:
         with self._lock:
             if self._publisher is None and not self._closed:
+                line = self.line
+                definition = line.counterpart.definition.text
                 self._publisher = self._node.create_raw_publisher(
-                    self._name, type_name=self.line.type_name, retained=self.line.retained
+                    self._name,
+                    type_name=line.type_name,
+                    definition=definition if line.type_name == line.ros_type else "",
+                    retained=line.retained,
                 )
                 self._node.log.info(
                     "Topic %r (%s) comes from ROS, where it is %s (%s)",

@@ -14,7 +14,7 @@ from typing import Any
 
 from tfbus.bridge.topic_table import DIRECTIONS, TABLE, TopicLine
 from tfbus.errors import DecodeError
-from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     STRING,
@@ -106,7 +106,11 @@ def _counterpart(
                 f"{type_name} is {usual.definition.name} in ROS; for another type write `fields`"
             )
         return usual
+    if not type_name and "fields" not in fields and ros_type in BY_ROS_TYPE:
+        return BY_ROS_TYPE[ros_type]
     definition, message = _definition(ros_type, fields, path)
+    if "fields" not in fields and type_name in ("", ros_type):
+        return as_in_ros(definition)
     pairs = _pairs(fields["fields"], message) if "fields" in fields else None
     return mapped(type_name or ros_type.rpartition("/")[2], definition, message, pairs)
 
@@ -197,6 +201,11 @@ def _pairs(value: Value, message: Message) -> _Pairs:
     if not pairs:
         raise value.place.mistake("has no fields; write some, or omit the key")
     return pairs
+
+
+def as_in_ros(definition: Definition) -> Counterpart:
+    """A type that has its name and fields of ROS on the bus, too."""
+    return Counterpart(definition.name, definition, dict, dict)
 
 
 def mapped(

@@ -113,7 +113,7 @@ class TopicTable:
                 if line.direction != "off" and type_name not in ("", line.type_name):
                     raise TfbusError(
                         f"it carries {type_name}, and its line in the file of topics says "
-                        f"{line.type_name}"
+                        f"{line.type_name}: give the line `type: {type_name}`, or correct the topic"
                     )
                 return line
         if (asked := self.names.get(name)) is not None and type_name in ("", asked.type_name):

@@ -7,9 +7,6 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 
-# Held only while a node's streams are looked up, never while one declares itself.
-_lock = scheduler.Lock()
-
 
 class NodeStreams:
     """The streams of one node; it finds them again among the node's describers."""
@@ -21,12 +18,19 @@ class NodeStreams:
     @classmethod
     def of(cls, node: Node) -> "NodeStreams":
         """The streams of the node, made at the first call."""
-        with _lock:
-            found = next((each for each in node.describers if isinstance(each, cls)), None)
-            if found is None:
-                found = cls()
-                node.describers.append(found)
+        if (found := cls._found(node)) is not None:
             return found
+        made = cls()
+        node.describers.append(made)
+        # Of two threads that come here at once both take the first.
+        found = cls._found(node)
+        if found is not made:
+            node.describers.remove(made)
+        return found or made
+
+    @classmethod
+    def _found(cls, node: Node) -> "NodeStreams | None":
+        return next((each for each in [*node.describers] if isinstance(each, cls)), None)
 
     def get(self, node: Node, name: str) -> Stream:
         """The node's stream of this name, made at the first call."""

@@ -116,7 +116,8 @@ class Session:
             self.zenoh.close()
             raise
         forks.holders.add(self, "zenoh")
-        atexit.register(self._end_with_process)
+        if not scheduler.is_simulated:  # a simulated process ends by itself
+            atexit.register(self._end_with_process)
         _end_at_a_signal_once_main_has_ended()
 
     def _retried(self, open_once: Callable[[], T], patience_s: float) -> T:

@@ -11,16 +11,10 @@ from typing import Any
 
 from tfbus.compat.message_classes import RosMessage
 from tfbus.errors import DecodeError
-from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definitions import STRING, TURTLE_POSE
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
-
-_BY_ROS_TYPE = {
-    each.definition.name: each
-    for each in LIVE_COUNTERPARTS.values()
-    if each.definition.name != STRING.name
-}
 
 
 @dataclass(frozen=True)
@@ -35,7 +29,7 @@ class BusType:
 def bus_type_of(message_type: type, topic: str, clock: Clock) -> BusType:
     """How messages of this type go over the bus; `clock` stamps those that have no stamp in ROS."""
     ros_type = getattr(message_type, "__ros_name__", "")
-    counterpart = _BY_ROS_TYPE.get(ros_type)
+    counterpart = BY_ROS_TYPE.get(ros_type)
     if ros_type == STRING.name and topic.rpartition("/")[2] == "robot_description":
         counterpart = LIVE_COUNTERPARTS["RobotDescription"]
     if counterpart is None:

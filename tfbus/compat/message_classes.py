@@ -65,12 +65,7 @@ class RosMessage:
         """The message of a map; fields that it lacks are as in a new one. Raises DecodeError."""
         codecs = cls.__codecs__
         if not unknown_fields:
-            for name in values:
-                if name not in codecs:
-                    raise DecodeError(
-                        f"there is no field '{printable(path + str(name), 60)}'; "
-                        f"{cls.__ros_name__} has {', '.join(codecs) or 'no fields'}"
-                    )
+            cls.__check_names__(values, path)
         return cls(
             **{
                 name: codec.read(values[name], path + name)
@@ -78,6 +73,20 @@ class RosMessage:
                 if name in values
             }
         )
+
+    @classmethod
+    def __check_names__(cls, values: dict[str, Any], path: str) -> None:
+        """Raise DecodeError for a field that it has not, or a message in it."""
+        codecs = cls.__codecs__
+        for name, value in values.items():
+            if name not in codecs:
+                raise DecodeError(
+                    f"there is no field '{printable(path + str(name), 60)}'; "
+                    f"{cls.__ros_name__} has {', '.join(codecs) or 'no fields'}"
+                )
+            check_names = codecs[name].check_names
+            if check_names is not None:
+                check_names(value, path + name)
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):

@@ -29,6 +29,8 @@ class FieldCodec:
     `make()` is the value of a new message. `write(value, path)` makes what goes over the bus, and
     raises TypeError or ValueError; `read(value, path)` makes the value of it, and raises
     DecodeError. `accept`, where there is one, makes the value of what a program assigns.
+    `check_names(value, path)`, where there are messages in it, raises DecodeError for a field that
+    one of them does not have.
     """
 
     make: Callable[[], Any]
@@ -36,6 +38,7 @@ class FieldCodec:
     read: Convert
     shown: str
     accept: Convert | None = None
+    check_names: Convert | None = None
 
 
 ClassOf = Callable[[str], type[Any]]
@@ -161,7 +164,12 @@ def _message(cls: type[Any]) -> FieldCodec:
             raise DecodeError(f"field {path!r} must be a map, not {_kind(value)}")
         return cls.__of_bus_map__(value, f"{path}.")
 
-    return FieldCodec(cls, write, read, cls.__ros_name__.replace("/msg/", "/"))
+    def check_names(value: Any, path: str) -> None:
+        if isinstance(value, dict):
+            cls.__check_names__(value, f"{path}.")
+
+    shown = cls.__ros_name__.replace("/msg/", "/")
+    return FieldCodec(cls, write, read, shown, check_names=check_names)
 
 
 def _read(write: Convert) -> Convert:
@@ -211,7 +219,15 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
         _check_received(value, type_, path)
         return [item.read(each, f"{path}[{at}]") for at, each in enumerate(value)]
 
-    return FieldCodec(make, write, read, _shown(type_, item.shown), accept)
+    check_item = item.check_names
+
+    def check_names(value: Any, path: str) -> None:
+        if check_item is not None and isinstance(value, list):
+            for at, each in enumerate(value):
+                check_item(each, f"{path}[{at}]")
+
+    shown = _shown(type_, item.shown)
+    return FieldCodec(make, write, read, shown, accept, check_names if check_item else None)
 
 
 def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:

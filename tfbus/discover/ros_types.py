@@ -23,19 +23,25 @@ class RosTypes:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._known: dict[tuple[str, str], MessageCodec | None] = {}
+        # By the names of nodes and types; in the place of a codec the text that a node has said, ""
+        # for none, until the codec is asked for.
+        self._known: dict[tuple[str, str], MessageCodec | str | None] = {}
 
     def codec(self, node: str, type_name: str) -> MessageCodec | None:
         """The codec of a type that a node publishes; None where it is no type of ROS, or its
-        definition is not known. Asks the node of this full name the first time.
+        definition is not known. Asks the node of this full name once for all that it publishes.
         """
         if not is_message_type(type_name):
             return None
-        if (node, type_name) not in self._known:
+        key = node, type_name
+        if key not in self._known:
             if len(self._known) >= _MOST_TYPES:
                 self._known.clear()
-            self._known[node, type_name] = _codec(type_name, self._said(node).get(type_name))
-        return self._known[node, type_name]
+            self._known |= {(node, each): text for each, text in self._said(node).items()}
+        known = self._known.get(key, "")
+        if isinstance(known, str):
+            known = self._known[key] = _codec(type_name, known)
+        return known
 
     def forget(self, node: str) -> None:
         """Ask this node again: it may be another one of the same name."""
@@ -43,18 +49,21 @@ class RosTypes:
             del self._known[key]
 
     def _said(self, node: str) -> dict[str, str]:
+        """What the node says of all types that it publishes, "" of standard ones."""
         key = key_beside(node, node_key, self._session.settings.namespace)
         found: dict[str, str] = {}
         try:
             for answer in self._session.ask(definitions_selector(key), timeout_s=_ANSWER_WITHIN_S):
                 if answer.refusal is None:
-                    found |= decode_message(NodeDefinitions, answer.payload).definitions
+                    said = decode_message(NodeDefinitions, answer.payload)
+                    announced = filter(is_message_type, said.publishes.values())
+                    found |= dict.fromkeys(announced, "") | said.definitions
         except (BusError, DecodeError):
             return found  # it says nothing that can be read
         return found
 
 
-def _codec(type_name: str, said: str | None) -> MessageCodec | None:
+def _codec(type_name: str, said: str) -> MessageCodec | None:
     try:
         definition = Definition(type_name, said) if said else standard_definition(type_name)
         return None if definition is None else MessageCodec.of_definition(definition)

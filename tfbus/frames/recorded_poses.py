@@ -22,6 +22,7 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import Track
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
+from tfbus.trajectory.trajectory import check_count
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -319,6 +320,7 @@ class _Poses:
         stamps = buffer.samples(dynamic).stamps_ns
         if self._step_ns is not None and len(stamps):
             first_ns = int(stamps[0]) if last_ns is None else last_ns + self._step_ns
+            check_count((newest_ns - first_ns) // self._step_ns)
             return np.arange(first_ns, newest_ns + 1, self._step_ns, dtype=np.int64)
         # The buffer answers none beyond the newest common time.
         return stamps if last_ns is None else stamps[stamps > last_ns]

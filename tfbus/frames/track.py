@@ -14,6 +14,7 @@ from tfbus.errors import DecodeError
 from tfbus.frames.gaps import gaps_in
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.trajectory.csv_columns import POSE_COLUMNS
+from tfbus.trajectory.trajectory import check_count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -79,9 +80,12 @@ def track_from_buffer(
 ) -> Track:
     """The known poses between two times (ns), sampled at `rate_hz`.
 
-    Raises LookupException for an unknown frame, ConnectivityException for unconnected ones.
+    Raises LookupException for an unknown frame, ConnectivityException for unconnected ones, and
+    TfbusError for more than 20 million.
     """
-    stamps_ns = np.arange(from_ns, to_ns + 1, round(1e9 / rate_hz), dtype=np.int64)
+    step_ns = max(round(1e9 / rate_hz), 1)
+    check_count((to_ns - from_ns) // step_ns)
+    stamps_ns = np.arange(from_ns, to_ns + 1, step_ns, dtype=np.int64)
     poses, known = buffer.lookup_known_transforms(target, source, stamps_ns)
     return Track(target, source, stamps_ns[known], poses[known])
 

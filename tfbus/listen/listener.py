@@ -42,6 +42,7 @@ from tfbus.listen.unlisted import UnlistedFrames
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -349,6 +350,7 @@ class TransformListener:
             on_dispute=self._on_dispute,
             on_growth=self._weigh,
             on_unlisted=self._unlisted.hear,
+            on_message_while_gone=self._on_message_while_gone,
             claimed_by_others=partial(self._conflicts.claimed_by_others, name),
             held=self._held,
             once=self._once,
@@ -360,6 +362,9 @@ class TransformListener:
                 key, reception.refuse_frame, is_fleet=self._is_fleet
             )
         return reception
+
+    def _on_message_while_gone(self, name: str) -> None:
+        self._still_sending.note_message(name)
 
     def _on_dispute(self, name: str, epoch_ns: int) -> None:
         self._watch.ask_for_epoch(name, epoch_ns)
@@ -423,14 +428,13 @@ class TransformListener:
         if former.alive and not state.alive:
             self._history.leave(self._reading.keys_of(state.key), state.name)
             self._offsets.forget(state.name)
-            stream.is_lost = True
+            stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
             self._warn_gone(state)
-            self._still_sending.note_gone(stream.reception.name)
         elif state.alive and not former.alive:
             stream.reception.arrive()
-            if stream.is_lost:
-                stream.is_lost = False
+            if stream.lost_s is not None:
+                stream.lost_s = None
                 self._lines.info(("back", state.name), "Stream %s is back", _name(state))
 
     def _warn_gone(self, state: StreamState) -> None:

@@ -88,7 +88,8 @@ class StreamReception:
     `on_unlisted(name, frames)` is called where it has sent these frames and does not list them, at
     each message and list: `drop_unlisted` drops them once they are silent.
     `on_takeover(name, epoch_ns)` is called where two processes publish the stream, one fell silent,
-    and the messages of the other count from now on.
+    and the messages of the other count from now on. `on_message_while_gone(name)` is called for
+    each message that comes though the publisher is gone.
 
     `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_strangers`
     what is wrong with others: any process can make up their names, and so fill its log.
@@ -108,6 +109,7 @@ class StreamReception:
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
         on_unlisted: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
+        on_message_while_gone: Callable[[str], None] = lambda name: None,
         claimed_by_others: Callable[[frozenset[str]], frozenset[str]] = lambda children: _NONE,
         held: DisputedMessages | None = None,
         once: LogOnce | None = None,
@@ -124,6 +126,7 @@ class StreamReception:
         self.on_dispute = on_dispute
         self.on_growth = on_growth
         self.on_unlisted = on_unlisted
+        self.on_message_while_gone = on_message_while_gone
         self.claimed_by_others = claimed_by_others
         self.now_s = now_s
         self.lock = scheduler.Lock()
@@ -189,9 +192,7 @@ class StreamReception:
             elif not verdict.counts:
                 self.counts.disputed += 1
             else:
-                self._begin_epoch()
-            if verdict is Verdict.TAKEOVER:
-                self.statics.accept_any()
+                self._begin_epoch(verdict)
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:
             self._warn_of_two()
         if verdict is Verdict.FUTURE:
@@ -208,10 +209,13 @@ class StreamReception:
             self._restart(epoch_ns, verdict)
         return verdict.counts
 
-    def _begin_epoch(self) -> None:
+    def _begin_epoch(self, verdict: Verdict) -> None:
         """An epoch begins; with the lock held."""
         self._marks.invalidate()
         self.counts.forget_delays()
+        if verdict is Verdict.TAKEOVER or (self.epoch_ns or 0) < (self.statics.epoch_ns or 0):
+            # The set is of another process, or made up: that of an earlier epoch counts now.
+            self.statics.accept_any()
 
     def _dispute(self, epoch_ns: int) -> None:
         now_s = self.now_s()
@@ -456,6 +460,8 @@ class StreamReception:
             self.counts.add(len(message.rows), size)
             self.counts.last_heard_ns = heard_ns
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
+        if self.epochs.gone:
+            self.on_message_while_gone(self.name)
         if removed is None:
             return
         # First, as a former one may be in the way of one of the set.
@@ -601,10 +607,7 @@ class StreamReception:
                 return False
             verdict = self.epochs.confirm(epoch_ns)
             if verdict is Verdict.RESTART:
-                self._begin_epoch()
-                if epoch_ns < (self.statics.epoch_ns or 0):
-                    # Made up, or of another process.
-                    self.statics.accept_any()
+                self._begin_epoch(verdict)
         if verdict is Verdict.RESTART:
             self._restart(epoch_ns, verdict)
         return True
@@ -679,6 +682,8 @@ class DynamicReception:
         if grows:
             stream.grows_at = counts.transforms + _GROWS_AFTER
             stream.on_growth(stream.name)
+        if stream.epochs.gone:
+            stream.on_message_while_gone(stream.name)
 
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
         next_seq = self._next_seq

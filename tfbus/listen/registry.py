@@ -21,14 +21,14 @@ class Stream(Struct, frozen=False):
     """What is known of one stream.
 
     `state` is the last of its token and description, with frames as they are called here; None
-    before the first. `is_lost` is whether its publisher is gone since. `split_keys` are the keys of
-    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one,
-    `keys` those that messages came on. `met_ns` is when it was met.
+    before the first. `lost_s` is when its publisher was gone, None while it is not. `split_keys`
+    are the keys of the frames that a split stream lists. `read_keys` are those that are subscribed
+    to one by one, `keys` those that messages came on. `met_ns` is when it was met.
     """
 
     reception: StreamReception
     state: StreamState | None = None
-    is_lost: bool = False
+    lost_s: float | None = None
     split_keys: set[str] = field(default_factory=set)
     read_keys: set[str] = field(default_factory=set)
     keys: set[str] = field(default_factory=set)

@@ -93,9 +93,8 @@ class StreamRights:
         )
         if len(kept) == len(description.frames):
             return description, ""
-        refused = [
-            child for _, child, _ in description.frames if (child not in {r[1] for r in kept})
-        ]
+        allowed = {child for _, child, _ in kept}
+        refused = [child for _, child, _ in description.frames if child not in allowed]
         return replace(description, frames=kept), (
             f"may not publish {listed([repr(child) for child in refused])}, only "
             f"{listed(patterns) or 'nothing'}"

@@ -7,7 +7,7 @@ at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. 
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -20,7 +20,7 @@ from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime import scheduler
-from tfbus.runtime.callables import check_plain, is_async
+from tfbus.runtime.callables import check_callback, check_plain, is_async
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
@@ -84,9 +84,9 @@ class GoalHandle:
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. Where
-        it returns False, the goal goes on.
+        it returns False, the goal goes on. It may be an `async def`.
         """
-        check_plain("on_cancel(callback)", callback)
+        check_callback("on_cancel(callback)", callback)
         self._on_cancel = callback
 
     def accept(self) -> None:
@@ -213,9 +213,16 @@ class GoalServer(Endpoint):
     def _forget(self, handle: GoalHandle) -> None:
         self._active.pop(handle.id, None)
 
-    def _cancel(self, request: CancelGoal.Request) -> CancelGoal.Response:
+    def _cancel(self, request: CancelGoal.Request) -> Any:
         handles = [h for h in [*self._active.values()] if request.id in ("", h.id)]
-        return CancelGoal.Response(sum(handle._on_cancel() is not False for handle in handles))
+        answers = [handle._on_cancel() for handle in handles]
+        if any(isinstance(answer, Coroutine) for answer in answers):
+            return self._canceled(answers)
+        return CancelGoal.Response(sum(answer is not False for answer in answers))
+
+    async def _canceled(self, answers: list[Any]) -> CancelGoal.Response:
+        ended = [await each if isinstance(each, Coroutine) else each for each in answers]
+        return CancelGoal.Response(sum(answer is not False for answer in ended))
 
 
 class SentGoal:

@@ -121,7 +121,8 @@ class Node:
         with self._signals.held():
             self._declare_itself()
             # Before its session, so that no timer sends on one that has ended.
-            atexit.register(self.close)
+            if not scheduler.is_simulated:  # a simulated process ends by itself
+                atexit.register(self.close)
             is_stopped = self._is_stopped()
         if is_stopped:
             self.close()

@@ -4,8 +4,8 @@ A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
 import math
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Coroutine
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from tfbus.bus.query import Answer, Query
@@ -16,7 +16,6 @@ from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.runtime import scheduler
-from tfbus.runtime.callables import is_async
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
@@ -54,25 +53,28 @@ class Service(Endpoint):
         self.service_type = service_type
         self._lane = lane
         self._handler = handler
-        self._serve = self._serve_async if is_async(handler) else self._serve_now
         self._parts = [session.queryable(name, self._on_query)]
 
     def _on_query(self, query: Query) -> None:
         submit_or_refuse(self._lane, f"service {self.name}", self._serve, query)
 
-    def _serve_now(self, query: Query) -> None:
-        with query.answering("the service"):
-            query.answer(self.name, encode_message(self._handler(self._request(query))))
+    def _serve(self, query: Query) -> Any:
+        """Answer it; a coroutine that does, where the handler returns one."""
+        with ExitStack() as ending:
+            ending.enter_context(query.answering("the service"))
+            response = self._handler(self._request(query))
+            if isinstance(response, Coroutine):
+                return self._answer_later(query, response, ending.pop_all())
+            query.answer(self.name, encode_message(response))
 
-    async def _serve_async(self, query: Query) -> None:
+    async def _answer_later(self, query: Query, response: Any, ending: ExitStack) -> None:
         import asyncio  # slow, and it runs already
 
-        with query.answering("the service"):
+        with ending:
             try:
-                response = await self._handler(self._request(query))
+                query.answer(self.name, encode_message(await response))
             except asyncio.CancelledError:
                 raise ServiceError("the node ends") from None
-            query.answer(self.name, encode_message(response))
 
     def _request(self, query: Query) -> Any:
         return decode_message(self.service_type.Request, query.payload, unknown_fields=False)

@@ -17,7 +17,7 @@ from tfbus.recording.reader import RecordingReader
 from tfbus.recording.recording import Recording
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.csv_columns import FRAME_COLUMNS, POSE_COLUMNS
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory.trajectory import Trajectory, check_count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -135,8 +135,11 @@ class _Table:
 
 
 def stamps_at_rate(first_ns: int, last_ns: int, rate_hz: float) -> NDArray[np.int64]:
-    """Stamps from the first on, at most to the last, this many a second; each rounded."""
+    """Stamps from the first on, at most to the last, this many a second; each rounded. Raises
+    TfbusError for more than 20 million.
+    """
     count = int((last_ns - first_ns) * rate_hz / 1e9) + 1
+    check_count(count)
     since: NDArray[np.int64] = np.round(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
     return first_ns + since[since <= last_ns - first_ns]
 

@@ -31,9 +31,12 @@ class LastingStatics:
                     first[child] = item
         # By stream: its sets with frames that come first there, and these frames.
         self._of_stream: dict[str, list[tuple[TransformItem, frozenset[str]]]] = {}
+        own: dict[int, set[str]] = {}
+        for child, item in first.items():
+            own.setdefault(id(item), set()).add(child)
         for item in {id(each): each for each in first.values()}.values():
-            own = frozenset(child for child in first if first[child] is item)
-            self._of_stream.setdefault(item.stream.name, []).append((item, own))
+            children = frozenset(own[id(item)])
+            self._of_stream.setdefault(item.stream.name, []).append((item, children))
 
     def with_later(self, sets: Iterable[TransformItem], log_ns: int) -> list[TransformItem]:
         """The static sets in force at a log time, with the frames that come later only."""

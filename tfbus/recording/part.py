@@ -2,11 +2,11 @@
 
 import os
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Container, Iterator, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
@@ -287,7 +287,9 @@ class StoredChunk:
             return True
         return any(self._is_taken(channel, selection) for channel in self.chunk.channels)
 
-    def items(self, selection: Selection, tf: TFMessageReader) -> tuple[list[Item], int]:
+    def items(
+        self, selection: Selection, tf: TFMessageReader
+    ) -> tuple[list["Item | UnreadItem"], int]:
         """The items of the channels that the selection takes, whole, in the order of the file, and
         the bytes of their messages. `tf` reads transforms: of one thread, as it is not safe from
         several.
@@ -297,15 +299,13 @@ class StoredChunk:
         taken = {channel for channel in channels if self._is_taken(channel, selection)}
         messages = [message for message in messages if message.channel in taken]
         rows = self._rows_of(messages, tf)
-        items: list[Item] = []
+        items: list[Item | UnreadItem] = []
         for at, message in enumerate(messages):
             stream = self.part.stream_channels.get(message.channel)
             if stream is None:
-                item: Item | None = self._topic_item(message)
-            else:
-                item = _transforms(message, stream, rows[at]) if at in rows else None
-            if item is not None:
-                items.append(item)
+                items.append(UnreadItem(message.log_ns, self, message))
+            elif at in rows:
+                items.append(_transforms(message, stream, rows[at]))
         return items, sum([len(message.data) for message in messages])
 
     def groups(
@@ -381,7 +381,8 @@ class StoredChunk:
                     found[of_channel[at]] = each
         return found
 
-    def _topic_item(self, message: Message) -> TopicItem | None:
+    def topic_item(self, message: Message) -> TopicItem | None:
+        """The item of a message of a topic; None where it cannot be read."""
         topic = self.part.topic_channels[message.channel]
         if topic.decode is None:
             return None
@@ -400,6 +401,28 @@ class StoredChunk:
             topic.is_retained,
             topic.is_retained and topic.is_numbered and message.sequence == REPEATED,
         )
+
+
+class UnreadItem(NamedTuple):
+    """A message of a topic, which is decoded where its turn comes: its values take up to fifty
+    times its bytes.
+    """
+
+    log_ns: int
+    chunk: StoredChunk
+    message: Message
+
+    def read(self) -> TopicItem | None:
+        """The item; None where it cannot be read."""
+        return self.chunk.topic_item(self.message)
+
+
+def read_items(items: Iterable[Item | UnreadItem]) -> Iterator[Item]:
+    """The items, each decoded when it is asked for; those that cannot be read are left out."""
+    for each in items:
+        item = each.read() if isinstance(each, UnreadItem) else each
+        if item is not None:
+            yield item
 
 
 def _transforms(message: Message, channel: StreamChannel, rows: Columns) -> TransformItem:

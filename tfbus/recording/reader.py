@@ -9,7 +9,7 @@ from itertools import accumulate
 from tfbus.recording.damage import Damage, united
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.ordered import in_order
-from tfbus.recording.part import Part, StoredChunk
+from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
 from tfbus.recording.parts import files_of
 from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.selection import ALL, Selection
@@ -242,18 +242,18 @@ class RecordingReader(Closing):
     def _in_order(
         self, from_ns: int | None, to_ns: int | None, selection: Selection
     ) -> Iterator[Item]:
-        return in_order(self._groups(from_ns, to_ns, selection), _log_ns)
+        return read_items(in_order(self._groups(from_ns, to_ns, selection), _log_ns))
 
     def _groups(
         self, from_ns: int | None, to_ns: int | None, selection: Selection
-    ) -> Iterator[tuple[int, list[Item], int]]:
+    ) -> Iterator[tuple[int, list[Item | UnreadItem], int]]:
         """The items between two log times, chunk by chunk, with the bytes of their messages.
 
         All events come first: before messages of the same time.
         """
         first = -1 if from_ns is None else from_ns
         last = 2**64 if to_ns is None else to_ns
-        yield -1, [event for event in self.events if first <= event.log_ns <= last], 0
+        yield -1, [each for each in self.events if first <= each.log_ns <= last], 0
         tf = TFMessageReader()
         for chunk in self._chunks:
             if chunk.from_ns > last or chunk.to_ns < first or not chunk.is_taken(selection):
@@ -309,7 +309,7 @@ class RecordingReader(Closing):
                 break
             if chunk.from_ns > log_ns or not (chunk.retained_topics & names):
                 continue
-            for item in chunk.items(only, TFMessageReader())[0]:
+            for item in read_items(chunk.items(only, TFMessageReader())[0]):
                 # A topic may have messages that are not retained as well.
                 if isinstance(item, TopicItem) and item.retained and item.log_ns <= log_ns:
                     last = found.get(item.topic)
@@ -318,5 +318,5 @@ class RecordingReader(Closing):
         return list(found.values())
 
 
-def _log_ns(item: Item) -> int:
+def _log_ns(item: Item | UnreadItem) -> int:
     return item.log_ns

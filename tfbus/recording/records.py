@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from tfbus.errors import DecodeError
+from tfbus.recording.unpacked import of_lz4, of_zstd
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -206,33 +207,10 @@ def _decompressed(data: bytes, size: int, compression: str) -> bytes:
     if compression == "":
         return data
     if compression == "zstd":
-        return _of_zstd(data, size)
+        return of_zstd(data, size)
     if compression == "lz4":
-        return _of_lz4(data, size)
+        return of_lz4(data, size)
     raise DecodeError(f"a chunk is compressed as {compression!r}; zstd, lz4 and none are read")
-
-
-def _of_zstd(data: bytes, size: int) -> bytes:
-    import zstandard
-
-    try:
-        said = zstandard.frame_content_size(data)
-        if said > size:  # it would be taken in memory as it is
-            raise DecodeError(f"a chunk has {said:,} bytes in the place of {size:,}")
-        found: bytes = zstandard.ZstdDecompressor().decompress(data, max_output_size=size or 1)
-    except zstandard.ZstdError as error:
-        raise DecodeError("a chunk cannot be decompressed") from error
-    return found
-
-
-def _of_lz4(data: bytes, size: int) -> bytes:
-    import lz4.frame  # type: ignore[import-untyped]  # lz4 has no types
-
-    try:
-        found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    except (RuntimeError, EOFError) as error:
-        raise DecodeError("a chunk cannot be decompressed") from error
-    return found
 
 
 def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:

@@ -12,7 +12,7 @@ from tfbus.recording.damage import Damage, time_text, united
 from tfbus.recording.items import Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
-from tfbus.recording.part import Part
+from tfbus.recording.part import Part, UnreadItem, read_items
 from tfbus.recording.records import (
     ATTACHMENT,
     CHANNEL,
@@ -137,8 +137,10 @@ class Salvage:
         state = BusState()
         for item in merge(
             sorted(self._part.events, key=_log_ns),
-            in_order(
-                ((chunk.from_ns, *chunk.items(ALL, self._part.tf)) for chunk in chunks), _log_ns
+            read_items(
+                in_order(
+                    ((chunk.from_ns, *chunk.items(ALL, self._part.tf)) for chunk in chunks), _log_ns
+                )
             ),
             key=_log_ns,
         ):
@@ -147,7 +149,7 @@ class Salvage:
                 yield item
 
 
-def _log_ns(item: Item) -> int:
+def _log_ns(item: Item | UnreadItem) -> int:
     return item.log_ns
 
 

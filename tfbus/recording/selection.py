@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
@@ -42,6 +43,16 @@ class Selection:
                     f"{option} {getattr(self, option)!r} is no regular expression: {error}"
                 ) from error
 
+    # There may be as many as there are streams, and each item is looked for.
+
+    @cached_property
+    def _topics(self) -> frozenset[str]:
+        return frozenset(self.topics)
+
+    @cached_property
+    def _streams(self) -> frozenset[str]:
+        return frozenset(self.streams)
+
     @property
     def is_all(self) -> bool:
         """Whether it takes everything."""
@@ -54,7 +65,7 @@ class Selection:
         if topic in self.exclude_topics:
             return False
         if self.topics:
-            return topic in self.topics and self._matches(topic)
+            return topic in self._topics and self._matches(topic)
         if (self.streams or self.frames) and not self.regex:
             return False
         return self._matches(topic)
@@ -74,7 +85,7 @@ class Selection:
                 return False
         elif self.topics and not (self.streams or self.frames or self.regex):
             return False
-        return (not self.streams or stream in self.streams) and self._matches(stream)
+        return (not self.streams or stream in self._streams) and self._matches(stream)
 
     def takes_frame(self, child: str, namespace: str) -> bool:
         """Whether it takes the transforms of a child frame in a namespace."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -50,12 +51,31 @@ def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expand
         answer = json.loads(done.stdout)
     except OSError as error:
         raise UrdfError(f"{path}: xacro cannot be started: {error.strerror or error}") from None
-    except (subprocess.TimeoutExpired, ValueError):
-        raise UrdfError(
-            f"{path}: xacro has not expanded it within {MOST_CPU_S:g} s of CPU: look for an "
-            "expression that grows, or macros that call macros many times"
-        ) from None
+    except subprocess.TimeoutExpired:
+        raise _too_slow(path) from None
+    except ValueError:
+        raise _ended(path, done.returncode) from None
     if "error" in answer:
         raise UrdfError(answer["error"])
     included = tuple(map(Path, answer["included"]))
     return Expanded(answer["text"], included, tuple(answer["warnings"]))
+
+
+def _ended(path: Path, code: int) -> UrdfError:
+    """The error of a process that gave no answer, by its exit code."""
+    if -code in (getattr(signal, "SIGXCPU", 0), getattr(signal, "SIGKILL", 0)):
+        return _too_slow(path)
+    try:
+        how = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
+    except ValueError:
+        how = f"by signal {-code}"
+    return UrdfError(
+        f"{path}: the process that expands it crashed, {how}: `python -m xacro {path}` shows more"
+    )
+
+
+def _too_slow(path: Path) -> UrdfError:
+    return UrdfError(
+        f"{path}: xacro has not expanded it within {MOST_CPU_S:g} s of CPU: look for an expression "
+        "that grows, or macros that call macros many times"
+    )

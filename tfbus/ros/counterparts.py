@@ -257,3 +257,10 @@ LIVE_COUNTERPARTS: Mapping[str, Counterpart] = {
 _STAMPED = {
     each.definition.name: each for name, each in COUNTERPARTS.items() if each.definition != STRING
 }
+
+# The same by the names of the types in ROS: those of which each topic has one meaning.
+BY_ROS_TYPE: Mapping[str, Counterpart] = {
+    each.definition.name: each
+    for each in LIVE_COUNTERPARTS.values()
+    if each.definition.name != STRING.name
+}

@@ -27,6 +27,14 @@ from tfbus.ros.message_type import (
 )
 from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, values_in
 
+# What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
+# as they are shared: a map of 10,000 by 10,000 cells is read.
+_MOST_NUMBERS_BYTES = 1_300_000_000
+_NUMBER_BYTES, _SHARED_BYTES = 40, 8
+
+# Of a message within a message, so many numbers count as one more value.
+_NUMBERS_A_VALUE = 32
+
 _NATIVE = "<" if sys.byteorder == "little" else ">"
 
 
@@ -52,6 +60,7 @@ class ValueReader(CdrReader):
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
         self._values = 0
+        self._numbers_bytes = 0
         self._packed = 0
 
     def spend(self, values: int) -> None:
@@ -59,6 +68,12 @@ class ValueReader(CdrReader):
         self._values += values
         if self._values > MOST_ITEMS:
             raise DecodeError(f"the message has more than {MOST_ITEMS} values")
+
+    def spend_numbers(self, numbers: int, each: int) -> None:
+        """Raise DecodeError where the lists of numbers take more than 1.3 GB, of `each` bytes."""
+        self._numbers_bytes += numbers * each
+        if self._numbers_bytes > _MOST_NUMBERS_BYTES:
+            raise DecodeError(f"the message has too many numbers, {numbers:,} in one list")
 
     def spend_packed(self, data: bytes) -> None:
         """The same for values in MessagePack, which are counted where they could be many."""
@@ -241,10 +256,17 @@ def _read_octets(reader: ValueReader, count: int) -> bytes:
 _octets = _Items(bytes, 1, _write_octets, _read_octets)
 
 
+# The integers of one byte. Python makes a new object each time for those below -5, so that theirs
+# are kept here.
+_OF_OCTET = [*range(128), *range(-128, 0)].__getitem__
+_SHARED = bytes([*range(128), *range(251, 256)])
+
+
 def _numbers_codec(scalar: Scalar) -> _Items:
     name, check = scalar.name, _CHECKS.get(scalar, _check_int)
     code, plain = SCALARS[name], _OF_TYPE.get(name, int)
     size = struct.calcsize(f"={code}")
+    each_bytes = _SHARED_BYTES if size == 1 else _NUMBER_BYTES
 
     def write(writer: CdrWriter, value: list[Any]) -> None:
         if name == "float32" or set(map(type, value)) != {plain}:
@@ -255,6 +277,9 @@ def _numbers_codec(scalar: Scalar) -> _Items:
 
     def read(reader: ValueReader, count: int) -> list[Any]:
         start = reader.skip(count * size, size)
+        reader.spend_numbers(count, each_bytes)
+        if code == "b" and (octets := reader.data[start : reader.at]).translate(None, _SHARED):
+            return list(map(_OF_OCTET, octets))
         if reader.order == _NATIVE and code != "?":
             # In half the time and memory: an occupancy grid has millions.
             view: Any = memoryview(reader.data)[start : reader.at]
@@ -296,6 +321,7 @@ def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
     keys = [field.key for field in message.fields]
     parts = _parts(message, made)
     is_list = message.kind == "list"
+    weight = 1 + sum(isinstance(field.type, Scalar) for field in message.fields) // _NUMBERS_A_VALUE
 
     def write_values(writer: CdrWriter, values: list[Any]) -> None:
         for first, end, numbers, codec in parts:
@@ -317,7 +343,7 @@ def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
             write_values(writer, [value[key] for key in keys])
 
     def read(reader: ValueReader) -> Any:
-        reader.spend(1)
+        reader.spend(weight)
         values: list[Any] = []
         for _, _, numbers, codec in parts:
             if numbers is not None:

@@ -42,7 +42,7 @@ def field(
 
 
 class _AsDataclass:
-    """What dataclasses keeps in a class, made when it is asked for: so `dataclasses.fields`,
+    """What dataclasses keeps in a class, made once when it is asked for: so `dataclasses.fields`,
     `replace` and `asdict` take a `Struct`, and a dataclass may inherit from one.
     """
 
@@ -50,6 +50,14 @@ class _AsDataclass:
         self._name = name
 
     def __get__(self, instance: object, owner: "type[Struct]") -> Any:
+        # Not that of a class above, which has other fields.
+        like = vars(owner).get("_like")
+        if like is None:
+            like = owner._like = self._made(owner)
+        return getattr(like, self._name)
+
+    @staticmethod
+    def _made(owner: "type[Struct]") -> Any:
         import dataclasses
 
         values: dict[str, Any] = {"__annotations__": owner._types}
@@ -61,7 +69,7 @@ class _AsDataclass:
                 made.default = each.default
             values[each.name] = made
         like: Any = type(owner.__name__, (), values)
-        return getattr(dataclasses.dataclass(frozen=owner._is_frozen)(like), self._name)
+        return dataclasses.dataclass(frozen=owner._is_frozen)(like)
 
 
 class _Signature:
@@ -112,6 +120,8 @@ class Struct:
     # The defaults of all fields, and those fields that have to be given or made.
     _defaults: ClassVar[dict[str, Any]] = {}
     _unset: ClassVar[tuple[Field, ...]] = ()
+    # A dataclass with the same fields, once dataclasses was asked for one.
+    _like: ClassVar[type | None] = None
     __dataclass_fields__: ClassVar[dict[str, Any]] = _AsDataclass("__dataclass_fields__")  # type: ignore[assignment]
     __dataclass_params__: ClassVar[Any] = _AsDataclass("__dataclass_params__")
     __signature__: ClassVar[Any] = _Signature()

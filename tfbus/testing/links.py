@@ -4,7 +4,7 @@ On a link of TCP nothing is lost or overtakes: a lost packet delays all behind i
 lost packet is lost, and Zenoh drops one that another has overtaken.
 """
 
-from collections import deque
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -82,13 +82,16 @@ class Lane:
         self._free_ns = 0
         # The numbers of packets, where they may overtake.
         self._number = self._arrived_number = 0
-        # Calls that wait for the path to be up again.
-        self._held: deque[tuple[Callable[[], object], int]] = deque()
+        # Calls that wait for the path to be up again, or for one before them, by their places in
+        # the order; and the place of the next one to arrive.
+        self._held: dict[int, tuple[Callable[[], object], int]] = {}
+        self._places = itertools.count()
+        self._next_place = 0
         self.is_open = True
 
     def backlog_bytes(self) -> float:
         """How much waits for the bandwidth, or for the path."""
-        held = sum(size for _, size in self._held)
+        held = sum(size for _, size in self._held.values())
         waiting_ns = max(0, self._free_ns - self._tasks.now_ns)
         return held + waiting_ns / 1e9 * self.path.bytes_a_second
 
@@ -100,20 +103,20 @@ class Lane:
         """Make a call at the far end, once it has arrived there."""
         if not self.is_reliable:
             self._launch_once(call, size)
-        elif not self.path.is_up or self._held:
-            self._held.append((call, size))
+        elif not self.path.is_up:
+            self._held[next(self._places)] = call, size
         else:
-            self._launch(call, size, 0.0)
+            self._launch(next(self._places), call, size, 0.0)
 
     def release(self) -> None:
         """The path is up again: all that waits is sent anew, after TCP's pause."""
-        held, self._held = self._held, deque()
+        held, self._held = sorted(self._held.items()), {}
         down_s = (self._tasks.now_ns - self.path.changed_ns) / 1e9
         pause_s = self._tasks.random.uniform(0, min(down_s, 2 * LEASE_S))
-        for call, size in held:
-            self._launch(call, size, pause_s)
+        for place, (call, size) in held:
+            self._launch(place, call, size, pause_s)
 
-    def _launch(self, call: Callable[[], object], size: int, pause_s: float) -> None:
+    def _launch(self, place: int, call: Callable[[], object], size: int, pause_s: float) -> None:
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
         late_s = pause_s + sum(path.delays_s(chance))
@@ -127,11 +130,12 @@ class Lane:
         def arrive() -> None:
             if not self.is_open:
                 return
-            if self.path.is_up:
-                call()
-            else:
-                # Lost on its way: TCP sends it again.
-                self._held.append((call, size))
+            # One that is lost on its way is sent again, and all that was sent after it waits.
+            self._held[place] = call, size
+            while self.path.is_up and self._next_place in self._held:
+                next_call, _ = self._held.pop(self._next_place)
+                self._next_place += 1
+                next_call()
 
         tasks.call_at(self._arrived_ns, arrive)
 

@@ -91,6 +91,8 @@ class Tasks:
         self.is_over = False
         self.turns = 0
         self.failure: BaseException | None = None
+        # The chance of a task at each step to get no processor, and for how many seconds at most.
+        self.stalls = (0.0, 0.0)
         self._interleaving = interleaving
         self._steps_left = 0
         self._turns_at_once = 0
@@ -142,6 +144,9 @@ class Tasks:
 
     def step(self) -> None:
         """A place at which another task may have its turn."""
+        chance, most_s = self.stalls
+        if chance and self.current is not self.main and self.random.random() < chance:
+            self.wait("the processor", most_s * self.random.random())
         if self._steps_left:
             self._steps_left -= 1
             if not self._steps_left:

@@ -21,7 +21,7 @@ from textual.widgets import (
 )
 
 from tfbus.frames.state import State
-from tfbus.top.rows import Row, Table, chosen, is_service
+from tfbus.top.rows import Row, Table, chosen, fitting, is_service
 from tfbus.top.source import Source
 from tfbus.wording import counted, duration
 
@@ -170,6 +170,8 @@ class TopApp(App[None]):
         self._tables: dict[str, Table] = {}
         self._column = dict.fromkeys(_NAMES, 0)
         self._descending = dict.fromkeys(_NAMES, False)
+        # The numbers of the columns that the screen is wide enough for.
+        self._columns: dict[str, list[int]] = {}
         self._words = ""
         self._is_paused = False
 
@@ -214,7 +216,9 @@ class TopApp(App[None]):
     def action_sort(self) -> None:
         """Sort by the next column."""
         name = self._tab()
-        self._column[name] = (self._column[name] + 1) % len(self._tables[name].headings)
+        columns = self._columns[name]
+        later = [at for at in columns if at > self._column[name]]
+        self._column[name] = (later or columns)[0]
         self._show(name)
 
     def action_reverse(self) -> None:
@@ -251,10 +255,15 @@ class TopApp(App[None]):
 
     def on_data_table_header_selected(self, event: DataTable.HeaderSelected) -> None:
         name = self._tab()
-        if self._column[name] == event.column_index:
+        column = self._columns[name][event.column_index]
+        if self._column[name] == column:
             self._descending[name] = not self._descending[name]
-        self._column[name] = event.column_index
+        self._column[name] = column
         self._show(name)
+
+    def on_resize(self) -> None:
+        for name in self._tables:
+            self._show(name)
 
     def on_data_table_row_selected(self, event: DataTable.RowSelected) -> None:
         is_open = isinstance(self.screen, FrameScreen)
@@ -285,12 +294,16 @@ class TopApp(App[None]):
             (" ▼" if descending else " ▲") if at == column else ""
             for at in range(len(table.headings))
         ]
-        headings = [heading + mark for heading, mark in zip(table.headings, marks, strict=True)]
+        width = shown.scrollable_content_region.width or self.size.width
+        former = self._columns.get(name, range(len(table.headings)))
+        columns = fitting(table, rows, width, former)
+        self._columns[name] = columns
+        headings = [table.headings[at] + marks[at] for at in columns]
         if [str(each.label) for each in shown.ordered_columns] != headings:
             shown.clear(columns=True)
             for heading in headings:
                 shown.add_column(heading)
-        _fill(shown, rows)
+        _fill(shown, rows, columns)
 
     def _say(self) -> None:
         count = {name: len(table.rows) for name, table in self._tables.items()}
@@ -314,27 +327,27 @@ class TopApp(App[None]):
         return table
 
 
-def _cells(row: Row) -> list[Text]:
+def _cells(row: Row, columns: list[int]) -> list[Text]:
     style = _STYLES.get(row.state, "")
     return [
         Text(cell.text, style=style, justify="left" if isinstance(cell.value, str) else "right")
-        for cell in row.cells
+        for cell in (row.cells[at] for at in columns)
     ]
 
 
-def _fill(table: "DataTable[Text]", rows: list[Row]) -> None:
-    """Show these rows; the cursor stays on its row, or at its place."""
+def _fill(table: "DataTable[Text]", rows: list[Row], columns: list[int]) -> None:
+    """Show these rows with these columns; the cursor stays on its row, or at its place."""
     keys = [str(row.key.value) for row in table.ordered_rows]
     at = table.cursor_row
     if keys == [row.key for row in rows]:
         # In place, as clearing a table flickers.
         for number, row in enumerate(rows):
-            for column, cell in enumerate(_cells(row)):
+            for column, cell in enumerate(_cells(row, columns)):
                 table.update_cell_at(Coordinate(number, column), cell, update_width=True)
         return
     table.clear()
     for row in rows:
-        table.add_row(*_cells(row), key=row.key)
+        table.add_row(*_cells(row, columns), key=row.key)
     under = keys[at] if at < len(keys) else ""
     found = [number for number, row in enumerate(rows) if row.key == under]
     table.move_cursor(row=found[0] if found else min(at, max(len(rows) - 1, 0)))

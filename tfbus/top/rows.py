@@ -1,7 +1,7 @@
 """The tables of `tfbus top` as values, without a screen."""
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +13,10 @@ from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import cut, duration, printable
 
 _SERVICE = "service"
+
+# The characters of a column beside its text, and of the mark of the order in a heading; and those
+# that are to be free before a column comes back.
+_BESIDE, _MARK, _SPARE = 2, 2, 4
 
 # Longer texts would push all other columns off the screen.
 _LONGEST_CELL = 60
@@ -49,12 +53,14 @@ class Row:
 class Table:
     """A table: its name, headings and rows; of several rows with one key, the last.
 
-    A node that answers twice, or two names that look the same, would be two such rows.
+    A node that answers twice, or two names that look the same, would be two such rows. A narrow
+    screen gives up the columns of `least_useful`, the first of them first.
     """
 
     name: str
     headings: tuple[str, ...]
     rows: tuple[Row, ...]
+    least_useful: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         rows = {row.key: row for row in self.rows}
@@ -88,7 +94,7 @@ def frames_table(report: Report) -> Table:
         )
         rows.append(Row(frame.name, cells, its_state))
     headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")
-    return Table("frames", headings, tuple(rows))
+    return Table("frames", headings, tuple(rows), ("jitter", "delay", "stream", "parent", "age"))
 
 
 def streams_table(report: Report) -> Table:
@@ -109,7 +115,8 @@ def streams_table(report: Report) -> Table:
         )
         rows.append(Row(stream.name, cells, "dynamic" if stream.alive else "gone"))
     headings = ("stream", "node", "host", "Hz", "kB/s", "frames", "missed", "clock", "state")
-    return Table("streams", headings, tuple(rows))
+    least_useful = ("kB/s", "clock", "frames", "host", "missed", "node")
+    return Table("streams", headings, tuple(rows), least_useful)
 
 
 def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
@@ -131,7 +138,8 @@ def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
         )
         rows.append(Row(f"{node.name} {node.session}", cells))
     headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params", "lost")
-    return Table("nodes", headings, tuple(rows))
+    least_useful = ("params", "serves", "sub", "pub", "streams", "pid", "up", "host")
+    return Table("nodes", headings, tuple(rows), least_useful)
 
 
 def _held_up(node: NodeDescription) -> Cell:
@@ -169,7 +177,8 @@ def topics_table(graph: Graph, rates_hz: Mapping[str, float] = MappingProxyType(
             _text(", ".join(end.node for end in service.clients)),
         )
         rows.append(Row(f"{_SERVICE} {service.name}", cells))
-    return Table("topics", ("name", "kind", "type", "Hz", "from", "to"), tuple(rows))
+    headings = ("name", "kind", "type", "Hz", "from", "to")
+    return Table("topics", headings, tuple(rows), ("to", "from", "kind", "Hz"))
 
 
 def is_service(row: Row) -> bool:
@@ -186,6 +195,25 @@ def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]
         if all(any(word in cell.text.lower() for cell in row.cells) for word in wanted)
     ]
     return sorted(rows, key=lambda row: _order(row.cells[column].value), reverse=descending)
+
+
+def fitting(table: Table, rows: Sequence[Row], width: int, former: Sequence[int]) -> list[int]:
+    """The numbers of the columns that fit into so many characters, with these rows.
+
+    A column that is not among the `former` ones comes when there is room to spare, so that it does
+    not come and go with a digit.
+    """
+    kept = list(range(len(table.headings)))
+    taken = [
+        _BESIDE + max(len(heading) + _MARK, *(len(row.cells[at].text) for row in rows), 0)
+        for at, heading in enumerate(table.headings)
+    ]
+    for heading in table.least_useful:
+        at = table.headings.index(heading)
+        if sum(taken[each] for each in kept) + (0 if at in former else _SPARE) <= width:
+            break
+        kept.remove(at)
+    return kept
 
 
 def _order(value: Any) -> tuple[bool, Any]:

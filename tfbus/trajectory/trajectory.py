@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, overload
 
 from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
-from tfbus.errors import InvalidArgumentException
+from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.wording import counted, stamp_text
@@ -22,6 +22,20 @@ else:
 
 
 FilePath = str | os.PathLike[str]
+
+# Of as many poses, all at once, a machine has the memory: some 4 GB. At 100 Hz they are 55 hours.
+_MOST_POSES = 20_000_000
+
+
+def check_count(count: int) -> None:
+    """Raise TfbusError where a span has too many poses at a rate: a single wrong stamp can make it
+    a century long.
+    """
+    if count > _MOST_POSES:
+        raise TfbusError(
+            f"at this rate the span has {count:,} poses, at most {_MOST_POSES:,} are made: give a "
+            "lower --rate, or a part of it by --from and --to"
+        )
 
 
 class Trajectory:

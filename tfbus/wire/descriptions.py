@@ -97,9 +97,11 @@ class NodeDescription(Struct):
 class NodeDefinitions(Struct):
     """What a node's description says as well where that is asked for: the definitions of the ROS
     types that it publishes, by the names of the types, as texts of `.msg` files with all in them.
+    `publishes` is that of the description.
     """
 
     definitions: dict[str, str] = field(default_factory=dict)
+    publishes: dict[str, str] = field(default_factory=dict)
 
 
 # A parameter's description may be a sentence or two.

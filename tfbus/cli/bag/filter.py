@@ -42,7 +42,7 @@ from tfbus.wording import did_you_mean, printable
     cls=SeveralNames,
     multiple=True,
     metavar="NAME...",
-    help="Keep only these topics; tf stands for all transforms.",
+    help="Keep only these topics; tf and tf_static stand for transforms.",
 )
 @click.option(
     "--streams",

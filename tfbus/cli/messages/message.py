@@ -140,17 +140,46 @@ def encode_values(values: Mapping[str, Any], what: str) -> bytes:
 
 
 def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
-    """The fields of a message of this type, with defaults for missing ones, or zeros.
+    """The fields of a message of this type, with defaults for missing ones, or zeros; they may be
+    those that ROS has of it, `{header: {frame_id: map}, ...}`.
 
     Raises click.UsageError if the values are no such message.
     """
     if is_dataclass(message_type):
-        _check_names(message_type, values, "")
+        try:
+            _check_names(message_type, values, "")
+        except click.UsageError as mistake:
+            values = _values_of_ros(values, message_type, mistake)
         values = _merged(prototype(message_type), values)
     try:
         return as_map(from_map(message_type, values, unknown_fields=False))
     except (DecodeError, TypeError, ValueError) as error:
         raise click.UsageError(f"not a valid {type_name(message_type)}: {error}") from error
+
+
+def _values_of_ros(
+    values: Mapping[str, Any], message_type: type, mistake: click.UsageError
+) -> dict[str, Any]:
+    """The values of a type of tfbus, given with ROS's fields. Raises the mistake where ROS has no
+    such fields of it either, and click.UsageError where only the values are wrong.
+    """
+    from tfbus.compat.bus_types import bus_type_of  # which most types of tfbus's do not need
+    from tfbus.compat.message_classes import message_class
+    from tfbus.ros.counterparts import BY_ROS_TYPE
+
+    names = [
+        name for name, each in BY_ROS_TYPE.items() if supplied_type(each.type_name) is message_type
+    ]
+    in_ros = message_class(names[0]) if names else None
+    if in_ros is None or not values.keys() <= in_ros.__codecs__.keys():
+        raise mistake
+    try:
+        message = from_map(in_ros, values, unknown_fields=False)
+        return as_map(bus_type_of(in_ros, "", SYSTEM_CLOCK).to_bus(message))
+    except (DecodeError, TypeError, ValueError) as error:
+        if values.keys() <= {entry.name for entry in fields(message_type)}:
+            raise mistake from None
+        raise click.UsageError(f"not a valid {names[0]}: {error}") from error
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

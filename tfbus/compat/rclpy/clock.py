@@ -22,6 +22,11 @@ class Clock:
         self._clock = tfbus_clock
 
     @property
+    def tfbus_clock(self) -> TfbusClock:
+        """The clock of tfbus that it is."""
+        return self._clock
+
+    @property
     def clock_type(self) -> ClockType:
         """Which clock it is."""
         return self._clock_type

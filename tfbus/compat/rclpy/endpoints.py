@@ -18,6 +18,7 @@ from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
 from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.clock import Clock
 from tfbus.runtime.timer import Timer as TfbusTimer
 from tfbus.runtime.timer import timer_name
 
@@ -106,7 +107,7 @@ class Subscription:
 
 
 class Timer:
-    """Calls back every `period_s` seconds of the node's clock, while the node is spun."""
+    """Calls back every `period_s` seconds of a clock, while the node is spun."""
 
     def __init__(
         self,
@@ -115,10 +116,13 @@ class Timer:
         period_s: float,
         callback: Callable[[], Any],
         group: CallbackGroup | None = None,
+        *,
+        clock: Clock,
     ) -> None:
         self.callback = callback
         self.callback_group = group
         self._node = node
+        self._clock = clock
         self._work = work
         self._period_s = period_s
         self._is_pending = False
@@ -149,7 +153,7 @@ class Timer:
         self._timer.cancel()
 
     def _start(self) -> TfbusTimer:
-        return self._node.create_timer(self._period_s, self._tick)
+        return self._node.create_timer(self._period_s, self._tick, clock=self._clock)
 
     def _tick(self) -> None:
         # One call waits at most: ticks that a long callback held up are not made up for.
@@ -160,25 +164,26 @@ class Timer:
 
     def _run(self) -> Any:
         late_periods = int((time.monotonic() - self._due_s) / self._period_s)
-        if late_periods and not self._node.clock.is_simulated:
+        if late_periods and not self._clock.is_simulated:
             self._work.late(self._what, self._due_s, late_periods)
         self._is_pending = False
         return None if self._timer.cancelled else self.callback()
 
 
 class Rate:
-    """Sleeps until the next period of the node's clock."""
+    """Sleeps until the next period of a clock."""
 
-    def __init__(self, node: TfbusNode, period_s: float) -> None:
+    def __init__(self, node: TfbusNode, period_s: float, clock: Clock) -> None:
         self._node = node
+        self._clock = clock
         self._period_ns = round(period_s * 1e9)
-        self._next_ns = node.clock.elapsed_ns() + self._period_ns
+        self._next_ns = clock.elapsed_ns() + self._period_ns
 
     def sleep(self) -> None:
         """Sleep; returns early where the node is shut down."""
-        now_ns = self._node.clock.elapsed_ns()
+        now_ns = self._clock.elapsed_ns()
         if self._next_ns > now_ns:
-            self._node.wait((self._next_ns - now_ns) / 1e9)
+            self._node.wait((self._next_ns - now_ns) / 1e9, clock=self._clock)
         self._next_ns = max(self._next_ns, now_ns) + self._period_ns
 
 

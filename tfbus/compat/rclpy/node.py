@@ -234,16 +234,25 @@ class Node:
         timer_period_sec: float,
         callback: Callable[[], Any],
         callback_group: CallbackGroup | None = None,
-        *_: Any,
-        **__: Any,
+        clock: Clock | None = None,
+        autostart: bool = True,
     ) -> Timer:
-        """Call `callback()` every `timer_period_sec` seconds, the first time after one period."""
+        """Call `callback()` every `timer_period_sec` seconds of a clock, that of the node where
+        none is given, the first time after one period; without `autostart`, after its `reset()`.
+        """
         group = self.group_of(callback_group)
-        return Timer(self.tfbus_node, self.work, timer_period_sec, callback, group)
+        timer_clock = (clock or self._clock).tfbus_clock
+        work, period_s = self.work, timer_period_sec
+        timer = Timer(self.tfbus_node, work, period_s, callback, group, clock=timer_clock)
+        if not autostart:
+            timer.cancel()
+        return timer
 
-    def create_rate(self, frequency: float, *_: Any) -> Rate:
-        """A rate whose `sleep()` makes a loop of `frequency` Hz."""
-        return Rate(self.tfbus_node, 1.0 / frequency)
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """A rate whose `sleep()` makes a loop of `frequency` Hz of a clock, that of the node where
+        none is given.
+        """
+        return Rate(self.tfbus_node, 1.0 / frequency, (clock or self._clock).tfbus_clock)
 
     def create_service(
         self,
@@ -260,8 +269,18 @@ class Node:
         service.endpoint = self.tfbus_node.create_service(srv_type, srv_name, service.handle)
         return service
 
-    def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
-        """A client of a service."""
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        callback_group: CallbackGroup | None = None,
+        **_: Any,
+    ) -> Client:
+        """A client of a service; answers come whatever runs, so that a callback of any group may
+        wait for one.
+        """
+        self.group_of(callback_group)
         return Client(self.tfbus_node.create_client(srv_type, srv_name), self.work)
 
     def group_of(self, given: CallbackGroup | None) -> CallbackGroup:

@@ -16,6 +16,7 @@ from tfbus.launch.run.child import Child
 from tfbus.launch.run.console import Console
 from tfbus.launch.run.escalation import Escalation, Timeouts
 from tfbus.launch.run.program import Program
+from tfbus.wording import listed
 
 # There is no event for an empty process group.
 _GROUP_POLL_S = 0.02
@@ -62,7 +63,8 @@ class Supervisor:
         self._arrived: set[str] = set()  # full names of awaited nodes that came
         self._over: set[str] = set()  # full names of programs that do not run again
         self._escalation = Escalation(self._children, console, self._timeouts, self._give_up)
-        self._was_asked_to_stop = self._has_failed = self._a_process_died = False
+        self._was_asked_to_stop = self._has_failed = False
+        self._died: list[str] = []  # the programs that ended by themselves, and failed
         self._changed = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -74,8 +76,9 @@ class Supervisor:
     async def run(self) -> int:
         """Run all programs until the last has ended; the exit code of the launch.
 
-        0 if it was asked to stop or all finished cleanly; 1 if a process died, a required one
-        ended, or one could not be started. It leaves no process group in any case.
+        0 if all finished cleanly, or ran until it was asked to stop; 1 if a process died before
+        that, a required one ended, or one could not be started. It leaves no process group in any
+        case.
         """
         self._await_nodes()
         self._tasks = [asyncio.create_task(self._keep(program)) for program in self._programs]
@@ -86,8 +89,7 @@ class Supervisor:
             self._escalation.cancel()
             for child in self._children:
                 child.send(signal.SIGKILL)
-        died = self._a_process_died and not self._was_asked_to_stop
-        return 1 if self._has_failed or died else 0
+        return 1 if self._has_failed or self._died else 0
 
     def stop(self, reason: str, *, level: str = "WARNING") -> None:
         """Begin to end all programs, unless that has begun."""
@@ -99,11 +101,14 @@ class Supervisor:
     ) -> None:
         """Begin to end all programs; if that has begun, send the next signal at once.
 
-        `at_least` skips the signals before it. The user asked for this: the exit code is 0.
+        `at_least` skips the signals before it. The user asked for this, so that the processes
+        which it ends have not failed.
         """
-        if not self._is_stopping:
-            self._was_asked_to_stop = True
+        is_first = not self._is_stopping
+        self._was_asked_to_stop |= is_first
         self._say(level, "launch", reason)
+        if is_first and self._died:
+            self._say("ERROR", "launch", f"died before: {listed(self._died)}; exit code 1")
         self._escalate(at_least)
 
     # -- one program
@@ -141,18 +146,23 @@ class Supervisor:
             if self._is_stopping:
                 return
             if program.respawn is None:
-                self._a_process_died |= exit_code != 0
+                self._note_end(program, exit_code)
                 return
             if loop.time() - started_s >= program.respawn.steady_s:
                 in_a_row = 0
             delay_s = program.respawn.delay_before(in_a_row)
             if delay_s is None:
-                self._a_process_died |= exit_code != 0
+                self._note_end(program, exit_code)
                 self._say("ERROR", program.name, f"not started again: {in_a_row} times in a row")
                 return
             in_a_row += 1
             self._say("INFO", program.name, f"process will be started again in {delay_s:g} s")
             await self._until(lambda: self._is_stopping, delay_s)
+
+    def _note_end(self, program: Program, exit_code: int) -> None:
+        """Note the end of a program that is not started again, and was not told to end."""
+        if exit_code:
+            self._died.append(program.name)
 
     async def _run_once(self, program: Program) -> int:
         """Start the program and wait for its end and its group's; its exit code."""

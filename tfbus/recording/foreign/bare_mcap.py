@@ -9,7 +9,8 @@ from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros
 from tfbus.recording.layout import is_retained
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
-from tfbus.recording.records import Message
+from tfbus.recording.records import MOST_CHUNK_BYTES, Message
+from tfbus.recording.unpacked import of_zstd
 from tfbus.wording import printable
 
 # What publishes a channel, and whether that is retained, as the converter of rosbag1 names it.
@@ -17,9 +18,13 @@ _PUBLISHER, _LATCHING = "callerid", "latching"
 
 
 class BareMcap:
-    """One MCAP file. Raises DecodeError where it is none, or one of ours, and OSError."""
+    """One MCAP file. Raises DecodeError where it is none, or one of ours, and OSError.
 
-    def __init__(self, path: Path) -> None:
+    With `is_packed` each message is compressed for itself, as rosbag2 may do.
+    """
+
+    def __init__(self, path: Path, *, is_packed: bool = False) -> None:
+        self._is_packed = is_packed
         self.name = printable(str(path))
         self._file = McapFile(path)
         if self._file.library.startswith("tfbus "):
@@ -64,7 +69,8 @@ class BareMcap:
         channel = self._channels.get(message.channel)
         if channel is None:
             channel = self._channels[message.channel] = self._channel(message.channel)
-        return ForeignMessage(message.log_ns, channel, message.data)
+        data = of_zstd(message.data, MOST_CHUNK_BYTES) if self._is_packed else message.data
+        return ForeignMessage(message.log_ns, channel, data)
 
     def _channel(self, number: int) -> ForeignChannel:
         channel = self._file.channels[number]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from heapq import merge
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
@@ -13,11 +14,12 @@ from tfbus.errors import DecodeError
 from tfbus.recording.foreign.bare_mcap import BareMcap
 from tfbus.recording.foreign.messages import ForeignFile, ForeignMessage
 from tfbus.recording.foreign.rosbags_file import RosbagsFile
+from tfbus.recording.unpacked import unpack_zstd_file
 from tfbus.wording import printable
 
 ENDINGS = (".bag", ".db3", ".mcap")
 
-_METADATA = "metadata.yaml"
+_METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
 _MOST_METADATA = 10_000_000
 
 
@@ -46,48 +48,73 @@ def opened(*paths: Path) -> Iterator[ForeignFiles]:
     """
     with ExitStack() as stack:
         files: list[ForeignFile] = []
-        for path in (each for given in paths for each in _files_of(given)):
-            is_mcap = path.suffix == ".mcap" and not path.is_dir()
-            file: ForeignFile = BareMcap(path) if is_mcap else RosbagsFile(path)
-            stack.callback(file.close)
-            files.append(file)
+        for given in paths:
+            for file in _files_of(given, stack):
+                stack.callback(file.close)
+                files.append(file)
         yield ForeignFiles(files)
 
 
-def _files_of(path: Path) -> list[Path]:
-    """The files, or the folder itself, that are opened one by one."""
+def _files_of(path: Path, stack: ExitStack) -> Iterator[ForeignFile]:
+    """The files at a path; what is unpacked for them is there until the end of the stack."""
     if not path.is_dir():
         if path.suffix not in ENDINGS:
             raise DecodeError(
                 f"{printable(str(path))} is no recording that can be imported: its name should end "
                 f"with {', '.join(ENDINGS)}, or be the folder of a recording of rosbag2"
             )
-        return [path]
+        yield BareMcap(path) if path.suffix == ".mcap" else RosbagsFile(path)
+        return
+    mode = ""
+    if has_metadata := (path / _METADATA).is_file():
+        mode = _compression_mode(path)
+        if mode == "file":
+            path, mode = _unpacked(path, stack), ""
     found = sorted(
         (each for each in path.iterdir() if each.suffix in ENDINGS and each.is_file()),
         key=lambda each: _with_numbers(each.name),
     )
-    if (path / _METADATA).is_file():
-        _metadata(path)
-        if not _is_plain_mcap(path, found):
-            return [path]
+    if has_metadata and (not found or any(each.suffix != ".mcap" for each in found)):
+        yield RosbagsFile(path)
+        return
     if not found:
         raise DecodeError(
             f"{printable(str(path))} holds no recording: no {_METADATA} of rosbag2, and no file "
             f"whose name ends with {', '.join(ENDINGS)}"
         )
-    return found
+    for each in found:
+        is_mcap = each.suffix == ".mcap"
+        yield BareMcap(each, is_packed=mode == "message") if is_mcap else RosbagsFile(each)
 
 
-def _is_plain_mcap(folder: Path, found: list[Path]) -> bool:
-    """Whether the files are MCAP as they are: rosbag2's metadata names no compression."""
-    if not found or any(each.suffix != ".mcap" for each in found):
-        return False
+def _compression_mode(folder: Path) -> str:
+    """What rosbag2's metadata says is compressed: "file", "message" or "" for nothing."""
     try:
-        mode = _metadata(folder)["rosbag2_bagfile_information"].get("compression_mode", "")
+        mode = str(_metadata(folder)[_INFORMATION].get("compression_mode", "")).lower()
     except (KeyError, TypeError, AttributeError):
-        return True
-    return str(mode).lower() in ("", "none")
+        return ""
+    return "" if mode == "none" else mode
+
+
+def _unpacked(folder: Path, stack: ExitStack) -> Path:
+    """A copy of a folder of rosbag2 whose files are compressed, in which they are not."""
+    plain = Path(stack.enter_context(TemporaryDirectory(prefix="tfbus-")))
+    metadata = _metadata(folder)
+    information = metadata[_INFORMATION]
+    try:
+        packed = [folder / Path(name).name for name in information["relative_file_paths"]]
+        files = [plain / each.stem for each in packed]
+    except (KeyError, TypeError) as error:
+        raise DecodeError(f"{printable(str(folder / _METADATA))} names no files") from error
+    for each, file in zip(packed, files, strict=True):
+        try:
+            unpack_zstd_file(each, file)
+        except DecodeError as error:
+            raise DecodeError(f"{printable(str(each))} cannot be read: {error}") from error
+    names = {"compression_mode": "", "relative_file_paths": [file.name for file in files]}
+    information = {**information, **names}
+    (plain / _METADATA).write_text(yaml.safe_dump({**metadata, _INFORMATION: information}))
+    return plain
 
 
 def _metadata(folder: Path) -> Any:

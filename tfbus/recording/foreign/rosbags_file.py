@@ -2,11 +2,14 @@
 
 import sqlite3
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tfbus.errors import DecodeError
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
+from tfbus.recording.records import MOST_CHUNK_BYTES
+from tfbus.recording.unpacked import of_bz2, of_lz4, of_zstd
 from tfbus.wording import printable
 
 # How a database of SQLite begins.
@@ -43,10 +46,30 @@ class RosbagsFile:
             raise
         except Exception as error:  # rosbags raises what its parts do
             raise self._unreadable(error) from error
+        self._is_packed = False
+        self._unpack_here()
         self._channels = {self._key(each): self._channel(each) for each in self._reader.connections}
         has_messages = self._reader.message_count > 0
         self.start_ns = int(self._reader.start_time) if has_messages else 0
         self.end_ns = int(self._reader.end_time) - 1 if has_messages else 0
+
+    def _unpack_here(self) -> None:
+        """Have rosbags unpack no more than may be: it takes whatever comes."""
+        if self._is_ros1:
+            from rosbags.rosbag1.reader import decompressors
+
+            bounded = {
+                decompressors[name]: partial(unpack, most=MOST_CHUNK_BYTES)
+                for name, unpack in (("bz2", of_bz2), ("lz4", of_lz4))
+            }
+            chunks = self._reader.chunks
+            for at, chunk in chunks.items():
+                unpack = bounded.get(chunk.decompressor, chunk.decompressor)
+                chunks[at] = chunk._replace(decompressor=unpack)
+        elif self._reader.compression_mode == "message":
+            self._is_packed = True
+            storage = self._reader.storage
+            storage.metadata = storage.metadata._replace(compression_mode=None)
 
     def close(self) -> None:
         """Close the file."""
@@ -61,6 +84,8 @@ class RosbagsFile:
         """All messages in order of log time. Raises DecodeError where the file is damaged."""
         try:
             for connection, log_ns, data in self._reader.messages(self._reader.connections):
+                if self._is_packed:
+                    data = of_zstd(bytes(data), MOST_CHUNK_BYTES)
                 yield ForeignMessage(log_ns, self._channels[self._key(connection)], bytes(data))
         except OSError:
             raise

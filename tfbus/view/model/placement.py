@@ -14,6 +14,10 @@ from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
 
+# Browsers draw with 32 bits: the squares of such distances are still numbers there.
+_FARTHEST_M = 1e15
+_TOO_FAR = "it is farther than 1e15 m away, which cannot be drawn"
+
 # The most points of a trail per second.
 TRAIL_RATE_HZ = 30.0
 
@@ -65,6 +69,9 @@ def place(buffer: Buffer, fixed_frame: str, names: Sequence[str], stamp_ns: int 
             missing[name] = _why(buffer, fixed_frame, name, stamp_ns)
     kept = tuple(name for name in names if name not in missing) if missing else tuple(names)
     seen_from = np.array(poses, np.float64).reshape(-1, 7)
+    if not (near := _are_near(seen_from[:, :3])).all():
+        missing |= dict.fromkeys(np.array(kept)[~near].tolist(), _TOO_FAR)
+        kept, seen_from = tuple(np.array(kept)[near].tolist()), seen_from[near]
     placed = TransformArray(seen_from[:, :3], seen_from[:, 3:]).inverse()
     return Placed(kept, placed.xyz, placed.quat_wxyz, missing)
 
@@ -114,7 +121,14 @@ def trail(buffer: Buffer, fixed_frame: str, name: str, end_ns: int, length_s: fl
         found, known = buffer.lookup_known_transforms(fixed_frame, name, end_ns - back_ns)
     except TransformException:
         return np.zeros((0, 3))
-    return found.xyz[known]
+    xyz = found.xyz[known]
+    return xyz[_are_near(xyz)]
+
+
+def _are_near(xyz: Floats) -> NDArray[np.bool_]:
+    """Which of the points (N, 3) can be drawn. Two finite transforms may add up to infinity."""
+    near: NDArray[np.bool_] = np.all(np.abs(xyz) <= _FARTHEST_M, axis=1)
+    return near
 
 
 def newest_common_ns(buffer: Buffer, fixed_frame: str, names: Iterable[str]) -> int | None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from tfbus.compat.rclpy.action.status import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
 from tfbus.compat.rclpy.task import Future
 from tfbus.errors import TfbusError
+from tfbus.node.action import GOAL_TIMEOUT_S
+from tfbus.runtime.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.node import Node
@@ -58,7 +60,8 @@ class ClientGoalHandle:
 
         def cancel() -> None:
             try:
-                infos = [GoalInfo(goal_id=self.goal_id)] if self._sent.cancel() else []
+                is_taken = self._sent.cancel(timeout_s=GOAL_TIMEOUT_S)
+                infos = [GoalInfo(goal_id=self.goal_id)] if is_taken else []
                 future.set_result(CancelGoal.Response(goals_canceling=infos))
             except TfbusError as error:
                 future.set_exception(error)
@@ -85,9 +88,19 @@ class ClientGoalHandle:
 class ActionClient:
     """Sends goals to the server of an action."""
 
-    def __init__(self, node: "Node", action_type: Any, action_name: str, **_: Any) -> None:
+    def __init__(
+        self,
+        node: "Node",
+        action_type: Any,
+        action_name: str,
+        *,
+        callback_group: CallbackGroup | None = None,
+        **_: Any,
+    ) -> None:
         self._node = node
         self._type = action_type
+        # Of the callbacks for feedback.
+        self._group = node.group_of(callback_group)
         self._client = node.tfbus_node.create_goal_client(action_type, action_name)
 
     def server_is_ready(self) -> bool:
@@ -130,25 +143,56 @@ class ActionClient:
         self._client.close()
 
     def _send(self, goal: Any, callback: Callable[[Any], object] | None, future: Future) -> None:
-        work = self._node.work
-        ids: list[Any] = []
-
-        def on_feedback(feedback: Any) -> None:
-            if callback is not None:
-                known = GoalFeedback(ids[0] if ids else None, feedback)
-                work.submit(partial(callback, known))
-
+        what = f"feedback of {self._client.name}"
+        feedbacks = _Feedbacks(
+            callback, lambda call: self._node.work.submit(call, self._group, what)
+        )
         try:
-            sent = self._client.send(goal, on_feedback=on_feedback, timeout_s=None)
+            sent = self._client.send(goal, on_feedback=feedbacks.came, timeout_s=None)
             handle = ClientGoalHandle(self._node, sent, accepted=sent.accepted())
         # Also what a field of a wrong type raises: the future would never end.
         except Exception as error:
             future.set_exception(error)
             return
-        ids.append(handle.goal_id)
+        feedbacks.begin(handle.goal_id)
         future.set_result(handle)
         if handle.accepted:
             handle.wait()
+
+
+class _Feedbacks:
+    """Hands on what comes, once the id of its goal is known: the first may come before."""
+
+    def __init__(
+        self,
+        callback: Callable[[Any], object] | None,
+        submit: Callable[[Callable[[], object]], object],
+    ) -> None:
+        self._callback = callback
+        self._submit = submit
+        self._lock = threading.Lock()
+        self._goal_id: Any = None
+        self._waiting: list[Any] = []
+
+    def came(self, feedback: Any) -> None:
+        """A Feedback has come."""
+        with self._lock:
+            if self._goal_id is None:
+                self._waiting.append(feedback)
+            else:
+                self._hand_on(feedback)
+
+    def begin(self, goal_id: Any) -> None:
+        """The goal has this id."""
+        with self._lock:
+            self._goal_id = goal_id
+            for feedback in self._waiting:
+                self._hand_on(feedback)
+            self._waiting.clear()
+
+    def _hand_on(self, feedback: Any) -> None:
+        if self._callback is not None:
+            self._submit(partial(self._callback, GoalFeedback(self._goal_id, feedback)))
 
 
 def _waited(future: Future) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.compat.rclpy.action.status import GoalStatus, uuid_of
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.errors import ServiceError
+from tfbus.runtime.callables import is_async
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.node import Node
@@ -129,7 +130,7 @@ class ActionServer:
     """Serves an action: `execute_callback(goal_handle)` returns the Result, or is a coroutine.
 
     `cancel_callback` is called on a thread of the node, so that a goal that is executed can be
-    cancelled; all other callbacks run while the node is spun.
+    cancelled; one that is a coroutine, and all other callbacks, run while the node is spun.
     """
 
     def __init__(
@@ -140,9 +141,9 @@ class ActionServer:
         execute_callback: Callable[[Any], Any],
         *,
         callback_group: Any = None,
-        goal_callback: Callable[[Any], GoalResponse] = default_goal_callback,
+        goal_callback: Callable[[Any], Any] = default_goal_callback,
         handle_accepted_callback: Callable[[Any], None] = default_handle_accepted_callback,
-        cancel_callback: Callable[[Any], CancelResponse] = default_cancel_callback,
+        cancel_callback: Callable[[Any], Any] = default_cancel_callback,
         **_: Any,
     ) -> None:
         self._node = node
@@ -193,7 +194,8 @@ class ActionServer:
     def execute(self, goal: ServerGoalHandle, callback: Callable[[Any], Any] | None) -> None:
         """Call the callback while the node is spun, and send what it returns."""
         run = partial(self._run, goal, callback or self._execute)
-        self._node.work.submit(run, self._group, self._what)
+        # In no group, as in ROS: it may be cancelled, and others begin, while it awaits.
+        self._node.work.submit(run, what=self._what)
 
     async def _take(self, handle: "GoalHandle") -> None:
         goal = ServerGoalHandle(self, handle)
@@ -209,8 +211,18 @@ class ActionServer:
         handle.accept()
         self._node.work.submit(partial(self._accepted, goal), self._group, self._what)
 
-    def _on_cancel(self, goal: ServerGoalHandle) -> bool:
-        is_taken = self._cancel(goal) is CancelResponse.ACCEPT
+    def _on_cancel(self, goal: ServerGoalHandle) -> Any:
+        if is_async(self._cancel):
+            return self._decide_later(goal)
+        return self._decided(goal, self._cancel(goal))
+
+    async def _decide_later(self, goal: ServerGoalHandle) -> bool:
+        decide = partial(self._cancel, goal)
+        answer = ask_while_spun(self._node.work, decide, self._group, self._what)
+        return self._decided(goal, await asyncio.wrap_future(answer))
+
+    def _decided(self, goal: ServerGoalHandle, answer: Any) -> bool:
+        is_taken = answer is CancelResponse.ACCEPT
         if is_taken and goal.is_active:
             goal.status = GoalStatus.STATUS_CANCELING
         return is_taken

@@ -1,0 +1,155 @@
+"""Defects put back by hand, to see whether the histories find them.
+
+python -m tests.simulation.injected
+
+Each takes the place of a real function. Prints for each in how many seconds, and with which seed,
+the laws have found it; without `--from` and `--seconds` within a minute from seed 0 on.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from tests.simulation.__main__ import repeat_in_all_processes
+from tests.simulation.histories import violation
+from tests.simulation.plans import Plan
+from tfbus.listen.claims import Claims, Starts
+from tfbus.listen.epochs import Epochs, Verdict
+from tfbus.listen.listing import Listing
+from tfbus.listen.static_recovery import StaticRecovery
+from tfbus.listen.unlisted import UnlistedFrames
+from tfbus.listen.watch import StreamWatch
+from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.structs import replace
+
+# Where a function is, and what takes its place.
+_Defect = tuple[type, str, Callable[..., Any]]
+
+
+def _present(epochs: Epochs, epoch_ns: int) -> Verdict:
+    """Messages of all epochs count."""
+    if epochs.present_ns is None:
+        epochs._newest_ns = epoch_ns
+        epochs._begin(epoch_ns)
+    return Verdict.PRESENT
+
+
+def _is_outdated(epochs: Epochs, epoch_ns: int) -> bool:
+    """Any other epoch is a new one."""
+    return False
+
+
+def _check_nothing(recovery: StaticRecovery, key: str, stream: object) -> None:
+    """A static transform that has not come is not queried."""
+
+
+def _alive_at_once(watch: StreamWatch, key: str, alive: bool) -> None:
+    """A token that is back is taken for the process of before, with its description."""
+    former = watch._state(key)
+    watch._set(replace(former, alive=alive, displaced="", held=False))
+    if alive:
+        watch._ask_for_description(key)
+    else:
+        watch._end_questions(key)
+
+
+def _nothing_removed(listing: Listing, epoch_ns: int) -> frozenset[str]:
+    """A kept message brings back what was removed."""
+    return frozenset()
+
+
+def _hear_nothing(unlisted: UnlistedFrames, stream: str, frames: object) -> None:
+    """What comes again after its removal stays."""
+
+
+def _by_arrival(starts: Starts, stream: str, description: Any) -> tuple[int, int]:
+    """The first to arrive has priority."""
+    known = starts._starts.setdefault((stream, description.session), (starts._clock_ns(), 0))
+    return known
+
+
+def _latest_wins(claims: Claims, stream: str, description: Any) -> Any:
+    """The last stream that says something comes first."""
+    return (-starts_counter(claims), 0, 0, stream)
+
+
+def starts_counter(claims: Claims) -> int:
+    """Counts what streams say."""
+    claims._said = getattr(claims, "_said", 0) + 1  # type: ignore[attr-defined]
+    return int(claims._said)  # type: ignore[attr-defined]
+
+
+def _cancel_nothing(timer: Timer) -> None:
+    """A timer that is cancelled ticks on."""
+
+
+def _cancel_next(executor: Executor, when_s: float, timer: Timer) -> Any:
+    """A timer that is cancelled while it is due ticks once more."""
+    late_periods = 0
+    if timer.once:
+        timer.cancel()
+    elif not timer.cancelled:
+        from tfbus.runtime import scheduler
+
+        late_periods = int((scheduler.monotonic() - when_s) / timer.period_s)
+        with executor._lock:
+            executor._schedule(when_s + (late_periods + 1) * timer.period_s, timer)
+            if executor._most_threads > 1:
+                executor._keep_time()
+    return executor._fire(timer, when_s, late_periods)
+
+
+DEFECTS: dict[str, _Defect] = {
+    "an epoch is not compared": (Epochs, "judge", _present),
+    "every other epoch is new": (Epochs, "is_outdated", _is_outdated),
+    "a static is not queried again": (StaticRecovery, "check", _check_nothing),
+    "a token is taken for a process": (StreamWatch, "_take_token", _alive_at_once),
+    "a late message undoes a removal (kept)": (Listing, "removed_in", _nothing_removed),
+    "a late message undoes a removal (live)": (UnlistedFrames, "hear", _hear_nothing),
+    "a claim is judged by arrival": (Starts, "of", _by_arrival),
+    "a claim is judged by the last word": (Claims, "_rank", _latest_wins),
+    "a timer is not cancelled": (Timer, "cancel", _cancel_nothing),
+    "a due timer is not cancelled": (Executor, "_tick", _cancel_next),
+}
+
+
+@contextmanager
+def injected(name: str) -> Iterator[None]:
+    """The defect of this name, until the end of the `with`."""
+    owner, function, defect = DEFECTS[name]
+    former = getattr(owner, function)
+    setattr(owner, function, defect)
+    try:
+        yield
+    finally:
+        setattr(owner, function, former)
+
+
+def main() -> None:
+    """Put each defect in, and see when it is found."""
+    repeat_in_all_processes("tests.simulation.injected")
+    parser = argparse.ArgumentParser()
+    parser.add_argument("defects", nargs="*", help="all by default")
+    parser.add_argument("--from", dest="first", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    options = parser.parse_args()
+    for name in options.defects or DEFECTS:
+        with injected(name), suppress(KeyboardInterrupt):
+            _look_for(name, options.first, options.seconds)
+
+
+def _look_for(name: str, first: int, seconds: float) -> None:
+    begun_s, seed = time.monotonic(), first
+    while time.monotonic() < begun_s + seconds:
+        if found := violation(Plan.drawn(seed)):
+            took_s = time.monotonic() - begun_s
+            print(f"{name}: {took_s:.1f} s, seed {seed}: {found.splitlines()[0]}", flush=True)
+            return
+        seed += 1
+    print(f"{name}: not found in {seconds:g} s, seeds {first} to {seed - 1}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

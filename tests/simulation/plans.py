@@ -1,0 +1,198 @@
+"""Plans of histories: what a seed draws before the history runs."""
+
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing that happens: `kind` to `who`, with `args`, at a time."""
+
+    at_s: float
+    kind: str
+    who: str
+    args: tuple[Any, ...] = ()
+
+    def __str__(self) -> str:
+        words = " ".join(map(str, self.args))
+        return f"{self.at_s:9.3f} s  {self.kind} {self.who} {words}".rstrip()
+
+
+@dataclass(frozen=True)
+class Size:
+    """The bounds within which a plan is drawn; times in seconds.
+
+    `period_s` are those of the publishers' messages, `look_s` is how often the laws are checked.
+    """
+
+    hosts: tuple[int, int]
+    publishers: tuple[int, int]
+    listeners: tuple[int, int]
+    actions: tuple[int, int]
+    seconds: float
+    periods_s: tuple[float, ...]
+    cache_s: float
+    look_s: float
+
+
+SMALL = Size((2, 3), (1, 3), (1, 2), (2, 18), 20.0, (0.1,), 10.0, 0.5)
+LARGE = Size((20, 20), (150, 150), (50, 50), (300, 500), 3600.0, (10.0, 30.0, 60.0), 120.0, 20.0)
+
+# How often each kind of action is drawn.
+_KINDS = {
+    "static": 4,
+    "remove_static": 2,
+    "remove": 3,
+    "kill": 1,
+    "close": 1,
+    "power_off": 1,
+    "restart": 3,
+    "fail_over": 2,
+    "twin": 1,
+    "stop": 3,
+    "partition": 2,
+    "flap": 2,
+    "cut": 2,
+    "heal": 3,
+    "clock": 1,
+    "slow": 2,
+    "restart_listener": 2,
+    "close_listener": 1,
+    "listen_again": 1,
+}
+_OF_PUBLISHERS = frozenset(
+    ("static", "remove_static", "remove", "kill", "close", "restart", "fail_over", "twin")
+)
+_OF_LISTENERS = frozenset(("restart_listener", "close_listener", "listen_again"))
+# The largest share of each fault of Zenoh's.
+_FAULTS = {
+    "lost_declarations": 0.1,
+    "half_links": 1.0,
+    "late_tokens": 0.5,
+    "repeated_tokens": 0.5,
+    "short_queries": 0.1,
+    "endless_queries": 0.1,
+}
+_CLOCK_STEPS_S = (0.4, 3.0, 30.0, 90.0, 4000.0)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All of a history: the hosts of its publishers and listeners, and its actions.
+
+    `listeners` has for each its host, how many seconds of history it asks for, and whether a second
+    listener of its node reads by interest. `faults` are those of Zenoh, each with its share, as
+    fields of `tfbus.testing.faults.Faults`. `stalls` is the chance of a task at each of its steps
+    to get no processor for a while.
+    """
+
+    seed: int
+    size: Size
+    hosts: tuple[str, ...]
+    publishers: dict[str, str]
+    listeners: dict[str, tuple[str, float, bool]]
+    actions: tuple[Action, ...]
+    period_s: float = 0.1
+    faults: tuple[tuple[str, float], ...] = ()
+    stalls: float = 0.0
+    rule: str = "first"
+
+    @classmethod
+    def drawn(cls, seed: int, size: Size = SMALL) -> "Plan":
+        """The plan of a seed."""
+        draw = random.Random(seed)
+        hosts = tuple(f"h{number}" for number in range(draw.randint(*size.hosts)))
+        senders = {f"p{n}": draw.choice(hosts) for n in range(draw.randint(*size.publishers))}
+        readers = {
+            f"l{n}": (draw.choice(hosts), draw.choice((0.0, 0.0, 5.0)), draw.random() < 0.3)
+            for n in range(draw.randint(*size.listeners))
+        }
+        found = [
+            Action(round(draw.uniform(0.0, 0.1 * size.seconds), 3), "start", who)
+            for who in (*senders, *readers)
+        ]
+        for _ in range(draw.randint(*size.actions)):
+            found += _drawn_actions(draw, hosts, list(senders), list(readers), size.seconds)
+        return cls(
+            seed,
+            size,
+            hosts,
+            senders,
+            readers,
+            tuple(sorted(found, key=lambda each: each.at_s)),
+            period_s=draw.choice(size.periods_s),
+            faults=tuple(
+                (fault, round(share * draw.random(), 3))
+                for fault, share in _FAULTS.items()
+                if draw.random() < 0.25
+            ),
+            stalls=draw.choice((0.0, 0.0, 0.001, 0.01)),
+            rule=draw.choice(("first", "priority")),
+        )
+
+    def only(self, actions: Iterable[Action]) -> "Plan":
+        """The same plan with some of its actions."""
+        return replace(self, actions=tuple(actions))
+
+    def __str__(self) -> str:
+        rows = [
+            f"seed {self.seed}: publishers {self.publishers}, listeners {self.listeners}, "
+            f"rule {self.rule}, stalls {self.stalls}, "
+            f"faults {dict(self.faults)}"
+        ]
+        return "\n".join([*rows, *map(str, self.actions)])
+
+
+def _drawn_actions(
+    draw: random.Random,
+    hosts: tuple[str, ...],
+    senders: list[str],
+    readers: list[str],
+    end_s: float,
+) -> list[Action]:
+    """An action, or a few that follow each other closely: faults that meet are worse."""
+    at_s = round(draw.uniform(1.0, end_s), 3)
+    found = [_drawn_action(draw, at_s, hosts, senders, readers)]
+    while draw.random() < 0.3:
+        at_s = round(at_s + draw.choice((0.01, 0.1, 1.0, 3.0)) * draw.uniform(0.5, 1.5), 3)
+        found.append(_drawn_action(draw, at_s, hosts, senders, readers))
+    return found
+
+
+def _drawn_action(
+    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: list[str], readers: list[str]
+) -> Action:
+    kind = draw.choices([*_KINDS], [*_KINDS.values()])[0]
+    who = draw.choice(hosts)
+    args: tuple[Any, ...] = ()
+    if kind in _OF_PUBLISHERS:
+        who = draw.choice(senders)
+    if kind in _OF_LISTENERS:
+        who = draw.choice(readers)
+    if kind in ("static", "remove_static"):
+        args = (draw.randrange(3),)
+    elif kind in ("fail_over", "twin"):
+        args = (draw.choice(hosts),)
+    elif kind == "stop":
+        who = draw.choice([*senders, *readers])
+        args = (round(draw.choice((0.3, 1.0, 2.0, 5.0)) * draw.uniform(0.5, 1.5), 3),)
+    elif kind == "flap":
+        args = (round(draw.uniform(0.1, 2.5), 3),)
+    elif kind == "clock":
+        args = (round(draw.choice(_CLOCK_STEPS_S) * draw.uniform(-1, 1), 3),)
+    elif kind == "cut":
+        who, other = draw.sample(hosts, 2)
+        args = (other,)
+    elif kind == "slow":
+        who, other = draw.sample(hosts, 2)
+        args = (
+            other,
+            round(draw.choice((0.02, 0.2, 1.0)) * draw.uniform(0.5, 1.5), 3),
+            round(draw.choice((0.0, 0.1, 0.3)) * draw.uniform(0.5, 1.0), 3),
+            draw.choice((0, 0, 5_000, 50_000)),
+        )
+    elif kind == "heal":
+        who = "all"
+    return Action(at_s, kind, who, args)

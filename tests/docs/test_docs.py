@@ -91,7 +91,8 @@ def check_command_line(words: list[str]) -> None:
         return  # of the package that `tfbus create` writes; tests/installed.py runs it
     command: click.Command = main
     context = click.Context(command)
-    while isinstance(command, click.Group) and words:
+    # A usage line goes on with [OPTIONS] and COMMAND.
+    while isinstance(command, click.Group) and words and words[0].islower():
         known = command.get_command(context, words[0])
         assert known is not None, f"there is no command {words[0]!r}"
         command, words = known, words[1:]

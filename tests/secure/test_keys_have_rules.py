@@ -51,7 +51,13 @@ USES: dict[str, list[tuple[tuple[str, ...], frozenset[str]]]] = {
 RETAINED = {"static_transforms_key", "stream_key"}
 
 # Functions that take keys apart, or patterns of another kind.
-NO_KEYS = {"definitions_selector", "kept_transforms_selector", "TRANSFORMS", "STATIC_TRANSFORMS"}
+NO_KEYS = {
+    "definitions_selector",
+    "description_selector",
+    "kept_transforms_selector",
+    "TRANSFORMS",
+    "STATIC_TRANSFORMS",
+}
 
 
 def key_of(name: str, node: str) -> str:

@@ -114,8 +114,9 @@ def _sections(
     is_node = any(names in names_of_nodes for names, _ in rows)
     yield f"{'##' if parent.parent is None else '###'} {context.command_path}\n"
     yield f"{_paragraphs(command.help or '')}\n"
-    pieces = [context.command_path, *_usage(command, context, is_node)]
-    yield f"`{' '.join(pieces)}`\n"
+    if not isinstance(command, click.Group):
+        pieces = [context.command_path, *_usage(command, context, is_node)]
+        yield f"`{' '.join(pieces)}`\n"
     if own:
         yield _table(own)
     if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:

@@ -1,6 +1,7 @@
 """Fixtures, options and settings that all tests share."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import hypothesis
@@ -36,12 +37,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 @pytest.fixture
 def bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bus]:
     """A bus of the test's own: simulated, or of real processes where the test is marked `real`."""
-    if request.node.get_closest_marker("real"):
-        made: Bus = live_bus.Bus(tmp_path)
-    else:
-        made = simulated_bus.Bus(request.getfixturevalue("network"))
-    yield made
-    made.close()
+    with ExitStack() as stack:
+        if request.node.get_closest_marker("real"):
+            made: Bus = live_bus.Bus(tmp_path)
+        else:
+            stack.enter_context(simulated_bus.bare_host())
+            made = simulated_bus.Bus(request.getfixturevalue("network"))
+        stack.callback(made.close)
+        yield made
 
 
 @pytest.fixture

@@ -155,7 +155,9 @@ class Bus:
 
     def start(self, *arguments: str, env: dict[str, str] | None = None) -> Process:
         """`tfbus ARGUMENTS` as a process that goes on."""
-        return self.start_python("tfbus", *arguments, env=env)
+        # A router scouts until the delay is over, whomever it meets.
+        quick = {"TFBUS_CONFIG": str(self.quick_config)} if arguments[0] == "router" else {}
+        return self.start_python("tfbus", *arguments, env={**quick, **(env or {})})
 
     def start_python(
         self, module: str, *arguments: str, env: dict[str, str] | None = None

@@ -12,11 +12,14 @@ import time
 import uuid
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import zenoh
 from zenoh import ext
 
 from tests.builders import at
+from tfbus import NodeSettings
+from tfbus.bus import zenoh_library
 from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import TFMessageWriter
 
@@ -46,12 +49,7 @@ class Ros2:
     """Two nodes of rmw_zenoh, and a bridge of zenoh-bridge-ros2dds, until `close()`."""
 
     def __init__(self, endpoint: str, *, domain: int = 0) -> None:
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("timestamping/enabled", "true")
-        self._session = zenoh.open(config)
+        self._session = _open(endpoint)
         self._domain = domain
         self._gid = uuid.uuid4().bytes
         self._numbers = itertools.count(1)
@@ -110,7 +108,8 @@ class Ros2:
         self._send.append(lambda: publisher.put(payload(), attachment=self._attachment()))
 
     def _retained(self, key: str, payload: bytes) -> None:
-        publisher = ext.declare_advanced_publisher(
+        network = zenoh_library.simulated() or ext
+        publisher = network.declare_advanced_publisher(
             self._session,
             key,
             cache=ext.CacheConfig(max_samples=1),
@@ -135,6 +134,18 @@ class Ros2:
 
     def _alive(self, key: str) -> None:
         self._kept.append(self._session.liveliness().declare_token(key))
+
+
+def _open(endpoint: str) -> Any:
+    """A session that is none of tfbus's; on a simulated network without an endpoint."""
+    if not endpoint:
+        return zenoh_library.simulated().open_session(NodeSettings("ros2"))
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("timestamping/enabled", "true")
+    return zenoh.open(config)
 
 
 def main() -> None:

@@ -3,15 +3,18 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from signal import SIGINT
 from types import ModuleType
 from typing import Any
+from unittest.mock import patch
 
 from tests.buses import DEADLINE_S, eventually
 from tfbus import Node, NodeSettings
+from tfbus.bus.interfaces import Interface
 from tfbus.testing.network import Network
 from tfbus.testing.programs import Program
 
@@ -125,3 +128,23 @@ class Bus:
         """Close its nodes; the network ends the processes."""
         for node in reversed(self._nodes):
             node.close()
+
+
+@contextmanager
+def bare_host() -> Iterator[None]:
+    """Until the end of the `with` a doctor finds that all interfaces of its host are up, no ROS
+    around it and no clone of tfbus: it would ask sockets, /proc and git.
+    """
+
+    def interface(index: int, name: str) -> Interface:
+        return Interface(name, True, True, False, address=f"192.0.2.{index % 256}", number=index)
+
+    with (
+        patch("tfbus.doctor.rtps._is_taken", lambda port: False),
+        patch("tfbus.doctor.rtps._joined", side_effect=OSError),
+        patch("tfbus.doctor.ros.RosWatch._look_at_router"),
+        patch("tfbus.bus.interfaces._interface", interface),
+        patch("tfbus.doctor.host.local_scouts", return_value=[]),
+        patch("tfbus.runtime.clone.commit_of_clone", return_value=""),
+    ):
+        yield

@@ -138,6 +138,10 @@ COMPAT = {
     ),
     "rclpy.task": "Future",
     "rclpy.time": "ClockType Duration Time",
+    "rclpy.type_support": (
+        "Action ActionT FeedbackMessage FeedbackT GetResultServiceResponse GoalT Msg MsgT ResultT "
+        "SendGoalServiceResponse Srv SrvRequestT SrvResponseT SrvT"
+    ),
     "rclpy.utilities": ("get_default_context ok remove_ros_args"),
     "tf2_geometry_msgs": (
         "do_transform_point do_transform_polygon_stamped do_transform_pose "

@@ -9,9 +9,11 @@ from typing import Any, cast
 
 import pytest
 
+from tests import simulated_bus
 from tests.builders import at, description
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.live_bus import Bus
 from tests.ros2_on_zenoh import Ros2
 from tfbus import TransformBroadcaster
 from tfbus.bag import capture as capture_module
@@ -24,8 +26,6 @@ from tfbus.discover.graph import TopicInfo
 from tfbus.messages import Clock
 from tfbus.recording.selection import Selection
 
-pytestmark = pytest.mark.real
-
 
 class TestKeys:
     @pytest.fixture(autouse=True)
@@ -34,7 +34,7 @@ class TestKeys:
         for name in ("MOST_KEYS", "_MOST_REFUSED", "_MOST_TOPICS"):
             monkeypatch.setattr(capture_module, name, 5)
 
-    def test_keys_that_are_not_recorded_leave_room(self, bus: Bus) -> None:
+    def test_keys_that_are_not_recorded_leave_room(self, bus: simulated_bus.Bus) -> None:
         """Names that cannot be shown, or are not selected, block no stream."""
         capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection(exclude="noise"))
         for number in range(50):
@@ -44,7 +44,7 @@ class TestKeys:
         assert len(capture._refused) <= 5
         capture.close()
 
-    def test_keys_without_a_stream_give_way(self, bus: Bus) -> None:
+    def test_keys_without_a_stream_give_way(self, bus: simulated_bus.Bus) -> None:
         """Where there are too many, those go that no publisher describes."""
         capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
         capture.described["sim"] = description([])
@@ -55,7 +55,7 @@ class TestKeys:
         assert len(capture._sources) <= 5
         capture.close()
 
-    def test_topics_beyond_the_limit_take_no_memory(self, bus: Bus) -> None:
+    def test_topics_beyond_the_limit_take_no_memory(self, bus: simulated_bus.Bus) -> None:
         """Their types are not remembered either."""
         capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
         for number in range(50):
@@ -65,6 +65,7 @@ class TestKeys:
         capture.close()
 
 
+@pytest.mark.real
 class TestBesideRos2:
     @pytest.mark.parametrize("everywhere", [False, True], ids=["plain", "fleet"])
     def test_nothing_of_ros_2_is_recorded(self, bus: Bus, everywhere: bool) -> None:
@@ -101,7 +102,9 @@ class TestBesideRos2:
 
 
 class TestStatics:
-    def test_one_that_found_no_room_is_taken_when_it_comes_again(self, bus: Bus) -> None:
+    def test_one_that_found_no_room_is_taken_when_it_comes_again(
+        self, bus: simulated_bus.Bus
+    ) -> None:
         """And then not a second time."""
         queue = RawQueue(0)
         capture = Capture(bus.node("recorder"), queue, Selection(topics=("tf_static",)))
@@ -138,6 +141,7 @@ class NoNodes:
         return []
 
 
+@pytest.mark.usefixtures("network")
 class TestNodes:
     def test_tokens_that_come_and_go_make_one_look_wait(self) -> None:
         """However often, the looks do not pile up, and the last state counts."""

@@ -14,9 +14,10 @@ import msgpack
 import pytest
 
 from tests.builders import S, at, x_of
+from tests.buses import eventually
 from tests.fakes import Clock as FakeClock
 from tests.fakes import InAThread, Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidNameError,
@@ -52,8 +53,6 @@ from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.codec import as_map
-
-pytestmark = pytest.mark.real
 
 pytest.importorskip("mcap")
 

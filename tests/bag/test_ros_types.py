@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.builders import S
+from tests.buses import eventually
 from tests.fakes import InAThread, Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bag.capture import Capture
 from tfbus.bag.player import Player
@@ -22,8 +23,6 @@ from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, completed, standard_definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import encode_map, type_name
-
-pytestmark = pytest.mark.real
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags", reason="needs rosbags: the extra bags")

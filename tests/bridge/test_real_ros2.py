@@ -13,7 +13,10 @@ from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.type_hash import type_hash
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [
+    pytest.mark.real,  # nodes of ROS 2
+    pytest.mark.skipif(bool(REASON), reason=REASON or "-"),
+]
 
 TF, TF_STATIC = "/tf", "/tf_static"
 NODE = "/tfbus_ros2"

@@ -6,7 +6,10 @@ from tests import needs
 from tests.bridge.ros2_network import DISTROS, Ros2Network
 
 REASON = needs.why_no_hosts()
-pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+pytestmark = [
+    pytest.mark.real,  # nodes of ROS 2
+    pytest.mark.skipif(bool(REASON), reason=REASON or "-"),
+]
 
 TF, TF_STATIC = "/tf", "/tf_static"
 

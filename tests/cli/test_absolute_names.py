@@ -2,10 +2,8 @@
 
 import pytest
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus.messages import Color, Empty
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from tests.builders import S, at, x_of
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
 from tfbus.bag.player import Player, Progress
 from tfbus.cli.bag.play import command
@@ -20,8 +21,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.recording.items import RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
-
-pytestmark = pytest.mark.real
 
 pytest.importorskip("mcap")
 

@@ -16,14 +16,14 @@ import pytest
 from click.testing import CliRunner
 
 from tests.builders import at
-from tests.live_bus import DEADLINE_S, Bus, Process, eventually, keep_sending, send_static
+from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
+from tests.simulated_bus import Bus
 from tfbus import Node, ServiceError, TransformBroadcaster
 from tfbus.cli import main
 from tfbus.messages import Empty, Pose, SaveRecording
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 POSE = Pose(5, 1.0, 2.0, 0.1, 0.0, 0.0)
 
@@ -62,7 +62,7 @@ def keep_publishing(node: Node, topic: str) -> None:
     node.create_timer(0.05, lambda: publisher.publish(POSE))
 
 
-def recording(bus: Bus, path: Path, *options: str) -> Process:
+def recording(bus: Bus, path: Path, *options: str) -> Program:
     process = bus.start("bag", "record", "-o", str(path), *options)
     process.wait_for_line("Recording to|Holding the last", timeout_s=2 * DEADLINE_S)
     return process
@@ -395,6 +395,7 @@ class Terminal:
         self.process.wait(DEADLINE_S)
 
 
+@pytest.mark.real
 class TestTerminal:
     @pytest.fixture
     def terminal(self, bus: Bus, path: Path) -> Iterator[Terminal]:

@@ -5,16 +5,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.live_bus import Bus, keep_sending, send_static
+from tests.buses import keep_sending, send_static
 from tests.ros2_on_zenoh import Ros2
-
-pytestmark = pytest.mark.real
+from tests.simulated_bus import Bus
 
 
 @pytest.fixture
 def beside(bus: Bus) -> Iterator[Bus]:
     """A bus with one robot, on which ROS 2 sends 50 times a second."""
-    ros2 = Ros2(bus.endpoint)
+    ros2 = Ros2(getattr(bus, "endpoint", ""))
     ros2.rmw_zenoh()
     ros2.bridge()
     ended = threading.Event()
@@ -54,6 +53,7 @@ def test_a_tool_is_silent_about_ros_2(beside: Bus, arguments: list[str], shown: 
     assert "dds_" not in done.stdout and "bot1" not in done.stdout
 
 
+@pytest.mark.real
 def test_top_shows_streams_alone(beside: Bus) -> None:
     """As the other tools, in a terminal."""
     shown = beside.run_in_terminal("top", "--fleet", until="robot7/laser")

@@ -5,26 +5,33 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
 import tfbus
-from tests.live_bus import Bus, Process, eventually, free_port
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import GoalHandle
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.cli import JOBS, NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
 from tfbus.runtime.version import version_and_origin
+from tfbus.testing.programs import Program
 from tfbus.wire.codec import encode_map
-
-pytestmark = pytest.mark.real
 
 _RESULT = RotateAbsolute.Result(-1.5)
 
-A_NODE = "import tfbus; tfbus.Node.from_args('mine').spin()"
+# A client of a router that nobody runs.
+NOWHERE = "tcp/127.0.0.1:7447"
+
+
+def a_node() -> None:
+    """A node of a user's own."""
+    tfbus.Node.from_args("mine").spin()
 
 
 def run(bus: Bus, *arguments: str) -> tuple[int, list[str], list[str]]:
@@ -199,6 +206,7 @@ class TestTools:
         assert router.stop() == 0
         assert router.out == []
 
+    @pytest.mark.real
     def test_a_router_that_cannot_listen_says_so(self, bus: Bus) -> None:
         """A place that is taken, or not ours, is one sentence and exit code 1."""
         code, out, err = run(bus, "router", "--listen", "tcp/192.0.2.1:7447")
@@ -299,7 +307,8 @@ class TestGoals:
 
 
 class TestCommands:
-    def test_help_is_light(self, bus: Bus) -> None:
+    @pytest.mark.real
+    def test_help_is_light(self) -> None:
         """`tfbus --help` loads neither Zenoh nor numpy, nor any node."""
         script = (
             "import sys; sys.argv = ['tfbus', '--help']\n"
@@ -309,7 +318,7 @@ class TestCommands:
             "print(*sorted({'zenoh', 'numpy', 'msgpack', 'yaml'} & set(sys.modules)), 'end')"
         )
         done = subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=bus.env
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
         )
         assert done.stdout.splitlines()[-1].strip() == "end"
         for name in (*TOOLS, *NODES):
@@ -388,27 +397,32 @@ class TestCommands:
         assert run(bus, *arguments)[0] == 2
 
     @pytest.mark.parametrize("command", [["node", "list"], ["param", "list"], ["router"]])
-    def test_a_bus_that_cannot_be_joined_ends_with_1(self, bus: Bus, command: list[str]) -> None:
+    def test_a_bus_that_cannot_be_joined_ends_with_1(
+        self, tmp_path: Path, command: list[str]
+    ) -> None:
         """An invalid configuration is an error with its place, and exit code 1."""
-        bus.config.write_text("{mode: }")
-        code, out, err = run(bus, *command)
-        assert (code, out) == (1, [])
-        assert err == [
-            f"Error: {bus.config} is not a configuration of Zenoh, in JSON5: 1:8, "
-            "expected array, boolean, null, number, object, or string"
-        ]
+        config = tmp_path / "zenoh.json5"
+        config.write_text("{mode: }")
+        done = CliRunner().invoke(main, [*command, "--config", str(config)])
+        assert (done.exit_code, done.stdout) == (1, "")
+        assert done.stderr == (
+            f"Error: {config} is not a configuration of Zenoh, in JSON5: 1:8, "
+            "expected array, boolean, null, number, object, or string\n"
+        )
 
-    def test_version(self, bus: Bus) -> None:
+    @pytest.mark.real
+    def test_version(self) -> None:
         """`tfbus --version` prints the version, and of a clone the commit."""
-        code, (version, *_), err = run(bus, "--version")
-        assert (code, version, err) == (0, f"tfbus {version_and_origin()}", [])
+        done = CliRunner().invoke(main, ["--version"])
+        version = done.stdout.splitlines()[0]
+        assert (done.exit_code, version, done.stderr) == (0, f"tfbus {version_and_origin()}", "")
         assert version.startswith(f"tfbus {tfbus.__version__}")
 
 
 class TestEnding:
-    def start(self, bus: Bus, *arguments: str) -> Process:
+    def start(self, bus: Bus, *arguments: str) -> Program:
         """A node of a user's own as a process."""
-        return bus.start_command([sys.executable, "-c", A_NODE, *arguments])
+        return bus.start_main(a_node, *arguments)
 
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
     def test_a_signal_ends_a_node_well(self, bus: Bus, number: int) -> None:
@@ -459,15 +473,13 @@ class TestEnding:
 )
 def test_an_unreachable_router_is_an_error_at_once(bus: Bus, line: str) -> None:
     """A tool that answers once fails, with a reason, if its router cannot be reached."""
-    nowhere = f"tcp/127.0.0.1:{free_port()}"
-    done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})
+    done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": NOWHERE})
     assert done.returncode == 1
-    assert f"Error: no router answers at {nowhere}: is it running" in done.stderr
+    assert f"Error: no router answers at {NOWHERE}: is it running" in done.stderr
 
 
 @pytest.mark.parametrize("line", ["frames --watch", "monitor", "echo world robot"])
 def test_what_goes_on_says_that_it_waits_for_a_router(bus: Bus, line: str) -> None:
     """A tool that goes on until Ctrl-C waits for its router, and says so."""
-    nowhere = f"tcp/127.0.0.1:{free_port()}"
-    env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere}
-    bus.start(*line.split(), env=env).wait_for_line(f"Waiting for a router at {nowhere}")
+    env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": NOWHERE}
+    bus.start(*line.split(), env=env).wait_for_line(f"Waiting for a router at {NOWHERE}")

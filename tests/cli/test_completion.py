@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -13,8 +14,9 @@ import click
 import pytest
 from click.shell_completion import CompletionItem
 
-from tests import needs, recordings
-from tests.live_bus import Bus, eventually
+from tests import live_bus, needs, recordings
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Node,
     NodeSettings,
@@ -30,7 +32,7 @@ from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 from tfbus.recording.items import TopicItem
 
-pytestmark = pytest.mark.real
+AnyBus = Bus | live_bus.Bus
 
 # Names of frames, some of them hard for shells.
 FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
@@ -50,7 +52,7 @@ STARTED = {
 }
 
 
-def robot(bus: Bus, namespace: str = "") -> Node:
+def robot(bus: AnyBus, namespace: str = "") -> Node:
     """A node with a parameter, topics, a service and the frames."""
     node = bus.node("sim", namespace=namespace)
     node.declare_parameter("holonomic", False)
@@ -64,7 +66,7 @@ def robot(bus: Bus, namespace: str = "") -> Node:
 
 
 @pytest.fixture
-def env(bus: Bus, tmp_path: Path) -> dict[str, str]:
+def env(bus: AnyBus, tmp_path: Path) -> dict[str, str]:
     """The environment of a user with an empty home and `tfbus` on the path."""
     return {
         **bus.env,
@@ -77,25 +79,19 @@ def env(bus: Bus, tmp_path: Path) -> dict[str, str]:
     }
 
 
-def candidates(env: dict[str, str], line: str) -> list[str]:
+def candidates(bus: AnyBus, env: dict[str, str], line: str) -> list[str]:
     """The candidates that `tfbus` answers the script of fish for this line."""
-    done = subprocess.run(
-        ["tfbus"],
-        env={**env, "_TFBUS_COMPLETE": "fish_complete", "TFBUS_LINE": line},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stderr == ""
+    done = bus.run(env={**env, "_TFBUS_COMPLETE": "fish_complete", "TFBUS_LINE": line})
+    assert (done.returncode, done.stderr) == (0, "")
     rows = [row.split("\t") for row in done.stdout.splitlines() if row]
     return [value for kind, value, _ in rows if kind in ("plain", "map")]
 
 
-def offers(env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
+def offers(bus: AnyBus, env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
     """Whether the lines are completed so in the end: the first look may miss slow nodes."""
 
     def found() -> bool:
-        return all(candidates(env, line) == wanted for line, wanted in lines) or forget(env)
+        return all(candidates(bus, env, line) == wanted for line, wanted in lines) or forget(env)
 
     return eventually(found)
 
@@ -107,9 +103,10 @@ def forget(env: Mapping[str, str]) -> bool:
 
 
 def refresh(env: Mapping[str, str]) -> None:
-    """Make the cache as new as now."""
+    """Make the cache as new as now, by the clock of the test's bus."""
+    now_s = time.time()
     for file in (Path(env["XDG_CACHE_HOME"]) / "tfbus").iterdir():
-        os.utime(file)
+        os.utime(file, (now_s, now_s))
 
 
 class Terminal:
@@ -173,10 +170,14 @@ def terminal(
     terminal.close()
 
 
-def test_a_shell_completes_what_is_typed(bus: Bus, env: dict[str, str], terminal: Terminal) -> None:
+@pytest.mark.real
+def test_a_shell_completes_what_is_typed(
+    bus: live_bus.Bus, env: dict[str, str], terminal: Terminal
+) -> None:
     """With Tab a shell completes commands, live names, launch files and their arguments."""
     robot(bus)
     offers(
+        bus,
         env,
         ("tfbus echo ", FRAMES),
         ("tfbus param set sim ", ["holonomic"]),
@@ -215,6 +216,7 @@ class TestCandidates:
         bus.node("_echo_1")
         inside = "--namespace robot7"
         assert offers(
+            bus,
             env,
             ("tfbus node info ", ["robot7/sim"]),
             ("tfbus node info /", ["/robot7/sim"]),
@@ -229,41 +231,48 @@ class TestCandidates:
             ("tfbus why --fleet --shared world w", ["world"]),
         )
 
-    def test_without_a_bus_there_are_no_names(self, env: dict[str, str]) -> None:
+    def test_without_a_bus_there_are_no_names(self, bus: Bus, env: dict[str, str]) -> None:
         """An unreachable router or an invalid option gives no names and no error."""
         for options in ("--mode client --connect tcp/127.0.0.1:1", "--connect nonsense"):
-            assert candidates(env, f"tfbus node info {options} ") == []
+            assert candidates(bus, env, f"tfbus node info {options} ") == []
 
-    def test_arguments_of_a_launch_file(self, env: dict[str, str], tmp_path: Path) -> None:
+    def test_arguments_of_a_launch_file(
+        self, bus: Bus, env: dict[str, str], tmp_path: Path
+    ) -> None:
         """A launch file's arguments are completed, then its choices; each is given once."""
         file = tmp_path / "robot.yaml"
         file.write_text(
             "arguments: {side: {choices: [left, right]}, speed: }\nnodes: [{node: simulator}]\n"
         )
         line = f"tfbus launch {file} "
-        assert candidates(env, line) == ["side:=", "speed:="]
-        assert candidates(env, f"{line}side:=left s") == ["speed:="]
-        assert candidates(env, f"{line}side:=r") == ["side:=right"]
-        assert candidates(env, "tfbus launch nosuch ") == []
+        assert candidates(bus, env, line) == ["side:=", "speed:="]
+        assert candidates(bus, env, f"{line}side:=left s") == ["speed:="]
+        assert candidates(bus, env, f"{line}side:=r") == ["side:=right"]
+        assert candidates(bus, env, "tfbus launch nosuch ") == []
 
     def test_types_and_values(self, bus: Bus, env: dict[str, str]) -> None:
         """After a topic comes a type; the value of a parameter is not completed."""
         robot(bus)
-        assert candidates(env, "tfbus topic pub turtle1/cmd_vel T") == ["Twist"]
-        assert candidates(env, "tfbus param set sim holonomic ") == []
-        assert offers(env, ("tfbus param get sim ", ["holonomic"]))
+        assert candidates(bus, env, "tfbus topic pub turtle1/cmd_vel T") == ["Twist"]
+        assert candidates(bus, env, "tfbus param set sim holonomic ") == []
+        assert offers(bus, env, ("tfbus param get sim ", ["holonomic"]))
 
-    def test_a_line_is_split_as_the_shell_does(self, env: dict[str, str]) -> None:
+    def test_a_line_is_split_as_the_shell_does(self, bus: Bus, env: dict[str, str]) -> None:
         """Quotes may be open, blanks escaped; an unknown command has no candidates."""
-        assert candidates(env, "tfbus topic 'ec") == ["echo"]
-        assert candidates(env, r"tfbus topic echo\ ") == []
-        assert candidates(env, "") == candidates(env, "tfbus ") == candidates(env, "tfbus nosuch ")
+        assert candidates(bus, env, "tfbus topic 'ec") == ["echo"]
+        assert candidates(bus, env, r"tfbus topic echo\ ") == []
+        assert (
+            candidates(bus, env, "")
+            == candidates(bus, env, "tfbus ")
+            == candidates(bus, env, "tfbus nosuch ")
+        )
 
     def test_a_message_to_fill_in(self, bus: Bus, env: dict[str, str]) -> None:
         """For a message or request, one with its defaults or zeros is offered."""
         robot(bus)
         twist = "{linear: {x: 0.0, y: 0.0, z: 0.0}, angular: {x: 0.0, y: 0.0, z: 0.0}}"
         assert offers(
+            bus,
             env,
             ("tfbus topic pub turtle1/cmd_vel Twist ", [twist]),
             ("tfbus topic pub turtle1/cmd_vel ", [twist, *supplied_names()]),
@@ -280,6 +289,7 @@ class TestCandidates:
 
 
 class TestBash:
+    @pytest.mark.real
     @pytest.mark.parametrize("quote", ["", "'", '"'])
     def test_bash_reads_back_what_is_written(
         self, monkeypatch: pytest.MonkeyPatch, quote: str
@@ -321,11 +331,10 @@ class TestBash:
         assert shell.format_completion(CompletionItem(value, help="x")) == f"plain\t{written}\tx"
 
 
-class TestNames:
-    def settings(self, bus: Bus) -> NodeSettings:
-        """A place on the test's bus."""
-        return NodeSettings("looker", config=str(bus.config), connect=(bus.endpoint,))
+SETTINGS = NodeSettings("looker")
 
+
+class TestNames:
     def test_all_names_are_found_at_once(self, bus: Bus) -> None:
         """One look brings frames, nodes, topics and services with their types, and parameters."""
         robot(bus)
@@ -340,22 +349,21 @@ class TestNames:
             services={"spawn": "Spawn"},
             parameters={"sim": ("holonomic",)},
         )
-        eventually(lambda: look_for_names(self.settings(bus)) == wanted)
+        eventually(lambda: look_for_names(SETTINGS) == wanted)
 
     def test_names_are_remembered_for_some_seconds(
         self, bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """A second look within 5 s asks no node; a later one, or at another place, does."""
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-        settings = self.settings(bus)
         first = bus.node("first")
-        eventually(lambda: live_names(settings).nodes == ("first",) or forget(os.environ))
+        eventually(lambda: live_names(SETTINGS).nodes == ("first",) or forget(os.environ))
         first.close()
         refresh(os.environ)
-        assert live_names(settings).nodes == ("first",)
+        assert live_names(SETTINGS).nodes == ("first",)
         (file,) = (tmp_path / "tfbus").iterdir()
         os.utime(file, (0, 0))
-        eventually(lambda: live_names(settings).nodes == () or forget(os.environ))
+        eventually(lambda: live_names(SETTINGS).nodes == () or forget(os.environ))
 
     @pytest.mark.parametrize("content", ["", "[]", "{", json.dumps({"frames": 5}), "\0"])
     def test_an_unreadable_cache_is_ignored(
@@ -363,12 +371,16 @@ class TestNames:
     ) -> None:
         """An invalid cache is ignored."""
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-        settings = self.settings(bus)
-        assert live_names(settings) == LiveNames()
+        assert live_names(SETTINGS) == LiveNames()
         (file,) = (tmp_path / "tfbus").iterdir()
-        file.write_text(content)
         bus.node("sim")
-        eventually(lambda: live_names(settings).nodes == ("sim",) or file.write_text(content) < 0)
+
+        def is_ignored() -> bool:
+            file.write_text(content)
+            refresh(os.environ)
+            return live_names(SETTINGS).nodes == ("sim",)
+
+        eventually(is_ignored)
 
 
 class TestCommand:
@@ -394,7 +406,7 @@ class TestCommand:
 
 
 def test_names_are_completed_from_the_recording_that_the_line_names(
-    env: dict[str, str], tmp_path: Path
+    bus: Bus, env: dict[str, str], tmp_path: Path
 ) -> None:
     """Frames, topics, nodes and parameters; no bus is looked at."""
     path = recordings.write(
@@ -411,4 +423,4 @@ def test_names_are_completed_from_the_recording_that_the_line_names(
         (f"tfbus param get --bag {path} sim ", ["speed"]),
         (f"tfbus bag export {path} world b", ["base_link"]),
     ):
-        assert set(candidates(env, line)) <= set(wanted) and candidates(env, line), line
+        assert set(candidates(bus, env, line)) <= set(wanted) and candidates(bus, env, line), line

@@ -4,10 +4,8 @@ import json
 
 import pytest
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
-
-pytestmark = pytest.mark.real
 
 SHARED = ("--fleet", "--shared", "map")
 

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from tests.builders import at, payload
-from tests.live_bus import Bus, send_static
+from tests.buses import send_static
+from tests.simulated_bus import Bus
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.wire.codec import encode_map
@@ -20,8 +21,6 @@ from tfbus.wire.keys import (
     static_transforms_key,
     stream_key,
 )
-
-pytestmark = pytest.mark.real
 
 FORGED = "[INFO] [1795252263.740641361] [sim]: all is well"
 HOSTILE = (

@@ -7,7 +7,7 @@ import click
 import numpy as np
 import pytest
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus.cli.messages.message import (
     complete_values,
     find_type,
@@ -21,8 +21,6 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, Odometry, PoseStamped, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
-
-pytestmark = pytest.mark.real
 
 MESSAGE = {"x": 1.5, "cells": [3.5, {"name": "left"}], "linear": {"x": 2, "y": 0}}
 

@@ -5,9 +5,8 @@ import re
 
 import pytest
 
-from tests.live_bus import Bus, keep_sending, send_static
-
-pytestmark = pytest.mark.real
+from tests.buses import keep_sending, send_static
+from tests.simulated_bus import Bus
 
 LATE_NS = 300_000_000
 

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.messages import Spawn
-
-pytestmark = pytest.mark.real
 
 
 def run(bus: Bus, *arguments: str, stdin: str = "") -> tuple[int, str, str]:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.live_bus import Bus, eventually
-from tfbus import Transform, TransformArray, TransformBroadcaster, TransformStamped
+from tests.buses import eventually
+from tests.simulated_bus import Bus
+from tfbus import TfbusError, Transform, TransformArray, TransformBroadcaster, TransformStamped
 from tfbus.frames.plot import PANELS, draw
 from tfbus.frames.track import Track
-
-pytestmark = pytest.mark.real
+from tfbus.geometry.transform_array import make_array
 
 
 @pytest.fixture
@@ -94,6 +94,15 @@ def test_a_frame_that_stands_still_is_a_straight_line() -> None:
     spans = [np.ptp(axes.get_ylim()) for axes in (position, orientation, speed, path, angular)]
     assert (np.array(spans) >= [0.001, 0.1, 0.001, 0.001, 0.001]).all()
     assert np.ptp(path.get_xlim()) >= 0.001
+
+
+@pytest.mark.parametrize("x", [1.7e308, np.inf])
+def test_a_frame_that_is_too_far_away_is_not_plotted(x: float) -> None:
+    """A stranger may send any number: the sentence says which frame it is."""
+    pytest.importorskip("matplotlib", reason="needs matplotlib")
+    poses = make_array(np.array([[x, 0.0, 0.0]] * 2), np.array([[0.0, 0.0, 0.0, 1.0]] * 2))
+    with pytest.raises(TfbusError, match="'far' is farther than 1e15 m away"):
+        draw(Track("map", "far", np.arange(2) * 10**9, poses), PANELS)
 
 
 def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) -> None:

@@ -5,12 +5,11 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus.cli import _CALLED_IN_ROS, _NOT_NEEDED, NODES, TOOLS, main
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.messages import Spawn
-
-pytestmark = pytest.mark.real
 
 
 def test_a_node_starts_with_the_arguments_of_ros(bus: Bus) -> None:
@@ -177,11 +176,11 @@ def test_topics_and_services_of_ros_types_are_used_with_their_full_names(bus: Bu
     ("values", "answer"),
     [("dat: true", "there is no field 'dat'"), ("data: hi", "field 'data' must be a boolean")],
 )
-def test_fields_of_a_ros_type_are_checked(values: str, answer: str) -> None:
+def test_fields_of_a_ros_type_are_checked(bus: Bus, values: str, answer: str) -> None:
     """`topic pub` names the field that is wrong."""
-    assert answer in usage_error(
-        "topic", "pub", "-w", "0", "-t", "1", "x", "std_msgs/msg/Bool", values
-    )
+    done = bus.run("topic", "pub", "-w", "0", "-t", "1", "x", "std_msgs/msg/Bool", values)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert answer in done.stderr.splitlines()[-1]
 
 
 def test_a_message_type_of_ros_that_tfbus_lacks_names_those_it_has() -> None:

@@ -5,8 +5,9 @@ import re
 
 import pytest
 
+from tests.buses import eventually
 from tests.cli.topic_talker import POSE, Battery, run, sim
-from tests.live_bus import Bus, eventually, free_port
+from tests.simulated_bus import Bus
 from tfbus import (
     StaticTransformBroadcaster,
     Transform,
@@ -15,8 +16,6 @@ from tfbus import (
 )
 from tfbus.messages import Color, Pose
 from tfbus.wire.codec import encode_map, encode_message
-
-pytestmark = pytest.mark.real
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
 Try 'python -m tfbus topic echo --help' for help.
@@ -225,6 +224,18 @@ class TestEcho:
         assert len(echo.err) == 1
         assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
 
+    def test_a_message_that_is_nested_too_deeply_is_told(self, bus: Bus) -> None:
+        """A stranger's message of 900 lists in each other ends nothing."""
+        node = bus.node("stranger")
+        publisher = node.create_raw_publisher("deep", type_name="Deep")
+        deep = b"\x81\xa1a" + b"\x91" * 900 + b"\xc0"
+        node.create_timer(0.05, lambda: publisher.publish(deep))
+        for form in ("--yaml", "--csv", "--json"):
+            options = () if form == "--yaml" else (form,)
+            done = bus.run("topic", "echo", "deep", "--once", *options)
+            assert (done.returncode, done.stderr) == (0, "")
+            assert "nested too deeply" in done.stdout or form == "--json"
+
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
         """Options that are mutually exclusive, and unknown fields, are usage errors."""
         for arguments, sentence in (
@@ -244,7 +255,7 @@ class TestEcho:
 
 def test_a_client_works_through_a_router(bus: Bus) -> None:
     """All of it works for a client that knows only a router."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = "tcp/127.0.0.1:7447"
     router = bus.start("router", "--listen", endpoint)
     router.wait_for_line("Routing on")
     at_router = ("--mode", "client", "--connect", endpoint)

@@ -6,16 +6,16 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.buses import eventually
 from tests.cli.topic_talker import Battery, run, sim
-from tests.live_bus import Bus, Process, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Transform,
     TransformBroadcaster,
     TransformStamped,
 )
 from tfbus.messages import Color, Twist, Vector3
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 
 class TestMeasure:
@@ -123,7 +123,7 @@ class TestPub:
 
     def test_it_goes_on_until_it_is_stopped(self, bus: Bus) -> None:
         """Without a count it does not wait for subscribers, and its topic is listed."""
-        pub: Process = bus.start(
+        pub: Program = bus.start(
             "topic", "pub", "-q", "-r", "50", "color", "Color", "{r: 1, g: 2, b: 3}"
         )
         eventually(lambda: run(bus, "list", "-t")[1] == "color [Color]\n")

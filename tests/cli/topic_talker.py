@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.messages import Pose, Twist
 

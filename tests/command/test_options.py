@@ -13,8 +13,6 @@ from tfbus import BusError, NodeSettings, node_options
 from tfbus.command.options import bus_options, settings_from_args
 from tfbus.command.ros_args import in_tfbus_words
 
-pytestmark = pytest.mark.real
-
 seen: list[NodeSettings] = []
 
 
@@ -300,6 +298,7 @@ def test_an_assignment_of_ros_is_answered_in_our_words(typed: str, form: str) ->
     assert caught.value.message.startswith(f"'{typed}' needs its option: write {form}")
 
 
+@pytest.mark.real
 def test_an_interrupted_exec_is_a_usual_end_too(tmp_path: Path) -> None:
     """As where a dataclass is imported just then: Python would end a module by SIGINT."""
     (tmp_path / "interrupted.py").write_text(

@@ -14,9 +14,11 @@ from tfbus import ServiceError, messages
 from tfbus.compat import rclpy as ported
 from tfbus.compat import tf2_ros
 from tfbus.compat.bus_types import BusType, bus_type_of
-from tfbus.compat.geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from tfbus.compat.example_interfaces.action import Fibonacci
+from tfbus.compat.geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from tfbus.compat.rclpy.action import ActionServer
 from tfbus.compat.rclpy.context import split_arguments
-from tfbus.compat.rclpy.endpoints import Subscription
+from tfbus.compat.rclpy.endpoints import Client, Publisher, Service, Subscription
 from tfbus.compat.rclpy.exceptions import (
     NotInitializedException,
     ParameterAlreadyDeclaredException,
@@ -32,10 +34,12 @@ from tfbus.compat.rclpy.qos import (
 )
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.time import ClockType
+from tfbus.compat.rclpy.type_support import GetResultServiceResponse
 from tfbus.compat.rclpy.utilities import remove_ros_args
 from tfbus.compat.rclpy.work import Work
-from tfbus.compat.sensor_msgs.msg import JointState
+from tfbus.compat.sensor_msgs.msg import Imu, JointState
 from tfbus.compat.std_msgs.msg import String
+from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -572,3 +576,35 @@ def test_a_rate_sleeps_until_the_next_period(rclpy: ModuleType) -> None:
     for _ in range(3):
         rate.sleep()
     assert node.tfbus_node.clock.elapsed_ns() - begun_ns >= 29_000_000
+
+
+def test_what_there_is_is_listed(rclpy: ModuleType, bus: Bus) -> None:
+    """With ROS's names: nodes, topics and services, and how many are at a topic."""
+    node, other = rclpy.create_node("asks"), rclpy.create_node("arm", namespace="robot7")
+    other.create_publisher(Imu, "imu", 10)
+    other.create_service(Trigger, "home", lambda request, response: response)
+    other.create_subscription(PoseStamped, "/goal_pose", lambda message: None, 10)
+    own = bus.node("sim")
+    own.create_service(messages.Empty, "reset", lambda request: messages.Empty.Response())
+    keep_sending(own, "map", "base")
+    ActionServer(other, Fibonacci, "count", lambda handle: Fibonacci.Result())
+    topics = {
+        "/goal_pose": ["geometry_msgs/msg/PoseStamped"],
+        "/robot7/imu": ["sensor_msgs/msg/Imu"],
+        "/tf": ["tf2_msgs/msg/TFMessage"],
+    }
+    eventually(lambda: dict(node.get_topic_names_and_types()) == topics)
+    services = {"/reset": ["std_srvs/srv/Empty"], "/robot7/home": ["std_srvs/srv/Trigger"]}
+    eventually(lambda: dict(node.get_service_names_and_types()) == services)
+    nodes = {("asks", "/"), ("arm", "/robot7"), ("sim", "/")}
+    eventually(lambda: {*node.get_node_names_and_namespaces()} == nodes)
+    assert sorted(node.get_node_names()) == ["arm", "asks", "sim"]
+    assert node.count_publishers("/robot7/imu") == other.count_publishers("imu") == 1
+    assert node.count_subscribers("goal_pose") == 1 and node.count_publishers("goal_pose") == 0
+
+
+def test_classes_take_types_in_brackets() -> None:
+    """As annotations of programs for ROS 2 since Jazzy have them."""
+    for each in (Future, Publisher, Subscription, Client, Service, ActionServer, Parameter):
+        assert each[int].__origin__ is each  # type: ignore[index]
+    assert Future[GetResultServiceResponse[int]].__args__

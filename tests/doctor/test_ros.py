@@ -9,7 +9,8 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from tests.live_bus import Bus, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import Bus, free_port
 from tests.ros2_on_zenoh import Ros2
 from tfbus import Buffer, NodeSettings
 from tfbus.bus.session import Session
@@ -20,8 +21,6 @@ from tfbus.doctor.ros_checks import check_ros
 from tfbus.doctor.rtps import RtpsWatch, participant_of
 from tfbus.frames.snapshot import frame_tree
 from tfbus.wire.descriptions import NodeDescription
-
-pytestmark = pytest.mark.real
 
 # A domain that none uses: its port is below those that systems give out.
 DOMAIN = 97
@@ -55,6 +54,7 @@ class TestDds:
         assert participant_of(b"RTPX" + FAST_DDS[4:]) is None
         assert participant_of(FAST_DDS[:40]) is None
 
+    @pytest.mark.real
     def test_announcements_are_heard_beside_another_listener(self) -> None:
         """Also where the port is taken, which says that DDS is on this host."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -97,6 +97,7 @@ class TestZenoh:
         assert nodes == {0: {"/talker", "/robot1/arm/driver"}, 7: {"/listener"}}
         assert bridges == 2
 
+    @pytest.mark.real
     @pytest.mark.parametrize("namespace", ["", "robot1"])
     def test_nodes_on_the_bus_are_found(self, bus: Bus, namespace: str) -> None:
         """Those of rmw_zenoh and zenoh-bridge-ros2dds, from within any namespace."""
@@ -118,6 +119,7 @@ class TestZenoh:
         ros2.close()
 
 
+@pytest.mark.real
 class TestMaster:
     @pytest.fixture
     def master(self) -> Iterator[str]:

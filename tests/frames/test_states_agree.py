@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     FrameInfo,
@@ -31,8 +32,6 @@ from tfbus.runtime.clock import SimulatedClock
 from tfbus.top.rows import frames_table
 from tfbus.view.model.shown_frames import frames_of
 from tfbus.view.panels import text
-
-pytestmark = pytest.mark.real
 
 S = 1_000_000_000
 NOW_NS = 1_670_400_300 * S

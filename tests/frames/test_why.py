@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
@@ -19,8 +20,6 @@ from tfbus.frames.simulated import SimulatedTime
 from tfbus.frames.snapshot import frame_tree
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.listen.info import StreamInfo
-
-pytestmark = pytest.mark.real
 
 NOW_NS = 100_000_000_000
 S = 1_000_000_000

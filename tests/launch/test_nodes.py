@@ -1,17 +1,18 @@
-"""`tfbus launch` with real tfbus nodes on a real bus: names, options, and start by readiness."""
+"""`tfbus launch` with tfbus nodes on a bus: names, options, and start by readiness."""
 
 import os
 import re
+import shlex
 import signal
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
-from tests.live_bus import Bus, eventually, free_port
+from tests import simulated_bus
+from tests.buses import eventually
+from tests.live_bus import Bus, Process, free_port
 from tfbus.discover.presence import list_nodes
-
-pytestmark = pytest.mark.real
 
 TALKER = """
     from tfbus import Node
@@ -29,6 +30,12 @@ def write(folder: Path, name: str, text: str) -> Path:
     return path
 
 
+def launched(bus: Bus, *arguments: str) -> Process:
+    """`tfbus launch ARGUMENTS`, whose nodes do not wait until they have found others."""
+    return bus.start("launch", *arguments, env={"TFBUS_CONFIG": str(bus.quick_config)})
+
+
+@pytest.mark.real
 def test_nodes_learn_their_names_parameters_and_bus_from_the_launch_file(
     bus: Bus, tmp_path: Path
 ) -> None:
@@ -44,7 +51,7 @@ def test_nodes_learn_their_names_parameters_and_bus_from_the_launch_file(
           - {node: talker.py, name: bob, namespace: b}
         """,
     )
-    launch = bus.start("launch", str(path), "word:=two words", "--namespace", "fleet")
+    launch = launched(bus, str(path), "word:=two words", "--namespace", "fleet")
     launch.wait_for_line(r"^\[fleet/talker\] I am /fleet/talker and say two words$")
     launch.wait_for_line(r"^\[fleet/b/bob\] I am /fleet/b/bob and say nothing$")
     watcher = bus.node("watcher")
@@ -54,6 +61,7 @@ def test_nodes_learn_their_names_parameters_and_bus_from_the_launch_file(
     eventually(lambda: not expected & set(list_nodes(watcher.session)))
 
 
+@pytest.mark.real
 def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_path: Path) -> None:
     """`after:` is settled by the node itself being there, wherever it was started."""
     write(tmp_path, "talker.py", TALKER)
@@ -66,7 +74,7 @@ def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_pat
           - {node: talker.py, name: middle, after: /elsewhere/first}
         """,
     )
-    launch = bus.start("launch", str(path))
+    launch = launched(bus, str(path))
     launch.wait_for_line(r"\[INFO\] \[middle\]: waiting for /elsewhere/first")
     assert not any("process started" in line for line in launch.err)
     bus.node("first", namespace="elsewhere")
@@ -76,6 +84,7 @@ def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_pat
     assert launch.stop(signal.SIGTERM) == 0
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_launch_waits_for_its_router(bus: Bus, tmp_path: Path, number: int) -> None:
     """A client's launch may begin before the router; Ctrl-C ends it cleanly while it waits."""
@@ -86,15 +95,16 @@ def test_a_launch_waits_for_its_router(bus: Bus, tmp_path: Path, number: int) ->
         "nodes: [{node: talker.py}, {node: talker.py, name: last, after: talker}]",
     )
     router = f"tcp/127.0.0.1:{free_port()}"
-    launch = bus.start("launch", str(path), "--mode", "client", "--connect", router)
+    launch = launched(bus, str(path), "--mode", "client", "--connect", router)
     launch.wait_for_line(f"Waiting for a router at {router}")
     assert launch.stop(number) == 0
     assert "Traceback" not in "\n".join(launch.err)
 
 
+@pytest.mark.real
 def test_nodes_that_still_load_end_without_a_word(bus: Bus) -> None:
     """Ctrl-C right after the start ends nodes whose Python is not ready for it yet."""
-    launch = bus.start("launch", "turtle", "headless:=true")
+    launch = launched(bus, "turtle", "headless:=true")
     launch.wait_for_line(r"\[broadcaster1\]: process started")
     assert launch.stop() == 0
     assert launch.out == []
@@ -102,22 +112,56 @@ def test_nodes_that_still_load_end_without_a_word(bus: Bus) -> None:
 
 
 @pytest.mark.parametrize("option", ["--for", "--sigterm-timeout", "--sigkill-timeout"])
-def test_times_are_finite(bus: Bus, option: str) -> None:
+def test_times_are_finite(bus: simulated_bus.Bus, option: str) -> None:
     """A time that is no number of seconds is a usage error."""
     assert bus.run("launch", "turtle", option, "nan").returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("options", "code", "stdout", "stderr"),
+    [
+        (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true", ""),
+        (["--show-args"], 0, "No arguments.", ""),
+        (["x:=1"], 2, "", "takes no argument 'x'; it takes none"),
+        (["x=1"], 2, "", "takes no argument 'x'; it takes none"),
+        (["x"], 2, "", "'x' is not of the form NAME:=VALUE"),
+        (["--mode", "pear"], 2, "", "is not one of"),
+        (["--namespace", "a//b"], 2, "", "cannot be the name of a namespace"),
+    ],
+)
+def test_the_command_line_of_launch(
+    bus: simulated_bus.Bus, tmp_path: Path, options: list[str], code: int, stdout: str, stderr: str
+) -> None:
+    """The options of `tfbus launch`; wrong ones exit with 2."""
+    path = write(tmp_path, "nodes.yaml", "nodes: [{command: ['true'], name: a}]\n")
+    ended = bus.run("launch", str(path), *options)
+    assert ended.returncode == code
+    assert stdout in ended.stdout
+    assert stderr in " ".join(ended.stderr.split())
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_mistake_in_a_file_is_one_line(bus: simulated_bus.Bus, tmp_path: Path) -> None:
+    """A wrong launch file gives its line and key, exit code 1, and no traceback."""
+    ended = bus.run("launch", str(write(tmp_path, "nodes.yaml", "nodes:\n  - {nod: a}\n")))
+    assert ended.returncode == 1
+    assert "nodes.yaml:2: nodes[0].nod: unknown key 'nod'; did you mean 'node'?" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.real
 def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:
     """A node with `respawn` that is killed with SIGKILL comes back under its name."""
     write(tmp_path, "talker.py", TALKER)
     path = write(tmp_path, "robot.yaml", "nodes: [{node: talker.py, respawn: {delay: 0}}]")
-    launch = bus.start("launch", str(path))
+    launch = launched(bus, str(path))
     launch.wait_for_line(r"^\[talker\] I am /talker")
     pid = launch.wait_for_line("process started with pid").split("[")[-1].rstrip("]")
-    assert bus.run("node", "list").stdout.splitlines() == ["/talker"]
+    watcher = bus.node("watcher")
+    eventually(lambda: "/talker" in list_nodes(watcher.session))
     os.kill(int(pid), signal.SIGKILL)
     eventually(lambda: len([line for line in launch.out if "I am /talker" in line]) == 2)
-    eventually(lambda: bus.run("node", "list").stdout.splitlines() == ["/talker"])
+    eventually(lambda: "/talker" in list_nodes(watcher.session))
     assert launch.stop() == 0
 
 
@@ -132,22 +176,23 @@ def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:
     ],
 )
 def test_the_installed_launch_files_bring_their_nodes(
-    bus: Bus, name: str, nodes: list[str]
+    bus: simulated_bus.Bus, name: str, nodes: list[str]
 ) -> None:
-    """Each launch file that comes with tfbus starts its nodes, and Ctrl-C ends them cleanly."""
-    launch = bus.start("launch", name, "headless:=true")
+    """Each launch file that comes with tfbus names its nodes, which start and end cleanly."""
+    rows = bus.run("launch", name, "headless:=true", "--dry-run").stdout.splitlines()
+    commands = [shlex.split(row.rpartition(" -m tfbus ")[2]) for row in rows]
+    programs = [bus.start(*command) for command in commands]
     watcher = bus.node("watcher")
     eventually(lambda: list_nodes(watcher.session) == sorted(["/watcher", *nodes]))
-    for node in nodes:
-        launch.wait_for_line(rf"\[{node[1:]}\]: ready$")
-    assert launch.stop() == 0
-    clean = [line for line in launch.err if "finished cleanly" in line]
-    assert len(clean) == len(nodes), "\n".join(launch.err)
+    for program in programs:
+        program.wait_for_line("ready$")
+    assert [program.stop() for program in programs] == [0] * len(nodes)
 
 
+@pytest.mark.real
 def test_the_demo_prints_where_the_drone_is(bus: Bus) -> None:
     """`tfbus launch demo` prints a line for each place of the drone, and how to drive by hand."""
-    launch = bus.start("launch", "demo", "headless:=true")
+    launch = launched(bus, "demo", "headless:=true")
     launch.wait_for_line(r"^\[hint\] To drive by hand: ")
 
     def places() -> set[str]:

@@ -4,12 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus.launch.errors import LaunchError
 from tfbus.launch.read.find import find_in, find_launch_file, installed_launch_files
 from tfbus.launch.read.packages import find_in_package, launch_files_of
-
-pytestmark = pytest.mark.real
 
 A_LAUNCH = "description: Drives.\narguments: {speed: {default: 1}}\nnodes: [{node: simulator}]\n"
 

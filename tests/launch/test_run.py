@@ -774,33 +774,8 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
         assert_gone(*pids)
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "stdout", "stderr"),
-    [
-        (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true", ""),
-        (["--show-args"], 0, "No arguments.", ""),
-        (["x:=1"], 2, "", "takes no argument 'x'; it takes none"),
-        (["x=1"], 2, "", "takes no argument 'x'; it takes none"),
-        (["x"], 2, "", "'x' is not of the form NAME:=VALUE"),
-        (["--mode", "pear"], 2, "", "is not one of"),
-        (["--namespace", "a//b"], 2, "", "cannot be the name of a namespace"),
-        ([], 0, "", "process has finished cleanly"),
-    ],
-)
-def test_the_command_line_of_launch(
-    tmp_path: Path, options: list[str], code: int, stdout: str, stderr: str
-) -> None:
-    """The options of `tfbus launch`; wrong ones exit with 2."""
-    with started(tmp_path, "- {command: ['true'], name: a}", *options) as launch:
-        assert launch.exit_code() == code
-        wait_until(lambda: stdout in "\n".join(launch.stdout), stdout)
-        wait_until(lambda: stderr in "\n".join(launch.stderr), stderr)
-        assert not any("Traceback" in line for line in launch.lines)
-
-
-def test_a_mistake_in_a_file_is_one_line(tmp_path: Path) -> None:
-    """A wrong launch file gives its line and key, exit code 1, and no traceback."""
-    with started(tmp_path, "- {nod: a}") as launch:
-        assert launch.exit_code() == 1
-        launch.wait_for("nodes.yaml:2: nodes[0].nod: unknown key 'nod'; did you mean 'node'?")
-        assert len(launch.stderr) == 1
+def test_a_launch_ends_with_its_processes(tmp_path: Path) -> None:
+    """With exit code 0 where they ended well."""
+    with started(tmp_path, "- {command: ['true'], name: a}") as launch:
+        assert launch.exit_code() == 0
+        launch.wait_for("process has finished cleanly")

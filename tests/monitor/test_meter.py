@@ -6,14 +6,13 @@ import time
 import pytest
 
 from tests.builders import at, payload
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 from tfbus.monitor import meter as meter_module
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import TransformMeter
 from tfbus.runtime.clock import SystemClock
-
-pytestmark = pytest.mark.real
 
 S = 1_000_000_000
 

@@ -2,11 +2,10 @@
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
+from tests.simulated_bus import Bus
 from tfbus.messages import Clock, SetClock
-
-pytestmark = pytest.mark.real
 
 
 def test_it_publishes_its_rate_and_whether_it_is_paused(bus: Bus) -> None:

@@ -10,7 +10,9 @@ from collections.abc import Callable
 import pytest
 from click.testing import CliRunner
 
-from tests.live_bus import Bus, Process, eventually
+from tests import live_bus
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,
@@ -23,8 +25,7 @@ from tfbus import (
 )
 from tfbus.nodes.echo import main
 from tfbus.nodes.echo_answers import Question, answers
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 STAMP_NS = 1_649_109_418_061_570_822
 
@@ -239,7 +240,8 @@ def test_signals_end_it_cleanly(bus: Bus, turtle: Node, number: int, frame: str)
     assert "Traceback" not in "\n".join(echo.err)
 
 
-def test_a_closed_pipe_ends_it_quietly(bus: Bus, turtle: Node) -> None:
+@pytest.mark.real
+def test_a_closed_pipe_ends_it_quietly(bus: live_bus.Bus, turtle: Node) -> None:
     """`tfbus echo ... | head -3` prints three lines and no error."""
     echo = f"{sys.executable} -m tfbus echo world turtle1 --rate 50"
     shell = bus.start_command(["bash", "-c", f"{echo} | head -3; exit ${{PIPESTATUS[0]}}"])
@@ -255,7 +257,7 @@ def test_many_echoes_run_at_once(bus: Bus, turtle: Node) -> None:
     assert node_name(bus.start("echo", "world", "turtle1", "--name", "echo")) == "echo"
 
 
-def node_name(process: Process) -> str:
+def node_name(process: Program) -> str:
     """The name that a node puts before its lines."""
     line = process.wait_for_line("Printing world -> turtle1")
     return line.split("]: ")[0].rsplit("[", 1)[1]

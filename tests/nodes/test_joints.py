@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
-from tests.live_bus import Bus, eventually, send_until
+from tests import live_bus, needs
+from tests.buses import eventually, send_until
 from tests.nodes.robots import ARM, FREE
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.messages import JointState, RobotDescription, SetClock
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture
@@ -251,7 +250,8 @@ def test_a_recording_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
     assert dict(zip(moving.names, moving.efforts, strict=True))["elbow"] == 7.0
 
 
-def test_sliders_in_a_terminal(bus: Bus, path: Path, tmp_path: Path) -> None:
+@pytest.mark.real
+def test_sliders_in_a_terminal(bus: live_bus.Bus, path: Path, tmp_path: Path) -> None:
     """In tmux the sliders show each joint; keys move them, what a target moves is shown, the log
     stays above them, and q gives the shell back.
     """

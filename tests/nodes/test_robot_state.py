@@ -7,12 +7,12 @@ from typing import Any
 import msgpack
 import pytest
 
-from tests.live_bus import Bus, Process, eventually, send_until
+from tests.buses import eventually, send_until
 from tests.nodes.robots import ARM, FREE
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, ServiceError, Transform, TransformListener
 from tfbus.messages import Empty, JointState, RobotDescription, RobotMesh, SetDescription
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 S = 1_000_000_000
 
@@ -59,7 +59,7 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def start(bus: Bus, *arguments: str | Path) -> Process:
+def start(bus: Bus, *arguments: str | Path) -> Program:
     """Start it, and wait until it publishes."""
     process = bus.start("robot_state", *map(str, arguments))
     process.wait_for_line("Publishing ")

@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 
 from nodes import ros2
-from tests.live_bus import Bus
-
-pytestmark = pytest.mark.real
+from tests.simulated_bus import Bus
 
 
 @pytest.mark.parametrize(
@@ -30,6 +28,7 @@ def test_mistakes_are_said_in_a_sentence(bus: Bus, arguments: list[str], said: s
     assert ended.returncode == 2 and said in " ".join(ended.stderr.split())
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("option", "direction"), [("--only-to-ros", "from-ros"), ("--only-from-ros", "to-ros")]
 )
@@ -44,6 +43,7 @@ def test_a_topic_of_the_other_direction_is_a_mistake(
     assert ended.returncode == 2 and f"{option} excludes topic 'turtle1/pose'" in said
 
 
+@pytest.mark.real
 def test_the_domain_of_the_environment_is_checked(bus: Bus) -> None:
     """As ROS's own tools do."""
     ended = bus.run("ros2", "--via", "zenoh", env={"ROS_DOMAIN_ID": "many"})

@@ -8,15 +8,15 @@ import pytest
 from click.testing import CliRunner
 
 from tests.builders import x_of
-from tests.live_bus import Bus, Process, eventually
+from tests.buses import eventually
 from tests.processes.publishers import launch
+from tests.simulated_bus import Bus
 from tfbus import Buffer, BusError, NodeSettings, TransformListener
 from tfbus.nodes import share
+from tfbus.testing.programs import Program
 
-pytestmark = pytest.mark.real
 
-
-def robot(bus: Bus, number: int, *arguments: str) -> Process:
+def robot(bus: Bus, number: int, *arguments: str) -> Program:
     """A robot in the map that all share, as many metres ahead as its number says."""
     where = ("--namespace", f"robot{number}", "--x", str(number))
     return launch(bus, "wheels", *where, "--moving", "map:base_link", *arguments)

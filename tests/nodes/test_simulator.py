@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, ServiceError, Transform, TransformListener, TransformStamped
 from tfbus.messages import (
     Color,
@@ -33,8 +34,6 @@ from tfbus.nodes.simulator import Simulator
 from tfbus.nodes.turtle.field import MIDDLE_M
 from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.world import World
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

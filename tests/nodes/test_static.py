@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from tests.live_bus import Bus, Process
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformListener
 from tfbus.nodes.static import main
 from tfbus.nodes.static_old_form import in_new_form
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 
 def lookup(bus: Bus, target: str, source: str) -> Transform:
@@ -21,7 +20,7 @@ def lookup(bus: Bus, target: str, source: str) -> Transform:
         return buffer.lookup_transform(target, source, timeout_s=10.0).transform
 
 
-def announced(process: Process) -> list[str]:
+def announced(process: Program) -> list[str]:
     """Its log, without times, once it is ready."""
     process.wait_for_line(": ready$")
     return [line.split("]: ")[-1] for line in process.err]

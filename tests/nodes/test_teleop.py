@@ -1,4 +1,4 @@
-"""`tfbus teleop` as a process on a pseudo-terminal: every key, and the terminal afterwards."""
+"""`tfbus teleop`: every key, on a simulated bus; and a real terminal, during and after it."""
 
 import math
 import os
@@ -10,17 +10,18 @@ import termios
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 import pytest
 
-from tests import needs
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests import needs, simulated_bus
+from tests.buses import DEADLINE_S, eventually
+from tests.live_bus import Bus
 from tfbus import Node
 from tfbus.command.terminal import NoTerminalError, RawTerminal
 from tfbus.messages import Pose, Twist, Vector3
+from tfbus.nodes import teleop as teleop_module
 from tfbus.nodes.teleop import BANNER, HEADINGS_RAD
-
-pytestmark = pytest.mark.real
 
 TELEOP = [sys.executable, "-m", "tfbus", "teleop"]
 
@@ -121,22 +122,58 @@ class Turtle:
         return self.pose
 
 
+class Keyboard:
+    """A terminal whose keys the test types, for teleop on a simulated bus."""
+
+    def __init__(self) -> None:
+        self._typed: SimpleQueue[bytes] = SimpleQueue()
+        self.type = self._typed.put
+
+    def __enter__(self) -> "Keyboard":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def read(self, timeout_s: float) -> bytes:
+        try:
+            return self._typed.get(timeout=timeout_s)
+        except Empty:
+            return b""
+
+
 @pytest.fixture
-def turtle(bus: Bus) -> Turtle:
+def keyboard(bus: simulated_bus.Bus, monkeypatch: pytest.MonkeyPatch) -> Keyboard:
+    """What a teleop that is started on the bus reads."""
+    keyboard = Keyboard()
+    monkeypatch.setattr(teleop_module, "RawTerminal", lambda fd: keyboard)
+    return keyboard
+
+
+@pytest.fixture
+def turtle(bus: simulated_bus.Bus) -> Turtle:
     """The turtle1 of a simulator."""
     bus.start("simulator", "--headless").wait_for_line("ready")
     return Turtle(bus.node("watcher"))
 
 
 @pytest.fixture
+def driven(bus: simulated_bus.Bus, turtle: Turtle, keyboard: Keyboard) -> Keyboard:
+    """The keyboard of a teleop that drives turtle1."""
+    bus.start("teleop").wait_for_line("Driving turtle1")
+    return keyboard
+
+
+@pytest.fixture
 def teleop(bus: Bus) -> Iterator[Terminal]:
-    """A terminal in which teleop reads keys."""
-    terminal = Terminal(TELEOP, bus.env)
+    """A terminal in which teleop reads keys; it need not find others."""
+    terminal = Terminal(TELEOP, {**bus.env, "TFBUS_CONFIG": str(bus.quick_config)})
     terminal.wait_for("Driving turtle1")
     yield terminal
     terminal.close()
 
 
+@pytest.mark.real
 def test_the_banner_is_turtlesims(teleop: Terminal) -> None:
     """Its first output is the banner of turtle_teleop_key."""
     assert BANNER.splitlines() == [
@@ -149,36 +186,35 @@ def test_the_banner_is_turtlesims(teleop: Terminal) -> None:
     assert teleop.text.startswith(BANNER)
 
 
-def test_arrow_keys_drive_the_turtle(turtle: Turtle, teleop: Terminal) -> None:
+def test_arrow_keys_drive_the_turtle(turtle: Turtle, driven: Keyboard) -> None:
     """Up and Down move it at 2 m/s, Left and Right turn it at 2 rad/s, in either cursor mode."""
     start = turtle.now
-    teleop.type(b"\x1b[A")
+    driven.type(b"\x1b[A")
     eventually(lambda: turtle.now.x > start.x + 1.5)
-    teleop.type(b"\x1bOB")
+    driven.type(b"\x1bOB")
     eventually(lambda: turtle.now.x < start.x + 0.5)
     assert turtle.now.linear_velocity == 2.0
-    teleop.type(b"\x1b[D")
+    driven.type(b"\x1b[D")
     eventually(lambda: turtle.now.theta > 1.0)
     assert turtle.now.angular_velocity == 2.0
-    teleop.type(b"\x1b[C")
+    driven.type(b"\x1b[C")
     eventually(lambda: turtle.now.theta < 0.0)
     assert turtle.now.angular_velocity == -2.0
     assert turtle.now.y == start.y
 
 
-def test_a_key_that_comes_in_pieces_is_one_key(turtle: Turtle, teleop: Terminal) -> None:
+def test_a_key_that_comes_in_pieces_is_one_key(turtle: Turtle, driven: Keyboard) -> None:
     """An arrow drives even if its bytes come one by one, as over a slow connection."""
     for piece in (b"\x1b", b"[", b"A"):
-        teleop.type(piece)
-        os.sched_yield()
+        driven.type(piece)
     eventually(lambda: turtle.now.linear_velocity == 2.0)
 
 
-def test_letters_turn_the_turtle_to_absolute_headings(turtle: Turtle, teleop: Terminal) -> None:
+def test_letters_turn_the_turtle_to_absolute_headings(turtle: Turtle, driven: Keyboard) -> None:
     """G T R E D C V B turn it to the eight headings, in upper and lower case."""
     assert HEADINGS_RAD.keys() == set("gtredcvb")
     for number, (key, heading_rad) in enumerate(HEADINGS_RAD.items()):
-        teleop.type((key if number % 2 else key.upper()).encode())
+        driven.type((key if number % 2 else key.upper()).encode())
         eventually(lambda: is_at(turtle.now, heading_rad))  # noqa: B023 - called here only
 
 
@@ -188,48 +224,48 @@ def is_at(pose: Pose, heading_rad: float) -> bool:
     return abs(away_rad) < 0.021 and pose.angular_velocity == 0.0
 
 
-def test_f_cancels_a_rotation(turtle: Turtle, teleop: Terminal) -> None:
+def test_f_cancels_a_rotation(turtle: Turtle, driven: Keyboard) -> None:
     """F stops the turtle on its way to a heading."""
-    teleop.type(b"d")
+    driven.type(b"d")
     eventually(lambda: turtle.now.angular_velocity != 0.0)
-    teleop.type(b"f")
+    driven.type(b"f")
     eventually(lambda: turtle.now.angular_velocity == 0.0)
     assert not is_at(turtle.now, HEADINGS_RAD["d"])
 
 
-def test_it_drives_the_named_turtle(bus: Bus) -> None:
+def test_it_drives_the_named_turtle(bus: simulated_bus.Bus, keyboard: Keyboard) -> None:
     """`--turtle` names another turtle, and parameters set its speed."""
     heard: list[Twist] = []
     bus.node("listener").create_subscription(Twist, "turtle2/cmd_vel", heard.append)
-    options = ["--turtle", "turtle2", "--param", "scale_linear=1.5"]
-    terminal = Terminal([*TELEOP, *options], bus.env)
-    terminal.wait_for("Driving turtle2")
+    program = bus.start("teleop", "--turtle", "turtle2", "--param", "scale_linear=1.5")
+    program.wait_for_line("Driving turtle2")
 
     def press_until_heard() -> bool:
-        terminal.type(b"\x1b[A")
+        keyboard.type(b"\x1b[A")
         return bool(heard)
 
     eventually(press_until_heard)
     assert heard[0] == Twist(linear=Vector3(x=1.5))
-    terminal.wait_for("No turtle 'turtle2': start the simulator")
-    assert terminal.text.count("No turtle 'turtle2': start the simulator") == 1
-    terminal.type(b"Q")
-    assert terminal.exit_code() == 0
-    terminal.close()
+    program.wait_for_line("No turtle 'turtle2': start the simulator")
+    keyboard.type(b"Q")
+    assert program.wait() == 0
+    assert program.stderr.count("No turtle 'turtle2': start the simulator") == 1
 
 
-def test_it_says_where_the_turtle_is(bus: Bus) -> None:
+def test_it_says_where_the_turtle_is(bus: simulated_bus.Bus, keyboard: Keyboard) -> None:
     """A turtle in a namespace below is named at the first key, with the way to drive it."""
     bus.start("simulator", "--headless", "--namespace", "robot7").wait_for_line("ready")
-    terminal = Terminal(TELEOP, bus.env)
-    terminal.wait_for("Driving turtle1")
-    terminal.type(b"\x1b[A")
-    terminal.wait_for("No turtle 'turtle1': it is in namespace robot7; drive it with --namespace")
-    terminal.type(b"q")
-    assert terminal.exit_code() == 0
-    terminal.close()
+    program = bus.start("teleop")
+    program.wait_for_line("Driving turtle1")
+    keyboard.type(b"\x1b[A")
+    program.wait_for_line(
+        "No turtle 'turtle1': it is in namespace robot7; drive it with --namespace"
+    )
+    keyboard.type(b"q")
+    assert program.wait() == 0
 
 
+@pytest.mark.real
 def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
     """In tmux, which encodes arrows in its own way, keys drive and Q returns to the shell."""
     needs.program("tmux")
@@ -256,6 +292,7 @@ def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
     assert heard[0] == Twist(angular=Vector3(z=2.0))
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("ending", "exit_code"),
     [
@@ -282,9 +319,10 @@ def test_the_terminal_gets_its_modes_back(
     assert "Traceback" not in teleop.text
 
 
+@pytest.mark.real
 def test_the_terminal_has_its_modes_while_teleop_is_stopped(bus: Bus) -> None:
     """After Ctrl-Z the terminal echoes, after fg keys are read again; the end restores it."""
-    terminal = Terminal(TELEOP, bus.env, IN_SHELL)
+    terminal = Terminal(TELEOP, {**bus.env, "TFBUS_CONFIG": str(bus.quick_config)}, IN_SHELL)
     terminal.wait_for("Driving turtle1")
     terminal.type(b"\x1a")
     terminal.wait_for("stopped with echo True")
@@ -318,6 +356,7 @@ def test_a_terminal_that_has_gone_raises() -> None:
     os.close(slave)
 
 
+@pytest.mark.real
 def test_without_a_terminal_it_says_so(bus: Bus) -> None:
     """With standard input redirected it ends with exit code 1 and one sentence."""
     done = bus.run("teleop", stdin="q")

@@ -6,20 +6,18 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from signal import SIGINT, SIGTERM
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests import needs
-from tests.live_bus import Bus, eventually
+from tests import live_bus, needs
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus.messages import Color, SetPen, TeleportAbsolute
 from tfbus.nodes.turtle.field import SIZE_M, to_pixels
 from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import World
-
-pytestmark = pytest.mark.real
 
 pygame = pytest.importorskip("pygame", reason="needs pygame-ce: the extra sim")
 
@@ -102,6 +100,7 @@ def on_screen(screen: Screen, no_display: None, monkeypatch: pytest.MonkeyPatch)
 # The window
 
 
+@pytest.mark.real
 def test_the_window_shows_the_turtle_on_turtlesims_blue(on_screen: Screen) -> None:
     """A new world is turtlesim's blue with a green turtle in the middle and its name below."""
     with Window("test") as window:
@@ -113,6 +112,7 @@ def test_the_window_shows_the_turtle_on_turtlesims_blue(on_screen: Screen) -> No
     assert count(below, (255, 255, 255)) > 30
 
 
+@pytest.mark.real
 def test_the_window_shows_trails_in_the_colour_of_the_pen(on_screen: Screen) -> None:
     """A trail follows the turtle, in its pen's colour and width."""
     world = World()
@@ -130,6 +130,7 @@ def test_the_window_shows_trails_in_the_colour_of_the_pen(on_screen: Screen) -> 
     )
 
 
+@pytest.mark.real
 def test_the_window_follows_the_world(on_screen: Screen) -> None:
     """Each snapshot replaces the one before: the turtle is shown where it is now."""
     world = World()
@@ -145,6 +146,7 @@ def test_the_window_follows_the_world(on_screen: Screen) -> None:
     assert count(pixels, BACKGROUND) == 0
 
 
+@pytest.mark.real
 def test_the_window_closes_when_the_user_closes_it(on_screen: Screen) -> None:
     """After the desktop's close button the window is gone, and showing more does nothing."""
     with Window("test") as window:
@@ -155,6 +157,7 @@ def test_the_window_closes_when_the_user_closes_it(on_screen: Screen) -> None:
         window.show(World().snapshot())
 
 
+@pytest.mark.real
 def test_a_window_can_be_opened_again(on_screen: Screen) -> None:
     """A closed window does not hinder the next one."""
     for _ in range(2):
@@ -229,11 +232,9 @@ def test_a_picture_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
 # The process
 
 
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
-def test_the_simulator_opens_a_window_and_ends_with_it(
-    bus: Bus, screen: Screen, number: int
-) -> None:
-    """`tfbus simulator` shows its world; a signal closes the window, with exit code 0."""
+@pytest.mark.real
+def test_the_simulator_opens_a_window_and_ends_with_it(bus: live_bus.Bus, screen: Screen) -> None:
+    """`tfbus simulator` shows its world; Ctrl-C closes the window, with exit code 0."""
     simulator = bus.start("simulator", env={"DISPLAY": screen.display})
     simulator.wait_for_line("ready")
     eventually(lambda: screen.shows(GREEN_SHELL, at_least=100))
@@ -241,7 +242,7 @@ def test_the_simulator_opens_a_window_and_ends_with_it(
     eventually(lambda: screen.shows(PEN, at_least=300))
     assert bus.run("param", "set", "/sim", "background_r", "200").returncode == 0
     eventually(lambda: screen.shows((200, 86, 255), at_least=200_000))
-    assert simulator.stop(number) == 0
+    assert simulator.stop() == 0
     assert "Traceback" not in "\n".join(simulator.err)
 
 

@@ -1,6 +1,6 @@
-"""A node that hears frames, forks, and hears on: prints what its child met with, and the end.
+"""A node that hears frames, forks, and hears on: prints what its children met with, and the end.
 
-python forking_node.py USE
+python forking_node.py USE...
 """
 
 import multiprocessing
@@ -53,7 +53,7 @@ def child(node: Node, broadcaster: TransformBroadcaster, what: str) -> None:
         print(f"child: {error}", flush=True)
 
 
-def main(what: str) -> None:
+def main(uses: list[str]) -> None:
     """Hear, fork, wait for the child, hear on."""
     with Node("parent") as node:
         broadcaster = TransformBroadcaster(node)
@@ -64,10 +64,11 @@ def main(what: str) -> None:
         TransformListener(buffer, node)
         buffer.lookup_transform("map", "robot", timeout_s=WITHIN_S)
         context = multiprocessing.get_context("fork")
-        process = context.Process(target=child, args=(node, broadcaster, what))
-        process.start()
-        process.join(WITHIN_S)
-        print(f"child ended: {process.exitcode}", flush=True)
+        for what in uses:
+            process = context.Process(target=child, args=(node, broadcaster, what))
+            process.start()
+            process.join(WITHIN_S)
+            print(f"child ended: {process.exitcode}", flush=True)
         print("parent runs:", node.wait(0.01), flush=True)
         answer = buffer.lookup_transform("map", "robot", time.time_ns(), timeout_s=WITHIN_S)
         print("parent hears", answer.child_frame_id, flush=True)
@@ -75,4 +76,4 @@ def main(what: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1:])

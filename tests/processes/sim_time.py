@@ -1,13 +1,15 @@
 """Simulated time for tests: a clock in a process of its own, and a node that follows it."""
 
-from tests.live_bus import DEADLINE_S, Bus, Process, eventually
+from tests.buses import DEADLINE_S, eventually
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.messages import Empty, SetClock
+from tfbus.testing.programs import Program
 
 SECOND = 1_000_000_000
 
 
-def start_clock(bus: Bus, *options: str) -> Process:
+def start_clock(bus: Bus, *options: str) -> Program:
     """`tfbus clock` with these options, once it publishes the time."""
     clock = bus.start("clock", *options)
     clock.wait_for_line("It is ")

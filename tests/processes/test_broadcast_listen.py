@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.builders import STAMP_NS, S, at, x_of
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     BusError,
@@ -23,8 +24,6 @@ from tfbus import (
 from tfbus.listen.budget import Budget
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
-
-pytestmark = pytest.mark.real
 
 
 def test_a_transform_that_is_sent_is_in_the_listeners_buffer(sender: Node, buffer: Buffer) -> None:

@@ -5,13 +5,12 @@ import signal
 import pytest
 
 from tests.builders import x_of
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
 from tests.processes.publishers import start
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Change, TransformListener
 from tfbus.listen.claims import Rule
-
-pytestmark = pytest.mark.real
 
 
 class Listening:

@@ -6,8 +6,9 @@ from signal import SIGKILL
 import pytest
 
 from tests.builders import S, moved, x_of
-from tests.live_bus import Bus, Process, eventually
+from tests.buses import eventually
 from tests.processes.publishers import launch
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     Change,
@@ -17,14 +18,13 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 PATIENCE_S = 20.0
 FLEET = Fleet(shared_frames=("world", "map"))
 
 
-def robot(bus: Bus, number: int, *arguments: str) -> Process:
+def robot(bus: Bus, number: int, *arguments: str) -> Program:
     """A robot whose wheels move in the map, as many metres ahead as its number says."""
     moving = ("--moving", "map:base_link", "--x", str(number))
     return launch(bus, "wheels", "--namespace", f"robot{number}", *moving, *arguments)

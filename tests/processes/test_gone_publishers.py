@@ -5,9 +5,10 @@ import signal
 import pytest
 
 from tests.builders import at
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
 from tests.processes.publishers import start
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     Change,
@@ -17,8 +18,6 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-
-pytestmark = pytest.mark.real
 
 
 def gone(buffer: Buffer) -> list[str]:

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import free_port
 from tests.processes.publishers import start
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     ExtrapolationException,
@@ -22,8 +24,6 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.listen.history import AskedHistory
-
-pytestmark = pytest.mark.real
 
 S = 10**9
 
@@ -83,6 +83,7 @@ def test_what_a_publisher_sent_before_it_was_met_comes_too(bus: Bus) -> None:
             process.stop(signal.SIGKILL)
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("comes_first", ["listener", "publisher"])
 def test_history_comes_through_a_router(bus: Bus, comes_first: str) -> None:
     """Clients of a router have what was sent before they met, whichever came first."""

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, Process, eventually, free_port
-from tests.processes.many_publishers import frame
+from tests import simulated_bus
+from tests.buses import eventually
+from tests.live_bus import Bus, free_port
+from tests.processes.many_publishers import frame, publish
 from tfbus import Buffer, Node, TransformListener
-
-pytestmark = pytest.mark.real
 
 SCRIPT = Path(__file__).parent / "many_publishers.py"
 STREAMS = 50
@@ -38,45 +38,43 @@ class Joining:
         )
 
 
-class Meeting:
-    """Publishers and listeners that are peers, each linked with each, or clients of a router."""
-
-    def __init__(self, bus: Bus, *, clients: bool) -> None:
-        self._bus = bus
-        self._env = {"TFBUS_CONFIG": str(bus.quick_config)}
-        self._given: dict[str, object] = {}
-        if clients:
-            endpoint = f"tcp/127.0.0.1:{free_port()}"
-            router = bus.start("router", "--listen", endpoint)
-            router.wait_for_line("Routing on")
-            self._env |= {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
-            self._given |= {"mode": "client", "connect": (endpoint,)}
-
-    def publish(self) -> Process:
-        """Fifty processes, started."""
-        command = [sys.executable, str(SCRIPT), str(STREAMS), str(STATICS)]
-        return self._bus.start_command(command, env=self._env)
-
-    def join(self, name: str) -> Joining:
-        """A listener that comes now."""
-        return Joining(self._bus.node(name, **self._given))
+def publish_statics() -> None:
+    """As `many_publishers.publish`, of the number on its command line."""
+    publish(int(sys.argv[1]), STATICS)
 
 
-def are_ready(publishers: Process, number: int) -> bool:
-    """Whether this many of the publishers have joined the bus."""
-    return sum("ready" in line for line in publishers.err) >= number
-
-
-@pytest.mark.parametrize("clients", [False, True], ids=["peers", "clients"])
-def test_all_statics_are_known_whichever_process_starts_first(bus: Bus, clients: bool) -> None:
+def test_all_statics_are_known_whichever_process_starts_first(bus: simulated_bus.Bus) -> None:
     """A listener comes to know the twenty static frames of each of fifty processes; it may come
     before, amid or after them.
     """
-    meeting = Meeting(bus, clients=clients)
-    listeners = [meeting.join("before")]
-    publishers = meeting.publish()
+    listeners = [Joining(bus.node("before"))]
+    programs = [
+        bus.network.program("outside", publish_statics, str(number), env=bus.env)
+        for number in range(STREAMS)
+    ]
     for name, number in (("amid", STREAMS // 2), ("after", STREAMS)):
-        eventually(lambda number=number: are_ready(publishers, number), within_s=MET_WITHIN_S)
-        listeners.append(meeting.join(name))
+        eventually(lambda number=number: sum(bool(each.err) for each in programs) >= number)
+        listeners.append(Joining(bus.node(name)))
+    for listener in listeners:
+        eventually(listener.knows_all)
+
+
+@pytest.mark.real
+def test_statics_of_clients_are_known_whichever_process_starts_first(bus: Bus) -> None:
+    """The same of real processes, which are clients of a router."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus.start("router", "--listen", endpoint).wait_for_line("Routing on")
+    listeners = [Joining(bus.node("before", mode="client", connect=(endpoint,)))]
+    publishers = bus.start_command(
+        [sys.executable, str(SCRIPT), str(STREAMS), str(STATICS)],
+        env={"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint},
+    )
+
+    def are_ready(number: int) -> bool:
+        return sum("ready" in line for line in publishers.err) >= number
+
+    for name, number in (("amid", STREAMS // 2), ("after", STREAMS)):
+        eventually(lambda number=number: are_ready(number), within_s=MET_WITHIN_S)
+        listeners.append(Joining(bus.node(name, mode="client", connect=(endpoint,))))
     for listener in listeners:
         eventually(listener.knows_all, within_s=MET_WITHIN_S)

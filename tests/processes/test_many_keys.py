@@ -4,16 +4,15 @@ import pytest
 
 import tfbus.listen.registry
 from tests.builders import at
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
     TransformBroadcaster,
     TransformListener,
 )
-
-pytestmark = pytest.mark.real
 
 
 def test_frames_that_come_and_go_leave_room_for_others(

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 import pytest
 
 from tests.builders import x_of
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
 from tests.processes.publishers import start
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Change, TransformListener
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

@@ -1,14 +1,12 @@
-"""The tutorial, recorded on one bus and replayed on another."""
+"""The tutorial, recorded, and replayed once its processes have ended."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformListener
-
-pytestmark = pytest.mark.real
 
 pytest.importorskip("mcap")
 
@@ -26,35 +24,29 @@ def newest_ns(buffer: Buffer, frame: str) -> int:
     return buffer.frame(frame).newest_ns or 0
 
 
-@pytest.fixture
-def second_bus(tmp_path: Path) -> Iterator[Bus]:
-    """Another bus: no process of the first is on it."""
-    folder = tmp_path / "second"
-    folder.mkdir()
-    bus = Bus(folder)
-    yield bus
-    bus.close()
-
-
-def test_a_replay_has_the_same_lookups(bus: Bus, second_bus: Bus, tmp_path: Path) -> None:
-    """What a listener looked up on the first bus it looks up on the second, bit by bit."""
+def test_a_replay_has_the_same_lookups(bus: Bus, tmp_path: Path) -> None:
+    """What a listener looked up live it looks up from the recording, bit by bit."""
     file = tmp_path / "turtle.mcap"
     live = Buffer()
     with TransformListener(live, bus.node("live")):
         recorder = bus.start("bag", "record", "-o", str(file))
         recorder.wait_for_line("Recording to")
-        bus.start("simulator", "--headless")
-        bus.start("broadcaster")
-        bus.start("static", "world", "camera", "--x", "1")
-        bus.start("draw_square").wait_for_line("New goal")
+        tutorial = [
+            bus.start("simulator", "--headless"),
+            bus.start("broadcaster"),
+            bus.start("static", "world", "camera", "--x", "1"),
+            bus.start("draw_square"),
+        ]
+        tutorial[-1].wait_for_line("New goal")
         eventually(lambda: live.can_transform("camera", "drone"))
         since_ns = live.lookup_transform("world", "drone").stamp_ns
         eventually(lambda: live.can_transform("camera", "drone", since_ns + 2_000_000_000))
-        assert recorder.stop() == 0
+        for program in (recorder, *tutorial):
+            assert program.stop() == 0
     replayed = Buffer()
-    with TransformListener(replayed, second_bus.node("listener")):
-        player = second_bus.start("bag", "play", str(file), "--stamps", "recorded")
-        assert player.wait(timeout_s=60.0) == 0, player.err
+    with TransformListener(replayed, bus.node("listener")):
+        player = bus.start("bag", "play", str(file), "--stamps", "recorded")
+        assert player.wait(timeout_s=60.0) == 0, player.stderr
         first_ns = max(oldest_ns(each, frame) for each in (live, replayed) for frame in FRAMES)
         last_ns = min(newest_ns(each, frame) for each in (live, replayed) for frame in FRAMES)
         assert last_ns - first_ns > 1_000_000_000

@@ -5,12 +5,11 @@ import time
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
+from tests.simulated_bus import Bus
 from tfbus import Buffer, TimeoutException
 from tfbus.messages import Clock, SetClock
-
-pytestmark = pytest.mark.real
 
 
 def test_without_a_clock_time_is_0_and_nothing_goes_on(bus: Bus) -> None:

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
@@ -14,8 +15,6 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-
-pytestmark = pytest.mark.real
 
 
 @pytest.fixture

@@ -1,62 +1,65 @@
 """Processes under simulated time: how they end, and what they do by it."""
 
-import sys
+from collections.abc import Callable
+from contextlib import suppress
 from signal import SIGINT, SIGTERM
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.processes.sim_time import SECOND, Remote, follower, start_clock
+from tests.simulated_bus import Bus
+from tfbus import Buffer, Node, SystemClock, TimeoutException
 from tfbus.messages import Pose, RotateAbsolute, Twist, Vector3
 
-pytestmark = pytest.mark.real
 
-LOOP = """
-import tfbus
-with tfbus.Node.from_args("loop") as node:
-    node.wait_for_clock()
-    print("looping", flush=True)
-    while node.wait(1.0):
-        pass
-"""
-
-LOOKUP = """
-import tfbus
-with tfbus.Node.from_args("lookup") as node:
-    node.wait_for_clock()
-    print("looping", flush=True)
-    tfbus.Buffer(clock=node.clock).lookup_transform("a", "b", timeout_s=1.0)
-"""
-
-CALLBACK = """
-import tfbus
-with tfbus.Node.from_args("callback") as node:
-    buffer = tfbus.Buffer(clock=node.clock)
-    node.wait_for_clock()
-    def look():
-        print("looping", flush=True)
-        try:
-            buffer.lookup_transform("a", "b", timeout_s=1.0)
-        except tfbus.TimeoutException:
-            print("gave up", flush=True)
-    node.create_timer(0.01, look, clock=tfbus.SystemClock())
-    node.spin()
-"""
-
-NO_CLOCK = """
-import tfbus
-with tfbus.Node.from_args("patient") as node:
-    print("looping", flush=True)
-    node.wait_for_clock()
-"""
+def loop() -> None:
+    """Goes on by simulated time."""
+    with Node.from_args("loop") as node:
+        node.wait_for_clock()
+        print("looping")
+        while node.wait(1.0):
+            pass
 
 
-@pytest.mark.parametrize("program", [LOOP, LOOKUP, CALLBACK, NO_CLOCK])
-def test_a_node_ends_at_once_while_the_clock_is_paused(bus: Bus, program: str) -> None:
+def lookup() -> None:
+    """Waits for a transform that never comes."""
+    with Node.from_args("lookup") as node:
+        node.wait_for_clock()
+        print("looping")
+        Buffer(clock=node.clock).lookup_transform("a", "b", timeout_s=1.0)
+
+
+def callback() -> None:
+    """Waits for a transform that never comes in a callback."""
+    with Node.from_args("callback") as node:
+        buffer = Buffer(clock=node.clock)
+        node.wait_for_clock()
+
+        def look() -> None:
+            print("looping")
+            with suppress(TimeoutException):
+                buffer.lookup_transform("a", "b", timeout_s=1.0)
+
+        node.create_timer(0.01, look, clock=SystemClock())
+        node.spin()
+
+
+def no_clock() -> None:
+    """Waits for a clock that is not there."""
+    with Node.from_args("patient") as node:
+        print("looping")
+        node.wait_for_clock()
+
+
+@pytest.mark.parametrize("program", [loop, lookup, callback, no_clock])
+def test_a_node_ends_at_once_while_the_clock_is_paused(
+    bus: Bus, program: Callable[[], None]
+) -> None:
     """Ctrl-C ends a node that waits by a clock that stands still, wherever it waits."""
-    if program is not NO_CLOCK:
+    if program is not no_clock:
         start_clock(bus, "--paused")
-    process = bus.start_command([sys.executable, "-c", program, "--sim-time"])
+    process = bus.network.program("outside", program, "--sim-time", env=bus.env)
     process.wait_for_line("looping")
     assert process.stop(SIGINT) == 0
     assert not [line for line in process.err if "Did not wait" in line]

@@ -175,6 +175,7 @@ HARMFUL: dict[str, Callable[[], bytes]] = {
 }
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("name", HARMFUL)
 @pytest.mark.real
 def test_a_harmful_file_takes_no_memory(tmp_path: Path, name: str) -> None:

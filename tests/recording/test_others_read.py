@@ -140,6 +140,7 @@ def test_the_reader_of_mcap_finds_all(bag: Path) -> None:
     assert json.loads(events[0].metadata["facts"]) == {"epoch": 1, "frames": []}
 
 
+@pytest.mark.real
 def test_pymcap_cli_follows_the_tree(bag: Path) -> None:
     """A program of others looks up a transform across our channels."""
     program = os.environ.get("PYMCAP_CLI") or shutil.which("pymcap-cli")

@@ -14,7 +14,7 @@ from tests.fakes import InAThread
 from tests.live_bus import eventually
 from tfbus.runtime import scheduler
 from tfbus.runtime.lazy_exports import exported
-from tfbus.runtime.signals import StopSignals, _Handlers
+from tfbus.runtime.signals import StopSignals, _Handlers, _Stop
 
 
 @pytest.fixture
@@ -128,3 +128,13 @@ def test_outside_of_a_wait_ctrl_c_raises_keyboard_interrupt(signals: StopSignals
         signal.raise_signal(signal.SIGINT)
     assert signals.stopped
     assert not signals.wait(0.0)
+
+
+def test_as_python_ends_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes the names of a module away before the last objects of its classes end."""
+    unraisable: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    stop = _Stop()
+    monkeypatch.setattr("tfbus.runtime.signals.os", None)
+    del stop
+    assert unraisable == []

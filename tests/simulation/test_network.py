@@ -1,5 +1,6 @@
 """The simulated network as users have it: hosts, processes, paths, and words for its faults."""
 
+import threading
 import time
 
 import pytest
@@ -182,6 +183,16 @@ def test_udp_loses_messages_where_tcp_delays_them(network: Network, path: dict[s
     assert 40 < _arrived(network, "udp", **path) < 90
 
 
+def test_a_session_listens_at_its_own_host_alone(network: Network) -> None:
+    """An address of another host cannot be taken, as on a real one."""
+    network.host("base")
+    with network.process(network.host("robot"), "router"):
+        for own in ("robot", "[::]", "127.0.0.1"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen=f"tcp/{own}:7447")).close()
+        with pytest.raises(tfbus.BusError, match="could not join"):
+            tfbus.Node(settings=tfbus.NodeSettings("hub", listen="tcp/base:7447"))
+
+
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [
@@ -209,3 +220,17 @@ def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
     network.start(network.host("robot"), "node", fail)
     with pytest.raises(ValueError, match="a mistake of the node"):
         network.run(1.0)
+
+
+def test_a_process_is_in_its_main_thread_from_its_first_turn_on() -> None:
+    """Whichever turns the seed gives: where it was not, signals ended it without its handlers."""
+    found: list[bool] = []
+    for seed in range(20):
+        with Network(seed, interleaving=1) as network:
+            process = network.start(
+                network.host("robot"),
+                "node",
+                lambda: found.append(threading.current_thread() is threading.main_thread()),
+            )
+            network.run(until=lambda process=process: process.is_dead)
+    assert found == [True] * 20

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
-from tests.live_bus import Bus, eventually, keep_sending
+from tests import live_bus, needs
+from tests.buses import eventually, keep_sending
+from tests.simulated_bus import Bus
 from tfbus import (
     StaticTransformBroadcaster,
     Transform,
@@ -19,8 +20,6 @@ from tfbus import (
 from tfbus.messages import Empty
 from tfbus.top.rows import Cell, Row, Table, chosen, fitting, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
-
-pytestmark = pytest.mark.real
 
 pytest.importorskip("textual", reason="needs textual: the extra top")
 
@@ -76,7 +75,7 @@ Tmux = Callable[..., str]
 
 
 @pytest.fixture
-def tmux(bus: Bus, tmp_path: Path) -> Iterator[Tmux]:
+def tmux(bus: live_bus.Bus, tmp_path: Path) -> Iterator[Tmux]:
     """`tmux(...)` on a server of the test's own; `tmux("capture-pane", "-p")` is the screen."""
     needs.program("tmux")
     env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
@@ -89,8 +88,9 @@ def tmux(bus: Bus, tmp_path: Path) -> Iterator[Tmux]:
     run("kill-server")
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("columns", [80, 200])
-def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None:
+def test_the_screen_follows_its_keys(bus: live_bus.Bus, tmux: Tmux, columns: int) -> None:
     """In a terminal the tabs, the order, the filter and one frame's details are a key away."""
     keep_sending(bus.node("odometry"), "world", "base")
     mount = bus.node("mount")

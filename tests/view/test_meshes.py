@@ -5,6 +5,7 @@ import re
 import struct
 import threading
 import zipfile
+import zlib
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -154,6 +155,17 @@ def test_a_picture_of_the_urdf_is_drawn_where_the_mesh_has_a_place_for_it(
     assert part.color == color
     assert part.textured.startswith(b"glTF") is (not said)
     assert references.refused == ({"wood.png": said} if said else {})
+
+
+def test_a_mesh_is_drawn_without_a_picture_that_is_a_bomb() -> None:
+    """It has no colour, and why is said: no robot has a picture of 60,000 by 60,000 pixels."""
+    picture = bytearray(png((9, 9, 200)))
+    header = b"IHDR" + struct.pack(">II", 60_000, 60_000) + picture[24:29]
+    picture[12:33] = header + struct.pack(">I", zlib.crc32(header))
+    references = References()
+    [part] = read_mesh("obj", PLAIN_OBJ, references, ("wood.png", bytes(picture)))
+    assert part.color is None
+    assert "pixels" in references.refused["wood.png"]
 
 
 def test_a_mesh_with_texture_coordinates_and_no_picture_has_no_colour_of_its_own() -> None:

@@ -174,6 +174,7 @@ def test_a_value_that_the_message_refuses_is_no_message() -> None:
         (b"\x01", "a message must be a msgpack map, not an integer"),
         (b"\x80\x80", "not msgpack (ExtraData: unpack(b) received extra data.)"),
         (b"\x91" * 5000, "not msgpack (StackError: )"),
+        (b"\x81\xa1a\xd4\x05x", "not msgpack (ValueError: it has an extension of type 5)"),
     ],
 )
 def test_bytes_that_are_no_map_are_refused(payload: bytes, reason: str) -> None:
@@ -181,6 +182,11 @@ def test_bytes_that_are_no_map_are_refused(payload: bytes, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_map(payload)
     assert str(caught.value) == reason
+
+
+def test_a_time_of_msgpack_is_its_nanoseconds() -> None:
+    """So that every message can be shown, and sent again."""
+    assert decode_map(b"\x81\xa1a\xd6\xff\0\0\0\x02") == {"a": 2 * 10**9}
 
 
 @given(st.binary(max_size=200))

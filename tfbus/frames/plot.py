@@ -19,6 +19,9 @@ _COLOURS = ("#dc2626", "#16a34a", "#2563eb")  # x, y and z, as RViz has them
 _GREY = "#6b7280"
 _SIZE = (5.2, 3.4)
 
+# As the view: beyond, matplotlib has no axis.
+_FARTHEST_M = 1e15
+
 # The least that an axis spans: a frame at rest is a straight line, not the noise of rounding.
 _LEAST_M, _LEAST_DEGREES = 0.001, 0.1
 _LEAST_M_PER_S, _LEAST_RAD_PER_S = 0.001, 0.001
@@ -61,6 +64,8 @@ def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
 
 
 def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
+    if not (np.abs(track.poses.xyz) <= _FARTHEST_M).all():
+        raise TfbusError(f"{track.source!r} is farther than 1e15 m away: that cannot be plotted")
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     figure.set_size_inches(_SIZE[0] * columns, _SIZE[1] * rows + 0.5)

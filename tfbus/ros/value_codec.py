@@ -25,7 +25,7 @@ from tfbus.ros.message_type import (
     Text,
     Type,
 )
-from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, values_in
+from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
 
 # What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
 # as they are shared: a map of 10,000 by 10,000 cells is read.
@@ -415,6 +415,6 @@ def _read_packed(reader: ValueReader) -> Any:
     data = reader.octets()
     reader.spend_packed(data)
     try:
-        return msgpack.unpackb(data, strict_map_key=False)
+        return unpacked(data, strict_map_key=False)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error

@@ -177,9 +177,10 @@ class _Stop:
         self._readable, self._writable = os.pipe()
         _stops.add(self)
 
-    def __del__(self) -> None:
-        os.close(self._readable)
-        os.close(self._writable)
+    # One that outlives this module, as Python ends, finds none of its names.
+    def __del__(self, close: Callable[[int], None] = os.close) -> None:
+        close(self._readable)
+        close(self._writable)
 
     def leave_to_parent(self) -> None:
         """In a forked child: it has come, and the parent's file is the parent's."""

@@ -14,7 +14,7 @@ from tfbus.testing.callers import Handler
 from tfbus.testing.faces import Face
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import LEASE_S, Lane, Paths
-from tfbus.testing.meeting import Meeting
+from tfbus.testing.meeting import Meeting, foreign_place
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.queries import Cancellation
 from tfbus.testing.session_info import Scout
@@ -76,6 +76,8 @@ class Fabric:
             connect=tuple(settings.connect),
             listen=tuple(settings.listen),
         )
+        if place := foreign_place(session):
+            raise zenoh.ZError(f"Can not listen on {place}: Cannot assign requested address")
         process.sessions.append(session)
         self._sessions[session] = None
         self._meet_others(session, _MEETS_WITHIN_S)

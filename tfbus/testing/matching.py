@@ -87,7 +87,7 @@ class Publisher(_Matched):
         super().__init__(session, key)
         self._options = options
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes, **options: Any) -> None:
         if self._end is None:
             raise zenoh.ZError("Undeclared publisher")
         self._session.put(self._key, payload, **self._options)

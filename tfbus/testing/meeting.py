@@ -98,6 +98,16 @@ def _listens(session: "ZenohSession") -> list[tuple[str, str, str | None]]:
     return [(each["protocol"], each["host"], each["port"]) for each in found if each]
 
 
+def foreign_place(session: "ZenohSession") -> str:
+    """The endpoint that a session cannot listen on, since the address is not its host's; or ""."""
+    host = session.process.host
+    for endpoint in session.listen:
+        found = _ENDPOINT.fullmatch(endpoint)
+        if found and found["host"] and not _is_at(found["host"], host, host):
+            return endpoint
+    return ""
+
+
 def _is_heard(listens_at: str, one: "ZenohSession", other: "ZenohSession") -> bool:
     """Whether a session is on a host that reaches the address at which another listens."""
     return one.process.host is other.process.host or not _LOOPBACK.fullmatch(listens_at)

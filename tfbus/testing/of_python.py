@@ -190,11 +190,13 @@ class _Threads:
                 return
             if thread._started.is_set():  # type: ignore[attr-defined]
                 raise RuntimeError("threads can only be started once")
+            # Before the task is there: others may have their turns here, but it must not have its
+            # first one until it is known as this thread, and as the main thread of its process.
+            thread._started.set()  # type: ignore[attr-defined]
             threading._limbo[thread] = thread  # type: ignore[attr-defined]
             task = tasks.start(thread.name, tasks.current.place, lambda: _run(thread))
             task.thread = thread
             thread._simulated_task = task  # type: ignore[attr-defined]
-            thread._started.set()  # type: ignore[attr-defined]
 
         def join(thread: threading.Thread, timeout: float | None = None) -> None:
             task = task_of(thread)

@@ -40,11 +40,12 @@ class Program:
         module = sys.modules[main.__module__]
         self._out = _Written(is_terminal)
         self._err = self._out if joins_errors else _Written(is_terminal)
+        encoding = env.get("PYTHONIOENCODING", "utf-8")
         # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
         self._own: tuple[Any, ...] = (
             io.TextIOWrapper(_Typed(stdin.encode(), is_terminal), "utf-8"),
-            io.TextIOWrapper(self._out, "utf-8", newline="\n", write_through=True),
-            io.TextIOWrapper(self._err, "utf-8", newline="\n", write_through=True),
+            io.TextIOWrapper(self._out, encoding, newline="\n", write_through=True),
+            io.TextIOWrapper(self._err, encoding, newline="\n", write_through=True),
             [str(module.__file__), *arguments],
             dict(env),
             module,

@@ -37,7 +37,7 @@ class AdvancedPublisher(Publisher):
             self._own_key, zenoh.handlers.Callback(self._on_query, None, indirect=False)
         )
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes, **options: Any) -> None:
         session = self._session
         session.check_open()
         if self._end is None:

@@ -14,7 +14,7 @@ import msgpack
 
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
-from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wire.msgpack_items import too_many_items, unpacked
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -96,7 +96,7 @@ def decode_map(data: bytes) -> dict[str, Any]:
     if mistake := too_many_items(data):
         raise DecodeError(mistake)
     try:
-        value = msgpack.unpackb(data)
+        value = unpacked(data)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error
     if not isinstance(value, dict):

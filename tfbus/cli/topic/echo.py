@@ -41,6 +41,12 @@ class _Form:
     with_info: bool
 
     def text(self, arrival: Arrival, message: dict[str, Any]) -> str:
+        try:
+            return self._text(arrival, message)
+        except RecursionError:
+            return "# a message that is nested too deeply to be printed: --raw has its bytes"
+
+    def _text(self, arrival: Arrival, message: dict[str, Any]) -> str:
         shown = part_of(message, self.part) if self.part else message
         if self.kind == "json":
             return json_line(shown)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import BusType
 from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.compat.rclpy.work import Work
 from tfbus.errors import ServiceError
 from tfbus.node.endpoint import Endpoint
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 _LOOKS_EVERY_S = 0.5
 
 
-class Publisher:
+class Publisher(TakesTypes):
     """Publishes messages of one type on a topic."""
 
     def __init__(
@@ -57,7 +58,7 @@ class Publisher:
         self.endpoint.close()
 
 
-class Subscription:
+class Subscription(TakesTypes):
     """Keeps the last messages of a topic, `depth` of them, until the node is spun."""
 
     def __init__(
@@ -187,7 +188,7 @@ class Rate:
         self._next_ns = max(self._next_ns, now_ns) + self._period_ns
 
 
-class Service:
+class Service(TakesTypes):
     """Answers requests by `callback(request, response)`, while the node is spun."""
 
     def __init__(
@@ -241,7 +242,7 @@ def ask_while_spun(
     return answer
 
 
-class Client:
+class Client(TakesTypes):
     """Calls a service of another node."""
 
     def __init__(self, client: TfbusClient, work: Work) -> None:

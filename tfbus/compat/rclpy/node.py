@@ -11,6 +11,7 @@ from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveC
 from tfbus.compat.rclpy.clock import Clock
 from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subscription, Timer
 from tfbus.compat.rclpy.logging import RosLogger
+from tfbus.compat.rclpy.node_graph import NamesAndTypes, NodeGraph
 from tfbus.compat.rclpy.node_parameters import (
     NodeParameters,
     OnSet,
@@ -45,11 +46,8 @@ ParameterType: Any = message_class("rcl_interfaces/msg/ParameterType")
 # What a node of rclpy has, is not here, and what does the same.
 _INSTEAD = {
     "create_guard_condition": "node.work.submit(callback)",
-    "get_node_names": "`tfbus node list`",
-    "get_service_names_and_types": "`tfbus service list`",
-    "get_topic_names_and_types": "`tfbus topic list -t`",
-    "count_publishers": "`tfbus topic info`",
-    "count_subscribers": "`tfbus topic info`",
+    "get_publishers_info_by_topic": "count_publishers(topic), `tfbus topic info -v`",
+    "get_subscriptions_info_by_topic": "count_subscribers(topic), `tfbus topic info -v`",
 }
 
 
@@ -96,6 +94,7 @@ class Node:
         self.tfbus_node = TfbusNode.from_args(node_name, arguments)
         self.work = Work(self.tfbus_node.executor.delays)
         self.default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._graph = NodeGraph(self.tfbus_node)
         self._said: set[str] = set()
         self._elsewhere: dict[str, TfbusNode] = {}
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
@@ -313,6 +312,32 @@ class Node:
         """End it."""
         client.destroy()
         return True
+
+    # Who is there
+
+    def get_node_names(self) -> list[str]:
+        """The names of all nodes, without their namespaces."""
+        return [name for name, _ in self._graph.nodes()]
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """The names of all nodes, each with its namespace."""
+        return self._graph.nodes()
+
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
+        """The full names of all topics, each with its types; asks all nodes."""
+        return self._graph.topics()
+
+    def get_service_names_and_types(self) -> NamesAndTypes:
+        """The full names of all services, each with its types; asks all nodes."""
+        return self._graph.services()
+
+    def count_publishers(self, topic_name: str) -> int:
+        """How many publish a topic; asks all nodes."""
+        return self._graph.publishers(topic_name)
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """How many subscribe to a topic, of transforms 0; asks all nodes."""
+        return self._graph.subscribers(topic_name)
 
     # Its parameters
 

@@ -4,6 +4,7 @@ from enum import IntEnum
 from typing import Any
 
 from tfbus.compat.message_classes import message_class
+from tfbus.compat.rclpy.type_support import TakesTypes
 
 __all__ = ["Parameter", "ParameterValue"]
 
@@ -61,7 +62,7 @@ class ParameterValue:
             setattr(self, f"{_SCALARS[type(value)][1]}_value", value)
 
 
-class Parameter:
+class Parameter(TakesTypes):
     """A parameter of a node, as it is at this moment."""
 
     Type = _Type

@@ -5,6 +5,8 @@ import threading
 from collections.abc import Callable, Generator
 from typing import Any
 
+from tfbus.compat.rclpy.type_support import TakesTypes
+
 __all__ = ["Future"]
 
 Run = Callable[[Callable[[], None]], None]
@@ -14,7 +16,7 @@ def _at_once(callback: Callable[[], None]) -> None:
     callback()
 
 
-class Future:
+class Future(TakesTypes):
     """A result that comes later.
 
     `await` it in a callback that is a coroutine, or in asyncio; or wait for it with

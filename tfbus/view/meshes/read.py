@@ -80,7 +80,7 @@ class _Texture:
         try:
             picture = pillow.open(io.BytesIO(data))
             self._picture = small_picture(picture)
-        except MeshError as error:
+        except (MeshError, pillow.DecompressionBombError) as error:
             self.mistake = str(error)
         except (OSError, ValueError, SyntaxError):  # as Pillow's decoders raise them
             self.mistake = "it is not a picture"

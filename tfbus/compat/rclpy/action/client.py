@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfbus.compat.rclpy.action.status import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
 from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import TfbusError
 from tfbus.node.action import GOAL_TIMEOUT_S
 from tfbus.runtime.callback_groups import CallbackGroup
@@ -32,7 +33,7 @@ class GoalFeedback(NamedTuple):
     feedback: Any
 
 
-class ClientGoalHandle:
+class ClientGoalHandle(TakesTypes):
     """A goal at its client."""
 
     def __init__(self, node: "Node", sent: "SentGoal", *, accepted: bool) -> None:
@@ -85,7 +86,7 @@ class ClientGoalHandle:
         self._result.set_result(GoalOutcome(self.status, ended.result))
 
 
-class ActionClient:
+class ActionClient(TakesTypes):
     """Sends goals to the server of an action."""
 
     def __init__(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.rclpy.action.status import GoalStatus, uuid_of
 from tfbus.compat.rclpy.endpoints import ask_while_spun
+from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ServiceError
 from tfbus.runtime.callables import is_async
 
@@ -40,7 +41,7 @@ class CancelResponse(Enum):
     ACCEPT = 2
 
 
-class ServerGoalHandle:
+class ServerGoalHandle(TakesTypes):
     """A goal at its server: what it asks for, and how it goes on."""
 
     def __init__(self, server: "ActionServer", handle: "GoalHandle") -> None:
@@ -126,7 +127,7 @@ def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
     goal_handle.execute()
 
 
-class ActionServer:
+class ActionServer(TakesTypes):
     """Serves an action: `execute_callback(goal_handle)` returns the Result, or is a coroutine.
 
     `cancel_callback` is called on a thread of the node, so that a goal that is executed can be

@@ -2,10 +2,13 @@
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from signal import SIGINT
+from types import ModuleType
 from typing import Any
 from unittest.mock import patch
 
@@ -22,8 +25,11 @@ class Bus:
     Of a node that is to be killed or stopped: `with bus.network.process("outside", "robot")`.
     """
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, host: str = "outside") -> None:
         self.network = network
+        self.host = host
+        with network.process(host, "test") as self._process:
+            pass
         # How to join it, as the real one has.
         self.options: list[str] = []
         self.env = {
@@ -34,21 +40,21 @@ class Bus:
 
     def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
         """A node in the process of the test; what is given are fields of NodeSettings."""
-        node = Node(settings=NodeSettings(name, namespace=namespace, **given))
+        with self.network.within(self._process):
+            node = Node(settings=NodeSettings(name, namespace=namespace, **given))
         self._nodes.append(node)
         return node
 
-    def start(self, *arguments: str, env: dict[str, str] | None = None) -> Program:
+    def start(self, *arguments: str, env: dict[str, str] | None = None, **given: Any) -> Program:
         """`tfbus ARGUMENTS` as a process that goes on."""
-        return self.start_python("tfbus.__main__", *arguments, env=env)
+        return self.start_python("tfbus.__main__", *arguments, env=env, **given)
 
     def start_python(
         self,
         module: str,
         *arguments: str,
         env: dict[str, str] | None = None,
-        stdin: str = "",
-        is_terminal: bool = False,
+        **given: Any,
     ) -> Program:
         """`python -m MODULE ARGUMENTS` as a process that goes on; its `main` takes none."""
         return self.start_main(
@@ -56,9 +62,24 @@ class Bus:
             *arguments,
             name=module.removesuffix(".__main__"),
             env=env,
-            stdin=stdin,
-            is_terminal=is_terminal,
+            **given,
         )
+
+    def start_file(self, path: Path, *arguments: str, **given: Any) -> Program:
+        """`python PATH ARGUMENTS` as a process that goes on."""
+        return self.start_text(path.read_text(), path, *arguments, **given)
+
+    def start_text(self, text: str, path: Path, *arguments: str, **given: Any) -> Program:
+        """A program of this text, as if it was read from the path."""
+        code = compile(text, path, "exec")
+
+        def main() -> None:
+            # Classes of the program are found by the name of its module.
+            sys.modules["__main__"] = ModuleType("__main__")
+            sys.argv[0] = str(path)
+            exec(code, vars(sys.modules["__main__"]))
+
+        return self.start_main(main, *arguments, name=path.name, **given)
 
     def start_main(
         self,
@@ -66,18 +87,16 @@ class Bus:
         *arguments: str,
         name: str = "",
         env: dict[str, str] | None = None,
-        stdin: str = "",
-        is_terminal: bool = False,
+        **given: Any,
     ) -> Program:
-        """A program of its own, which is a function of a test's, as a process that goes on."""
+        """A program that is a function, as a process that goes on; the rest as Network.program."""
         return self.network.program(
-            self.network.outside,
+            self.host,
             main,
             *arguments,
             name=name,
             env={**self.env, **(env or {})},
-            stdin=stdin,
-            is_terminal=is_terminal,
+            **given,
         )
 
     def run(

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.bridge.fake_leg import FakeRos
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.leg import LegSettings
@@ -17,7 +17,7 @@ Bridged = Callable[..., Bridge]
 
 
 @pytest.fixture
-def ros() -> Iterator[FakeRos]:
+def ros(bus: Bus) -> Iterator[FakeRos]:
     """A ROS of the test's own."""
     ros = FakeRos()
     yield ros

@@ -6,7 +6,7 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from tests.live_bus import DEADLINE_S
+from tests.buses import DEADLINE_S
 from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.errors import TfbusError
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from tests import needs
+from tests.buses import eventually
 from tests.hosts.network import Hosts
-from tests.live_bus import Process, eventually
+from tests.live_bus import Process
 
 DISTROS = ("kilted", "jazzy")
 LEGS = ("dds", "rclpy")

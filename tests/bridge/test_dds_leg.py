@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus.bridge.dds_config import configuration
 from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
 from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic

@@ -1,9 +1,9 @@
 """Nothing goes round, whatever the loop."""
 
+import time
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -11,8 +11,9 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     Node,
@@ -20,12 +21,11 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-
-pytestmark = pytest.mark.real
+from tfbus.testing import Network
 
 
 @pytest.fixture
-def other_ros() -> Iterator[FakeRos]:
+def other_ros(bus: Bus) -> Iterator[FakeRos]:
     """A second ROS, apart from the first."""
     ros = FakeRos()
     yield ros
@@ -33,11 +33,11 @@ def other_ros() -> Iterator[FakeRos]:
 
 
 @pytest.fixture
-def other_bus(tmp_path: Path) -> Iterator[Bus]:
-    """A second bus, apart from the first."""
-    folder = tmp_path / "other"
-    folder.mkdir()
-    bus = Bus(folder)
+def other_bus(network: Network) -> Iterator[Bus]:
+    """A second bus, on a host that is cut off from the first."""
+    network.host("other")
+    network.partition("other")
+    bus = Bus(network, "other")
     yield bus
     bus.close()
 
@@ -157,6 +157,7 @@ def eventually_once(late: TfNode, child: str, send: object) -> None:
         late.heard.clear()
         for _ in range(30):
             send()
+        time.sleep(0.01)
         late.leg.ros.settle()
         came = [each for each in late.heard if each.child_frame_id == child]
         return bool(came) and not repeated(late, child)

@@ -2,17 +2,14 @@
 
 import logging
 
-import pytest
-
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH
 from tfbus.bridge.lost import LostMessages
-
-pytestmark = pytest.mark.real
 
 
 class TestNumbers:

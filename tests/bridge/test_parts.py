@@ -10,7 +10,7 @@ import pytest
 from tests.bridge.fake_leg import FakeRos, FakeSubscription
 from tests.builders import S, at
 from tests.fakes import Clock
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.frame_names import FrameNames
@@ -23,8 +23,6 @@ from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.timer import Timer
-
-pytestmark = pytest.mark.real
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:

@@ -8,7 +8,7 @@ import pytest
 
 from tests import needs
 from tests.bridge.ros2_network import DISTROS, LEGS, Heard, Ros2Network
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.type_hash import type_hash
 

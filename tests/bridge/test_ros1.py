@@ -12,7 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, Process, eventually, free_port, keep_sending, send_until
+from tests.buses import eventually, keep_sending, send_until
+from tests.live_bus import Bus, Process, free_port
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,

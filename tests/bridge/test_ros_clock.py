@@ -8,16 +8,15 @@ import pytest
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.builders import S
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge import ros_clock
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.ros_clock import TOPIC, read_clock, write_clock
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
-
-pytestmark = pytest.mark.real
 
 STAMP_NS = 1670400305709085026
 

@@ -8,14 +8,13 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
+from tests.buses import eventually, send_until
 from tests.fakes import Clock, Lines
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, TfbusError, TransformListener, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.wire.keys import node_key
-
-pytestmark = pytest.mark.real
 
 
 def message_of(*transforms: TransformStamped) -> bytes:

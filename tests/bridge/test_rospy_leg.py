@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.bridge import rospy_leg
 from tfbus.bridge.leg import RosTopic
 from tfbus.bridge.rospy_leg import RospyLeg

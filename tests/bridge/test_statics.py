@@ -8,8 +8,9 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos, FakeSender
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     InvalidArgumentException,
@@ -21,8 +22,6 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.ros.tf_message import TFMessageReader
-
-pytestmark = pytest.mark.real
 
 
 def test_late_joiners_of_ros_get_one_message_with_all(

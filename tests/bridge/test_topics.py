@@ -8,7 +8,8 @@ import pytest
 
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeLeg, FakeRos
-from tests.live_bus import Bus, eventually, send_until
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import RosTopic
@@ -36,8 +37,6 @@ from tfbus.ros.definitions import (
 )
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
-
-pytestmark = pytest.mark.real
 
 FORWARD = {
     "linear": {"x": 2.0, "y": 0.0, "z": 0.0},

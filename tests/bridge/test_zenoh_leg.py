@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.bridge.ros_router import RosRouter
-from tests.live_bus import DEADLINE_S, eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs import open_leg

@@ -10,7 +10,8 @@ import pytest
 
 from tests import needs
 from tests.bridge.ros_router import RosRouter
-from tests.live_bus import Process, eventually, send_until
+from tests.buses import eventually, send_until
+from tests.live_bus import Process
 from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.zenoh_leg import ZenohLeg
 from tfbus.ros.definitions import TF_MESSAGE

@@ -11,8 +11,6 @@ from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import TopicItem, TransformItem
 
-pytestmark = pytest.mark.real
-
 # Runs in Debian's Python, without anything of tfbus.
 WRITE = """
 import sys
@@ -37,6 +35,7 @@ with rosbag.Bag(sys.argv[1], "w", compression=sys.argv[2]) as bag:
 
 
 @pytest.mark.parametrize("compression", ["none", "bz2"])
+@pytest.mark.real
 def test_a_bag_of_ros_1_is_imported(tmp_path: Path, compression: str) -> None:
     """Every message of it, with its stamps and numbers."""
     python = needs.python_of_rosbag()

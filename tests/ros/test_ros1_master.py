@@ -11,8 +11,6 @@ import pytest
 
 from tfbus.ros.ros1_master import Ros1Master, Ros1State
 
-pytestmark = pytest.mark.real
-
 PAGE = b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<html><p>Hello<br></html>"
 NO_PAGE = b"HTTP/1.0 404 Not Found\r\n\r\nnone"
 SSH = b"SSH-2.0-OpenSSH_9.2\r\n"
@@ -45,6 +43,7 @@ def server() -> Iterator[Callable[[bytes], str]]:
 
 
 @pytest.mark.parametrize("answer", [PAGE, NO_PAGE, SSH, FAULT, b""])
+@pytest.mark.real
 def test_another_server_is_an_os_error(server: Callable[[bytes], str], answer: bytes) -> None:
     """Whatever it answers, the caller has one kind of error to expect."""
     with pytest.raises(OSError):
@@ -74,6 +73,7 @@ def answering(answer: Any) -> Ros1State:
             thread.join()
 
 
+@pytest.mark.real
 def test_the_state_of_a_master_is_by_topic() -> None:
     """Who publishes, who subscribes, and who offers services."""
     state = answering([1, "", [[["/tf", ["/a", "/b"]]], [["/tf", ["/c"]]], []]])
@@ -81,6 +81,7 @@ def test_the_state_of_a_master_is_by_topic() -> None:
 
 
 @pytest.mark.parametrize("answer", [[1, "", 7], [1, "", []], [1, "", [[1], [], []]], [0, "no", 0]])
+@pytest.mark.real
 def test_another_state_is_an_os_error(answer: Any) -> None:
     """As of a program that has the method by chance."""
     with pytest.raises(OSError):

@@ -321,6 +321,26 @@ def a_query_ends_when_all_have_closed_it(stage: Stage) -> None:
 
 
 @scenario
+def a_query_of_its_own_session_ends_when_that_has_closed_it(stage: Stage) -> None:
+    a, b = _pair(stage)
+    a.silent_queryable("q", "q")
+    a.ask_later("asked", "q", 60.0)
+    # A message there and back passes in the meantime.
+    a.subscriber("in", "k")
+    b.publisher("k")
+    b.expect("heard", "k", gives=True)
+    b.put("k", "x")
+    a.expects("in", "k=x")
+    a.expects("asked")
+
+    def is_ended() -> bool:
+        a.release()
+        return a.events("asked") == ["end"]
+
+    assert stage.wait(is_ended)
+
+
+@scenario
 def a_query_of_a_host_without_its_cable_ends(stage: Stage) -> None:
     a, b = _pair(stage)
     a.silent_queryable("q", "q")
@@ -492,6 +512,15 @@ def a_session_outside_sees_the_namespace(stage: Stage) -> None:
     a.put("k", "x")
     b.expects("in", "robot7/k=x")
     b.expects("seen", "+robot7/@h/1")
+
+
+@scenario
+def a_query_of_all_reaches_a_namespace(stage: Stage) -> None:
+    a = stage.open("a", "h1", namespace="robot7")
+    b = stage.open("b", "h2")
+    a.queryable("q", "@h/1", "x")
+    for expression in ("**/@h/*", "*/@h/1", "robot7/@h/*"):
+        b.expect("ask", expression, 5.0, "", gives=["robot7/@h/1=x"])
 
 
 @scenario

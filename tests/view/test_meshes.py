@@ -174,6 +174,7 @@ def test_a_mesh_with_texture_coordinates_and_no_picture_has_no_colour_of_its_own
     assert (part.color, part.textured) == (None, b"")
 
 
+@pytest.mark.real
 def test_the_picture_of_the_urdf_comes_from_the_machine_of_the_mesh(tmp_path: Path) -> None:
     """Of each machine; one that is not there is named, and the mesh is shown without it."""
     (tmp_path / "a.obj").write_bytes(PLAIN_OBJ)
@@ -304,6 +305,7 @@ class Machine:
         return self.files[name]
 
 
+@pytest.mark.real
 def test_a_mesh_of_another_machine_comes_with_its_materials_and_once() -> None:
     """They are asked for by their names beside it."""
     machine = Machine({"package://arm/a.obj": OBJ, "package://arm/colors.mtl": MTL})
@@ -321,6 +323,7 @@ def test_a_mesh_of_another_machine_comes_with_its_materials_and_once() -> None:
         loader.close()
 
 
+@pytest.mark.real
 def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> None:
     """Neither by a path from the root nor by one that leads out."""
     secret = tmp_path / "colors.mtl"
@@ -346,6 +349,7 @@ def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> 
         (OSError(12, "Cannot allocate memory"), "it cannot be read: Cannot allocate memory"),
     ],
 )
+@pytest.mark.real
 def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
     error: Exception, said: str
 ) -> None:
@@ -390,6 +394,7 @@ def test_those_who_used_least_time_go_first() -> None:
     assert turns.next() == ("quick", "1") and turns.next() is None
 
 
+@pytest.mark.real
 def test_a_file_that_takes_long_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """It makes way, is read beside them, and ends in its own time, with why."""
     monkeypatch.setattr("tfbus.view.meshes.loader._MAKES_WAY_S", 0.5)

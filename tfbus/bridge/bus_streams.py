@@ -2,13 +2,13 @@
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Collection
 
 from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
+from tfbus.runtime import scheduler
 
 # A stream says where it comes from soon after its first message, and the ROS around may know a
 # publisher later than another bridge does: until then nothing of it goes to ROS.
@@ -30,7 +30,7 @@ class BusStreams:
         node: Node,
         publishers: RosPublishers,
         on_change: Callable[[], object],
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._session = node.session.id
         self._publishers = publishers

@@ -1,11 +1,11 @@
 """What has crossed in one direction does not cross back, whatever way it takes through ROS."""
 
 import threading
-import time
 from collections.abc import Callable, Iterable
 from typing import Literal
 
 from tfbus.geometry.columns import Columns
+from tfbus.runtime import scheduler
 
 Way = Literal["to ROS", "from ROS"]
 _OTHER: dict[Way, Way] = {"to ROS": "from ROS", "from ROS": "to ROS"}
@@ -31,7 +31,7 @@ class Crossed:
     def __init__(
         self,
         on_contested: Callable[[], object],
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._on_contested = on_contested
         self._clock_s = clock_s

@@ -1,6 +1,5 @@
 """Which frames of ROS cross to the bus: none that came from there, by this bridge or another."""
 
-import time
 from collections.abc import Callable
 
 from tfbus.bridge.bridges import Bridges
@@ -8,6 +7,7 @@ from tfbus.bridge.common import Common
 from tfbus.bridge.ros_sources import RosSource
 from tfbus.geometry.transform import TransformStamped
 from tfbus.ros.ros_names import is_bridge
+from tfbus.runtime import scheduler
 
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
@@ -34,7 +34,7 @@ class CrossingRule:
         tells_publishers: bool,
         sent_there: Callable[[str], bool],
         static_there: Callable[[str], TransformStamped | None],
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._options = common.options
         self._publishers = common.publishers

@@ -1,11 +1,11 @@
 """A limit of how many transforms of a frame cross in a second: the newest goes."""
 
 import threading
-import time
 from collections.abc import Callable
 
 from tfbus.bridge.routes import chosen
 from tfbus.geometry.columns import Columns
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.timer import Timer
 
@@ -25,7 +25,7 @@ class RateLimit:
         rate_hz: float,
         send: Callable[[Columns], object],
         executor: Executor,
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._period_s = 1.0 / rate_hz
         self._send = send

@@ -2,7 +2,6 @@
 
 import struct
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -15,6 +14,7 @@ from tfbus.node.node import Node
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
 from tfbus.ros.ros_names import is_bridge
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message
@@ -57,7 +57,7 @@ class RosClock:
         others: Callable[[], Sequence[RosBridge]] = lambda: (),
         is_senior: Callable[[RosBridge], bool] = lambda other: True,
         on_way: Callable[[], object] = lambda: None,
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self.way: Literal["", "to ROS", "from ROS"] = ""
         self._node = node

@@ -1,13 +1,13 @@
 """Who is there in ROS over Zenoh: publishers, subscribers and nodes, as their tokens say."""
 
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tfbus.bridge.leg import RosPublisher
 from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
+from tfbus.runtime import scheduler
 from tfbus.wording import listed, printable
 
 # Tokens are strangers' to make up.
@@ -34,7 +34,7 @@ class RosGraph:
     """The tokens of others that are alive: those of the session `own` are left out."""
 
     def __init__(
-        self, domain: int, own: str, clock_s: Callable[[], float] = time.monotonic
+        self, domain: int, own: str, clock_s: Callable[[], float] = lambda: scheduler.monotonic()
     ) -> None:
         # Tokens that are not of that form, or beyond what is kept.
         self.dropped = 0

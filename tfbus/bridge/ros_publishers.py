@@ -1,10 +1,10 @@
 """Who publishes transforms in ROS."""
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 
 from tfbus.bridge.leg import Leg
+from tfbus.runtime import scheduler
 from tfbus.wording import printable
 
 # One that is missing from this many looks, one after the other, is gone.
@@ -23,7 +23,10 @@ class RosPublishers:
     """
 
     def __init__(
-        self, leg: Leg, topics: Sequence[str], clock_s: Callable[[], float] = time.monotonic
+        self,
+        leg: Leg,
+        topics: Sequence[str],
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._leg = leg
         self._topics = topics

@@ -1,6 +1,5 @@
 """Whose transforms come from ROS: the publishers that have sent, and their streams on the bus."""
 
-import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 
@@ -11,6 +10,7 @@ from tfbus.bridge.routes import Routes
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
 from tfbus.listen.reception import lines_of
+from tfbus.runtime import scheduler
 from tfbus.wording import printable
 
 # A message may come before ROS says who publishes it: this many are kept, for this long.
@@ -71,7 +71,7 @@ class RosSources:
         make: Callable[[str, str, RosStream], RosSource],
         take: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._node = common.node
         self._publishers = common.publishers

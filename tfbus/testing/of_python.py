@@ -224,5 +224,12 @@ def _run(thread: threading.Thread) -> None:
     thread._ident = _thread.get_ident()  # type: ignore[attr-defined]
     threading._active[thread._ident] = thread  # type: ignore[attr-defined]
     threading._limbo.pop(thread, None)  # type: ignore[attr-defined]
-    with suppress(SystemExit):
-        thread.run()
+    try:
+        with suppress(SystemExit):
+            thread.run()
+    finally:
+        # Who joins it after the simulation is not to wait.
+        if hasattr(thread, "_handle"):
+            thread._handle._set_done()
+        else:
+            thread._is_stopped = True  # type: ignore[attr-defined]

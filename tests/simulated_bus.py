@@ -25,11 +25,14 @@ class Bus:
     Of a node that is to be killed or stopped: `with bus.network.process("outside", "robot")`.
     """
 
-    def __init__(self, network: Network, host: str = "outside") -> None:
+    def __init__(self, network: Network, host: str = "") -> None:
+        """A bus on the host of the test, or on another one."""
         self.network = network
-        self.host = host
-        with network.process(host, "test") as self._process:
-            pass
+        self._process = network.current_process()
+        if host:
+            with network.process(host, "test") as self._process:
+                pass
+        self.host = self._process.host
         # How to join it, as the real one has.
         self.options: list[str] = []
         self.env = {

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import tfbus
 import tfbus.messages
+import tfbus.testing
 import tfbus.view
 from tfbus.runtime.structs import Struct
 from tfbus.view import View
@@ -44,14 +45,32 @@ _HEAD = """\
 # API reference
 
 All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
-from `tfbus.messages` or `tfbus.view` where that is the heading. Lengths are metres, angles radians,
-quaternions x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since the Unix epoch.
+from `tfbus.messages`, `tfbus.testing` or `tfbus.view` where that is the heading. Lengths are
+metres, angles radians, quaternions x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since
+the Unix epoch.
 """
 
 
 _VIEW = """\
 A page of a buffer or a recording, with what a program draws; it needs the extra `view`. See [the
 guide](../guide/view.md).
+"""
+
+# Methods that the simulated network itself calls.
+_INNER = {
+    "Network.tasks",
+    *(
+        f"Process.{name}"
+        for name in ("at_exit", "call_at_exit", "enter", "forget_at_exit", "go_on")
+    ),
+    *(f"Process.{name}" for name in ("handler", "leave", "object_of", "receive", "set_handler")),
+    "Process.urandom",
+    *(f"Program.{name}" for name in ("enter", "leave", "run")),
+}
+
+_TESTING = """\
+A simulated network for tests, and the fixture `network` of pytest. See [the
+guide](../guide/testing.md).
 """
 
 
@@ -78,6 +97,10 @@ def page() -> str:
         _entry(value.__name__, value, made=False)
         for value in sorted(_returned(), key=lambda value: value.__name__)
     ]
+    parts += ["## tfbus.testing\n", _TESTING]
+    for name in tfbus.testing.__all__:
+        value = getattr(tfbus.testing, name)
+        parts.append(_entry(name, value, made=name in ("Network", "Faults")))
     parts += ["## tfbus.view\n", _VIEW]
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
     parts += ["## tfbus.messages\n", _paragraphs(tfbus.messages.__doc__ or "")]
@@ -169,7 +192,11 @@ def _members(value: type) -> list[Member]:
     inherited: dict[str, Member] = {}
     for body in _bodies(value):
         for node in body.body:
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node):
+            if (
+                isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+                and _is_public(node)
+                and f"{body.name}.{node.name}" not in _INNER
+            ):
                 into = found if body.name == value.__name__ else inherited
                 into.setdefault(node.name, _function(node, value.__name__))
     return [*found.values(), *(member for name, member in inherited.items() if name not in found)]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.compat import rclpy as ported
 
 

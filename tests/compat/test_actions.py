@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.compat.spinning import spin_until
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import messages
 from tfbus.compat.action_msgs.msg import GoalStatus
 from tfbus.compat.example_interfaces.action import Fibonacci
@@ -21,8 +21,6 @@ from tfbus.compat.rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.action import RotateAbsolute
-
-pytestmark = pytest.mark.real
 
 
 def count(goal_handle: Any) -> Any:

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from tests.buses import DEADLINE_S, eventually
 from tests.compat.spinning import spin_until
 from tests.fakes import Lines
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus.compat import tf2_ros
 from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.callback_groups import (
@@ -32,8 +33,6 @@ from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Empty
 from tfbus.discover.parameters import set_parameter
 from tfbus.errors import TfbusError
-
-pytestmark = pytest.mark.real
 
 
 @contextmanager

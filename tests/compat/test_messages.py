@@ -18,7 +18,7 @@ import pytest
 from tests import needs
 from tests.compat.facts_of_interfaces import facts
 from tests.compat.spinning import publish_until, spin_until
-from tests.live_bus import Bus
+from tests.simulated_bus import Bus
 from tfbus import messages
 from tfbus.compat.diagnostic_msgs.msg import DiagnosticStatus
 from tfbus.compat.geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance
@@ -33,8 +33,6 @@ from tfbus.discover.presence import describe_nodes
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import interfaces_of, packages
 from tfbus.wire.codec import as_map, decode_message, encode_message, type_name
-
-pytestmark = pytest.mark.real
 
 # Of ROS 2 Kilted, as far as its small environment has them.
 _IN_KILTED = [
@@ -83,6 +81,7 @@ def test_every_interface_is_there(name: str) -> None:
         assert decode_message(message_type, encode_message(message)) == message
 
 
+@pytest.mark.real
 def test_messages_are_as_in_rclpy() -> None:
     """The same fields and types, defaults, constants, and the same text."""
     python = needs.python_of_ros2("kilted")
@@ -184,6 +183,7 @@ def test_types_have_their_names_in_ros_on_the_bus() -> None:
     assert type_name(interface_class("turtlesim/srv/Spawn")) == "Spawn"
 
 
+@pytest.mark.real
 def test_packages_of_ones_own_are_read_from_their_files(tmp_path: Path) -> None:
     """As people write them, from the folders in TFBUS_INTERFACES and folders below them."""
     package = tmp_path / "my_msgs"

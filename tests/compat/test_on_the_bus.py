@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from tests.builders import x_of
-from tests.live_bus import Bus, eventually, send_static, send_until
+from tests.buses import eventually, send_static, send_until
+from tests.simulated_bus import Bus
 from tfbus import Buffer as TfbusBuffer
 from tfbus import Node, Transform, TransformBroadcaster, TransformListener, TransformStamped
 from tfbus.compat import tf2_ros
@@ -16,8 +17,6 @@ from tfbus.compat.geometry_msgs.msg import TransformStamped as Message
 from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.qos import QoSProfile
 from tfbus.compat.rclpy.time import Time
-
-pytestmark = pytest.mark.real
 
 LONG = Duration(seconds=20)
 

@@ -15,9 +15,11 @@ import pytest
 
 from tests import needs
 from tests.builders import x_of
+from tests.buses import eventually, keep_sending
 from tests.compat.public_programs import PROGRAMS
 from tests.compat.spinning import publish_until, spin_until
-from tests.live_bus import Bus, Process, eventually, keep_sending
+from tests.live_bus import Bus as LiveBus
+from tests.simulated_bus import Bus
 from tfbus import Buffer
 from tfbus.compat.geometry_msgs.msg import PoseStamped, Twist
 from tfbus.compat.nav_msgs.msg import Odometry
@@ -27,8 +29,6 @@ from tfbus.compat.sensor_msgs_py.point_cloud2 import create_cloud_xyz32, read_po
 from tfbus.compat.std_msgs.msg import Header
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.compat.visualization_msgs.msg import Marker
-
-pytestmark = pytest.mark.real
 
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "porting-tf2-ros.md"
 
@@ -271,24 +271,63 @@ rclpy.spin(Clouds())
 """
 
 
-def start(bus: Bus, folder: Path, program: str, *arguments: str) -> Process:
-    """A program of ROS, with its imports changed as the page says, once it is ready."""
-    rule = re.search(r"<!-- file: port.sed -->\n```sed\n(.*?)```", PAGE.read_text(), re.S)
-    assert rule is not None
-    (folder / "port.sed").write_text(rule[1])
+SHAPES = [ODOMETRY_TO_TF, RELAY, RECORDER, FOLLOWER, CLOUDS]
+
+
+def rules() -> str:
+    """The page's port.sed."""
+    found = re.search(r"<!-- file: port.sed -->\n```sed\n(.*?)```", PAGE.read_text(), re.S)
+    assert found is not None
+    return found[1]
+
+
+def changed(program: str) -> str:
+    """A program with its imports changed as the page says."""
+    for rule in rules().splitlines():
+        _, sought, put, _ = rule.replace("[[:space:]]", r"[ \t]").split("/")
+        program = re.sub(sought, put, program, flags=re.M)
+    return program
+
+
+def changed_by_sed(folder: Path, program: str) -> Path:
+    """The same by what the page tells to run: the file of it."""
+    (folder / "port.sed").write_text(rules())
     (folder / "program.py").write_text(program)
     sed = needs.program("sed")
     subprocess.run([sed, "-E", "-i", "-f", "port.sed", "program.py"], cwd=folder, check=True)
-    process = bus.start_command([sys.executable, "program.py", *arguments], cwd=folder)
+    return folder / "program.py"
+
+
+def start(bus: Bus, program: str, *arguments: str) -> None:
+    """A program of ROS with its imports changed, once it is ready."""
+    code = compile(changed(program), "program.py", "exec")
+
+    def main() -> None:
+        exec(code, {"__name__": "__main__"})
+
+    bus.start_main(main, *arguments, name="program.py").wait_for_line("ready")
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("program", SHAPES)
+def test_sed_changes_imports_as_in_the_programs_here(program: str, tmp_path: Path) -> None:
+    """The programs below run with what sed makes of them."""
+    assert changed_by_sed(tmp_path, program).read_text() == changed(program) != program
+
+
+@pytest.mark.real
+def test_a_changed_program_runs(bus: LiveBus, buffer: Buffer, tmp_path: Path) -> None:
+    """As a process of its own."""
+    program = changed_by_sed(tmp_path, RELAY)
+    process = bus.start_command([sys.executable, str(program), "robot_1"])
     process.wait_for_line("ready")
-    return process
+    keep_sending(bus.node("arm", namespace="robot_1"), "odom", "base")
+    eventually(lambda: buffer.can_transform("robot_1/odom", "robot_1/base"))
 
 
-def test_odometry_becomes_transforms(
-    rclpy: ModuleType, bus: Bus, buffer: Buffer, tmp_path: Path
-) -> None:
+def test_odometry_becomes_transforms(rclpy: ModuleType, bus: Bus, buffer: Buffer) -> None:
     """By a program of ROS, with a parameter that has no value."""
-    start(bus, tmp_path, ODOMETRY_TO_TF)
+    start(bus, ODOMETRY_TO_TF)
     node = rclpy.create_node("robot")
     odometry = Odometry(header=Header(frame_id="odom"), child_frame_id="base_link")
     odometry.header.stamp = node.get_clock().now().to_msg()
@@ -298,19 +337,17 @@ def test_odometry_becomes_transforms(
     assert x_of(buffer, "odom", "base_link") == 1.5
 
 
-def test_a_relay_passes_on_the_transforms_of_a_robot(
-    bus: Bus, buffer: Buffer, tmp_path: Path
-) -> None:
+def test_a_relay_passes_on_the_transforms_of_a_robot(bus: Bus, buffer: Buffer) -> None:
     """Dynamic and static ones of its namespace, with a prefix."""
-    start(bus, tmp_path, RELAY, "robot_1")
+    start(bus, RELAY, "robot_1")
     robot = bus.node("arm", namespace="robot_1")
     keep_sending(robot, "odom", "base")
     eventually(lambda: buffer.can_transform("robot_1/odom", "robot_1/base"))
 
 
-def test_a_path_is_recorded(rclpy: ModuleType, bus: Bus, tmp_path: Path) -> None:
+def test_a_path_is_recorded(rclpy: ModuleType, bus: Bus) -> None:
     """As poses of a Path, which a service clears."""
-    start(bus, tmp_path, RECORDER)
+    start(bus, RECORDER)
     keep_sending(bus.node("robot"), "map", "base_link")
     node, paths = rclpy.create_node("reader"), []
     node.create_subscription(PathMessage, "path", paths.append, 10)
@@ -323,9 +360,9 @@ def test_a_path_is_recorded(rclpy: ModuleType, bus: Bus, tmp_path: Path) -> None
     assert future.result().success and future.result().message.endswith("poses")
 
 
-def test_a_follower_drives(rclpy: ModuleType, bus: Bus, tmp_path: Path) -> None:
+def test_a_follower_drives(rclpy: ModuleType, bus: Bus) -> None:
     """While its scan is free, and shows a marker."""
-    start(bus, tmp_path, FOLLOWER)
+    start(bus, FOLLOWER)
     keep_sending(bus.node("robot"), "base_link", "person")
     node, got = rclpy.create_node("world"), {Twist: [], Marker: []}
     node.create_subscription(Twist, "/cmd_vel", got[Twist].append, 10)
@@ -336,9 +373,9 @@ def test_a_follower_drives(rclpy: ModuleType, bus: Bus, tmp_path: Path) -> None:
     assert got[Marker][0].ns == "goal" and got[Marker][0].header.frame_id == "base_link"
 
 
-def test_clouds_are_transformed(rclpy: ModuleType, bus: Bus, tmp_path: Path) -> None:
+def test_clouds_are_transformed(rclpy: ModuleType, bus: Bus) -> None:
     """With the messages of another topic that belong to them."""
-    start(bus, tmp_path, CLOUDS)
+    start(bus, CLOUDS)
     node, got = rclpy.create_node("world"), []
     keep_sending(bus.node("robot"), "map", "lidar")
     header = Header(frame_id="lidar", stamp=node.get_clock().now().to_msg())

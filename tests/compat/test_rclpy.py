@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from tests.buses import eventually, keep_sending, send_static
 from tests.compat.spinning import publish_until, spin_until
-from tests.live_bus import Bus, eventually, keep_sending, send_static
+from tests.simulated_bus import Bus
 from tfbus import ServiceError, messages
 from tfbus.compat import rclpy as ported
 from tfbus.compat import tf2_ros
@@ -44,8 +45,6 @@ from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
-
-pytestmark = pytest.mark.real
 
 
 def test_a_node_before_init_is_an_error() -> None:
@@ -464,10 +463,8 @@ def test_arguments_of_nodes_are_known(args: list[str], own: list[str], of_nodes:
     assert remove_ros_args(args) == own
 
 
-def test_arguments_name_and_set_up_a_node(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arguments_name_and_set_up_a_node(bus: Bus) -> None:
     """Its parameters, name and namespace, also over what the program says."""
-    monkeypatch.setenv("TFBUS_CONFIG", str(bus.quick_config))
-    monkeypatch.setenv("TFBUS_CONNECT", bus.endpoint)
     with ported.init(args=["--ros-args", "-p", "a:=2", "-r", "__node:=b", "-r", "__ns:=/c"]):
         node = Node("given", namespace="other")
         assert node.get_fully_qualified_name() == "/c/b"

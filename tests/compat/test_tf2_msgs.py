@@ -6,8 +6,9 @@ from types import ModuleType
 import pytest
 
 from tests.builders import x_of
+from tests.buses import eventually, send_static
 from tests.compat.spinning import publish_until
-from tests.live_bus import Bus, eventually, send_static
+from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
@@ -24,8 +25,6 @@ from tfbus.compat.rclpy.time import Time
 from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.compat.tf2_msgs.srv import FrameGraph
 from tfbus.compat.tf2_ros import InvalidArgumentException
-
-pytestmark = pytest.mark.real
 
 
 def edge(parent: str, child: str, x: float = 1.0) -> Message:

@@ -7,23 +7,23 @@ from signal import SIGINT, SIGTERM
 import pytest
 
 from tests.builders import x_of
-from tests.live_bus import Bus, Process, eventually
+from tests.buses import eventually
+from tests.live_bus import Bus as LiveBus
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, messages
-
-pytestmark = pytest.mark.real
+from tfbus.testing.programs import Program
 
 ROOT = Path(__file__).parents[2]
 
 
-def start(bus: Bus, *arguments: str) -> Process:
+def start(bus: Bus, *arguments: str) -> Program:
     """One of the programs, once it is ready."""
-    command = [sys.executable, "-m", "tests.compat.turtle_programs", *arguments]
-    process = bus.start_command(command, cwd=ROOT)
+    process = bus.start_python("tests.compat.turtle_programs", *arguments)
     process.wait_for_line("ready")
     return process
 
 
-def stop(process: Process, number: int = SIGINT) -> None:
+def stop(process: Program, number: int = SIGINT) -> None:
     """End it: quietly, whatever the signal."""
     assert process.stop(number) == 0
     assert not [line for line in process.err if "Traceback" in line], process.err
@@ -99,7 +99,8 @@ def test_waiting_in_three_ways(bus: Bus) -> None:
     stop(wheel)
 
 
-def test_launch_starts_a_ported_program(bus: Bus, tmp_path: Path, buffer: Buffer) -> None:
+@pytest.mark.real
+def test_launch_starts_a_ported_program(bus: LiveBus, tmp_path: Path, buffer: Buffer) -> None:
     """With a name and parameters, as it starts any node of a file."""
     (tmp_path / "turtle.py").write_text(
         "import sys\n"

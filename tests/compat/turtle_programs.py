@@ -239,6 +239,14 @@ PROGRAMS: dict[str, Any] = {
 
 
 def main() -> None:
+    """As one of theirs."""
+    if sys.argv[1] in ("waiter", "wheel"):
+        main_of_examples()
+    else:
+        main_of_turtles()
+
+
+def main_of_turtles() -> None:
     """As the programs of turtle_tf2_py begin and end."""
     _, name, *arguments = remove_ros_args(sys.argv)
     rclpy.init()
@@ -266,4 +274,4 @@ def main_of_examples() -> None:
 
 
 if __name__ == "__main__":
-    main_of_examples() if sys.argv[1] in ("waiter", "wheel") else main()
+    main()

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from tests.docs.pages import ROOT
-from tests.docs.reader import copy_configurations
+from tests.docs.real_shell import copy_configurations
 from tests.live_bus import Bus, free_port
 
 pytestmark = pytest.mark.real

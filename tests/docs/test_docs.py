@@ -11,6 +11,9 @@ folder and on a bus of its own. The language of a fenced block decides what happ
 
 The comment above a block changes that; tests/docs/pages.py lists the comments. What differs
 between two runs (stamps, process ids, ports) is not compared.
+
+Sections run on a simulated bus where they can (tests/docs/simulated_shell.py), and in real shells
+otherwise: those of windows, browsers, routers, pipes, typed keys, and of README.md.
 """
 
 import re
@@ -21,10 +24,11 @@ from urllib.parse import unquote
 import click
 import pytest
 
+from tests import live_bus, simulated_bus
 from tests.docs.pages import CONFIGURATIONS, FENCE, PAGES, ROOT, Block, Section, name_of, sections
-from tests.docs.reader import PATH, Reader, SimulatedReader, can_be_simulated
-from tests.live_bus import Bus
-from tests.simulated_bus import Bus as SimulatedBus
+from tests.docs.reader import Reader
+from tests.docs.real_shell import PATH, RealShell
+from tests.docs.simulated_shell import SimulatedShell, can_follow
 from tfbus.cli import main
 
 SECTIONS = [section for page in PAGES for section in sections(page)]
@@ -32,29 +36,36 @@ BLOCKS = [block for section in SECTIONS for block in section.blocks]
 
 
 RUN = [section for section in SECTIONS if any(block.is_run for block in section.blocks)]
-
-
-@pytest.mark.parametrize("section", [each for each in RUN if can_be_simulated(each)], ids=str)
-def test_what_a_page_shows_works(
-    section: Section, bus: SimulatedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Every command and program of the docs runs, and prints what the page says."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    follow(SimulatedReader(bus, tmp_path), section)
+REAL = [each for each in RUN if name_of(each.page) == "README.md" or not can_follow(each)]
+SIMULATED = [each for each in RUN if each not in REAL]
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("section", [each for each in RUN if not can_be_simulated(each)], ids=str)
-def test_what_a_page_shows_works_in_a_shell(section: Section, bus: Bus, tmp_path: Path) -> None:
-    """So do commands that start others, that serve pages, and that a shell joins."""
+@pytest.mark.parametrize("section", REAL, ids=str)
+def test_what_a_page_shows_works(section: Section, bus: live_bus.Bus, tmp_path: Path) -> None:
+    """Every command and program of the docs runs, and prints what the page says."""
     folder = tmp_path / "reader"
     folder.mkdir()
-    follow(Reader(bus, folder), section)
+    follow(section, RealShell(bus, folder))
 
 
-def follow(reader: Reader, section: Section) -> None:
-    """Do all that a section says."""
+@pytest.mark.parametrize("section", SIMULATED, ids=str)
+def test_what_a_page_shows_works_on_a_simulated_bus(
+    section: Section, bus: simulated_bus.Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So it does where time is virtual."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    shell = SimulatedShell(bus, tmp_path)
+    try:
+        follow(section, shell)
+    finally:
+        shell.forget_modules()
+
+
+def follow(section: Section, shell: RealShell | SimulatedShell) -> None:
+    """Do what a section says, from top to bottom."""
+    reader = Reader(shell)
     for block in section.blocks:
         if block.is_run:
             reader.follow(block)
@@ -91,8 +102,7 @@ def check_command_line(words: list[str]) -> None:
         return  # of the package that `tfbus create` writes; tests/installed.py runs it
     command: click.Command = main
     context = click.Context(command)
-    # A usage line goes on with [OPTIONS] and COMMAND.
-    while isinstance(command, click.Group) and words and words[0].islower():
+    while isinstance(command, click.Group) and words and words[0] != "[OPTIONS]":
         known = command.get_command(context, words[0])
         assert known is not None, f"there is no command {words[0]!r}"
         command, words = known, words[1:]
@@ -129,8 +139,7 @@ def test_every_page_and_example_is_in_the_index() -> None:
     assert {path for path in paths - {"README.md"} if f"({path})" not in index} == set()
 
 
-@pytest.mark.real
-def test_the_launch_file_of_the_picture_has_no_mistakes(bus: Bus) -> None:
+def test_the_launch_file_of_the_picture_has_no_mistakes(bus: simulated_bus.Bus) -> None:
     """docs/images/picture.yaml, which makes turtle.png, can be started."""
     images = ROOT / "docs" / "images"
     dry = bus.run("launch", str(images / "picture.yaml"), "--dry-run", env={"PATH": PATH})

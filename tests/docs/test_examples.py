@@ -13,20 +13,21 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 
-from tests import needs
+from tests import live_bus, needs
 from tests.buses import eventually
 from tests.docs.pages import ROOT
-from tests.live_bus import Process
+from tests.docs.simulated_shell import start_script
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.discover.presence import describe_nodes, list_nodes
+from tfbus.testing.programs import Program
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-def start(bus: Bus, name: str, *arguments: str) -> Process:
+def start(bus: Bus, name: str, *arguments: str) -> Program:
     """An example as a process on the bus."""
-    return bus.start_file(ROOT / "examples" / name, *arguments)
+    return start_script(bus, ROOT / "examples" / name, *arguments)
 
 
 def run(bus: Bus, name: str, *arguments: str) -> list[str]:
@@ -92,9 +93,9 @@ def test_asyncio_ends_with_ctrl_c(bus: Bus) -> None:
 
 
 @pytest.mark.real
-def test_frames_are_served_over_http(bus: Bus) -> None:
+def test_frames_are_served_over_http(bus: live_bus.Bus) -> None:
     """http_service.py answers a transform, the reason why there is none, and a wrong request."""
-    mast = start(bus, "broadcaster.py")
+    mast = bus.start_command([sys.executable, str(ROOT / "examples" / "broadcaster.py")])
     command = [sys.executable, str(ROOT / "examples" / "http_service.py"), "--param", "port=0"]
     service = bus.start_command(command)
     address = service.wait_for_line("http://127").removesuffix("/TARGET/SOURCE")
@@ -210,11 +211,11 @@ def test_a_scan_is_undistorted(bus: Bus) -> None:
     assert straight == "undistorted: up to 0.000 m"
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("name", "need"), [("undistort_scan.py", "numpy"), ("marker_in_world.py", "cv2")]
 )
-@pytest.mark.real
-def test_an_example_shows_a_page(bus: Bus, name: str, need: str) -> None:
+def test_an_example_shows_a_page(bus: live_bus.Bus, name: str, need: str) -> None:
     """With --view it serves a page, and prints its address."""
     needs.module("viser")
     needs.module(need)
@@ -230,8 +231,7 @@ def test_a_service_is_called_and_a_parameter_set(bus: Bus) -> None:
     ruler, mast = start(bus, "service_and_parameter.py"), start(bus, "broadcaster.py")
     ruler.wait_for_line("ready")
     request = ("call", "distance", "{target: world, source: camera}")
-    # It answers that there is no frame until the mast has sent; and where the machine is busy, a
-    # command may end before it has found the node.
+    # It answers that there is no frame until the mast has sent.
     eventually(lambda: bus.run(*request).stdout == '{"distance_m": 1.803}\n')
     eventually(lambda: bus.run("param", "set", "ruler", "digits", "1").returncode == 0)
     eventually(lambda: bus.run(*request).stdout == '{"distance_m": 1.8}\n')
@@ -294,7 +294,7 @@ def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
 
 
 @pytest.mark.real
-def test_the_log_of_a_drone_is_recorded_and_played(bus: Bus, tmp_path: Path) -> None:
+def test_the_log_of_a_drone_is_recorded_and_played(bus: live_bus.Bus, tmp_path: Path) -> None:
     """drone_log.py turns GPS and angles into frames as robots have them, and plays them."""
     needs.module("mcap")
     buffer = Buffer()
@@ -316,3 +316,8 @@ def test_simulated_time_drives_a_timer(bus: Bus) -> None:
     seconds, ticks = run(bus, "simulated_time.py")
     assert seconds == "simulated seconds: 10.0"
     assert ticks == "ticks of the timer: [2.5, 5.0, 7.5, 10.0]"
+
+
+def test_a_follower_is_tested_in_a_simulated_network(bus: Bus) -> None:
+    """test_follower.py passes."""
+    assert "3 passed" in run(bus, "test_follower.py")[-1]

@@ -10,8 +10,6 @@ import pytest
 from tests import needs
 from tests.docs.pages import PAGES, ROOT
 
-pytestmark = pytest.mark.real
-
 needs.module("PIL")
 needs.module("textual")
 

@@ -11,11 +11,10 @@ import pytest
 
 import tfbus
 import tfbus.messages
+import tfbus.testing
 from docs import api, commands
 from tests.builders import SAMPLE
 from tests.docs.pages import ROOT
-
-pytestmark = pytest.mark.real
 
 ARCHITECTURE = ROOT / "docs" / "internals" / "architecture.md"
 REFERENCE = ROOT / "docs" / "reference"
@@ -31,9 +30,9 @@ def test_the_page_of_commands_is_up_to_date() -> None:
     assert (REFERENCE / "commands.md").read_text() == commands.page(), "run `make docs-api`"
 
 
-@pytest.mark.parametrize("name", tfbus.__all__)
+@pytest.mark.parametrize("name", [*tfbus.__all__, *tfbus.testing.__all__])
 def test_the_api_page_has_every_public_name(name: str) -> None:
-    """Each name of tfbus has a heading."""
+    """Each name of tfbus and of tfbus.testing has a heading."""
     assert f"\n### {name}\n" in (REFERENCE / "api.md").read_text()
 
 

@@ -7,8 +7,6 @@ import pytest
 from docs import site
 from tests import needs
 
-pytestmark = pytest.mark.real
-
 PAGES = site.gathered()
 
 
@@ -38,6 +36,7 @@ def test_a_page_links_only_to_what_the_site_has(place: str) -> None:
             assert site.normpath(f"{folder}/{link}" if folder else link) in there
 
 
+@pytest.mark.real
 def test_the_site_is_built_whole(tmp_path: site.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the command of `make docs`, without a warning; nothing in it comes from elsewhere."""
     needs.module("zensical")

@@ -1,12 +1,12 @@
-"""Defects put back by hand, to see whether the histories find them.
-
-python -m tests.simulation.injected
+"""Defects put back by hand: do the histories find them? python -m tests.simulation.injected
 
 Each takes the place of a real function. Prints for each in how many seconds, and with which seed,
 the laws have found it; without `--from` and `--seconds` within a minute from seed 0 on.
 """
 
 import argparse
+import itertools
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,11 +21,12 @@ from tfbus.listen.listing import Listing
 from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.listen.unlisted import UnlistedFrames
 from tfbus.listen.watch import StreamWatch
-from tfbus.runtime.executor import Executor, Timer
+from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import replace
+from tfbus.runtime.timer import Timer
 
 # Where a function is, and what takes its place.
-_Defect = tuple[type, str, Callable[..., Any]]
+_Patch = tuple[type, str, Callable[..., Any]]
 
 
 def _present(epochs: Epochs, epoch_ns: int) -> Verdict:
@@ -66,70 +67,64 @@ def _hear_nothing(unlisted: UnlistedFrames, stream: str, frames: object) -> None
 
 def _by_arrival(starts: Starts, stream: str, description: Any) -> tuple[int, int]:
     """The first to arrive has priority."""
-    known = starts._starts.setdefault((stream, description.session), (starts._clock_ns(), 0))
-    return known
+    return starts._starts.setdefault((stream, description.session), (starts._clock_ns(), 0))
 
 
-def _latest_wins(claims: Claims, stream: str, description: Any) -> Any:
-    """The last stream that says something comes first."""
-    return (-starts_counter(claims), 0, 0, stream)
+_words = itertools.count()
 
 
-def starts_counter(claims: Claims) -> int:
-    """Counts what streams say."""
-    claims._said = getattr(claims, "_said", 0) + 1  # type: ignore[attr-defined]
-    return int(claims._said)  # type: ignore[attr-defined]
+def _by_last_word(claims: Claims, stream: str, description: Any) -> tuple[int, int, int, str]:
+    """The stream that has described itself last has priority."""
+    return -next(_words), 0, 0, stream
 
 
 def _cancel_nothing(timer: Timer) -> None:
     """A timer that is cancelled ticks on."""
 
 
-def _cancel_next(executor: Executor, when_s: float, timer: Timer) -> Any:
+def _tick_once_more(executor: Executor, when_s: float, timer: Timer) -> Any:
     """A timer that is cancelled while it is due ticks once more."""
-    late_periods = 0
-    if timer.once:
-        timer.cancel()
-    elif not timer.cancelled:
-        from tfbus.runtime import scheduler
-
-        late_periods = int((scheduler.monotonic() - when_s) / timer.period_s)
-        with executor._lock:
-            executor._schedule(when_s + (late_periods + 1) * timer.period_s, timer)
-            if executor._most_threads > 1:
-                executor._keep_time()
-    return executor._fire(timer, when_s, late_periods)
+    if timer.cancelled and not timer.once:
+        return executor._fire(timer, when_s, 0)
+    return _tick(executor, when_s, timer)
 
 
-DEFECTS: dict[str, _Defect] = {
-    "an epoch is not compared": (Epochs, "judge", _present),
-    "every other epoch is new": (Epochs, "is_outdated", _is_outdated),
-    "a static is not queried again": (StaticRecovery, "check", _check_nothing),
-    "a token is taken for a process": (StreamWatch, "_take_token", _alive_at_once),
-    "a late message undoes a removal (kept)": (Listing, "removed_in", _nothing_removed),
-    "a late message undoes a removal (live)": (UnlistedFrames, "hear", _hear_nothing),
-    "a claim is judged by arrival": (Starts, "of", _by_arrival),
-    "a claim is judged by the last word": (Claims, "_rank", _latest_wins),
-    "a timer is not cancelled": (Timer, "cancel", _cancel_nothing),
-    "a due timer is not cancelled": (Executor, "_tick", _cancel_next),
+_tick = Executor._tick
+
+
+DEFECTS: dict[str, tuple[_Patch, ...]] = {
+    "an epoch is not compared": ((Epochs, "judge", _present),),
+    "every other epoch is new": ((Epochs, "is_outdated", _is_outdated),),
+    "a static is not queried again": ((StaticRecovery, "check", _check_nothing),),
+    "a token is taken for a process": ((StreamWatch, "_take_token", _alive_at_once),),
+    "a late message undoes a removal": (
+        (Listing, "removed_in", _nothing_removed),
+        (UnlistedFrames, "hear", _hear_nothing),
+    ),
+    "a claim is judged by arrival": ((Starts, "of", _by_arrival),),
+    "a claim is judged by the last word": ((Claims, "_rank", _by_last_word),),
+    "a timer is not cancelled": ((Timer, "cancel", _cancel_nothing),),
+    "a timer that is due is not cancelled": ((Executor, "_tick", _tick_once_more),),
 }
 
 
 @contextmanager
 def injected(name: str) -> Iterator[None]:
     """The defect of this name, until the end of the `with`."""
-    owner, function, defect = DEFECTS[name]
-    former = getattr(owner, function)
-    setattr(owner, function, defect)
+    former = [(owner, function, getattr(owner, function)) for owner, function, _ in DEFECTS[name]]
     try:
+        for owner, function, defect in DEFECTS[name]:
+            setattr(owner, function, defect)
         yield
     finally:
-        setattr(owner, function, former)
+        for owner, function, own in former:
+            setattr(owner, function, own)
 
 
 def main() -> None:
     """Put each defect in, and see when it is found."""
     repeat_in_all_processes("tests.simulation.injected")
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # coroutines of killed processes
     parser = argparse.ArgumentParser()
     parser.add_argument("defects", nargs="*", help="all by default")
     parser.add_argument("--from", dest="first", type=int, default=0)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import tfbus
 from tests.simulation.model import Publisher
+from tests.simulation.plans import PLAIN
 from tfbus.testing.processes import Process
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ ENDS_WITHIN_S = 1.0
 MOST_THREADS = 32
 
 _CALM_DELAY_S = 0.1
+_MOST_SKEW_NS = 55 * 10**9
 
 
 @dataclass
@@ -52,6 +54,8 @@ class Laws:
         # What is wrong at one look may be under way; at two it is not.
         self._suspected: set[str] = set()
         self._suspects: set[str] = set()
+        # The process that each frame of each listener was of last.
+        self._last_seen: dict[tuple[int, str], int] = {}
         self._stepped_s: dict[str, float] = {}
         self._stuck: dict[Any, tuple[int, float]] = {}
 
@@ -94,9 +98,8 @@ class Laws:
             if not path.is_up or path.loss or path.bytes_a_second or path.delay_s > _CALM_DELAY_S:
                 return False
         # What was sent before may still be under way, and all else waits behind it.
-        now_ns = network.tasks.now_ns
         return all(
-            lane._arrived_ns < now_ns + 200_000_000
+            lane.busy_s() < _CALM_DELAY_S
             for session in one.sessions
             for face in session.faces.values()
             if face.far_session.process is other
@@ -107,9 +110,10 @@ class Laws:
         """The clock of a host was set."""
         self._stepped_s[host] = self._run.now_s
 
-    def _calm_for_s(self, part: "Part", publisher: Publisher) -> float:
+    def calm_for_s(self, process: Process, publisher: Publisher) -> float:
+        """For how long all between a listening process and a publisher is calm; -1 if it is not."""
         assert publisher.process is not None
-        since_s = self._calm_s.get((part.process, publisher.process))
+        since_s = self._calm_s.get((process, publisher.process))
         return -1.0 if since_s is None else self._run.now_s - since_s
 
     def expect_end(self, process: Process, what: str, patience_s: float) -> Callable[[], None]:
@@ -188,18 +192,27 @@ class Laws:
                 self._run.violate(f"{place.name} has {count} threads")
 
     def _check_part(self, part: "Part") -> None:
-        infos = {info.name: info for info in part.listener.streams()}
-        if strange := infos.keys() - self._run.plan.publishers.keys():
+        # As its `streams()` says, without the work of telling all.
+        states = part.listener._watch.streams()
+        if strange := states.keys() - self._run.plan.publishers.keys():
             self._run.violate(f"{part.name}: there are no streams {strange}")
+        # An error for an unknown frame names near ones, which takes long.
+        frames = set(part.buffer.frames())
         for slot in self._run.plan.publishers:
-            info = infos.get(slot)
-            self._check_alive(part, slot, info)
-            self._check_samples(part, f"{slot}_moving")
-            self._check_lookups(part, f"{slot}_moving")
+            if f"{slot}_moving" in frames:
+                self._check_samples(part, f"{slot}_moving")
+                self._check_lookups(part, f"{slot}_moving")
             living = self._run.living(slot)
-            if len(living) == 1 and self._knows_all_of(part, living[0]):
-                self._check_statics(part, living[0])
+            knows_all = len(living) == 1 and self._knows_all_of(part, living[0])
+            is_read = slot in part.slots
+            # By interest only what streams describe is read.
+            is_described = slot != PLAIN or "reads" not in part.options
+            if knows_all and is_read and is_described and self._heard_all_of(part, living[0]):
                 self._check_moving(part, living[0])
+            if slot != PLAIN:
+                self._check_alive(part, slot, states.get(slot))
+                if knows_all and is_read:
+                    self._check_statics(part, living[0])
         self._check_shared(part)
 
     def _knows_all_of(self, part: "Part", publisher: Publisher) -> bool:
@@ -207,21 +220,37 @@ class Laws:
         now_s, wait_s = self._run.now_s, LIVES_WITHIN_S * self._patience
         others = [each for each in self._run.publishers[publisher.slot] if each is not publisher]
         alone_s = max((self._died_s.get(each.number, now_s) for each in others), default=-1e9)
+        assert publisher.process is not None
+        here, there = part.process.host.time_ns(), publisher.process.host.time_ns()
+        # The epoch of a successor that seems to be of the future is refused for longer.
+        is_believed = not others or abs(here - there) < _MOST_SKEW_NS
         return (
-            self._calm_for_s(part, publisher) > wait_s
+            is_believed
+            and now_s - part.began_s > wait_s
+            and self.calm_for_s(part.process, publisher) > wait_s
             and now_s - alone_s > wait_s
             and now_s - publisher.changed_s > wait_s / 2
         )
 
-    def _check_alive(self, part: "Part", slot: str, info: Any) -> None:
+    def _heard_all_of(self, part: "Part", publisher: Publisher) -> bool:
+        """Whether it has sent all that it sends since a listener knows it."""
+        calm_s = min(self.calm_for_s(part.process, publisher), self._run.now_s - part.began_s)
+        return calm_s > LIVES_WITHIN_S * self._patience + 2.5 * self._run.plan.period_s
+
+    def _check_alive(self, part: "Part", slot: str, state: Any) -> None:
         """Nothing gone is taken for living, nothing living for gone."""
         now_s, living = self._run.now_s, self._run.living(slot)
-        is_alive = info is not None and info.alive
+        is_alive = state is not None and state.alive
         for publisher in living:
-            if not is_alive and self._calm_for_s(part, publisher) > LIVES_WITHIN_S * self._patience:
+            if (
+                not is_alive
+                and self.calm_for_s(part.process, publisher) > LIVES_WITHIN_S * self._patience
+            ):
                 self._suspect(f"{part.name}: {slot} is taken for gone and lives")
         key = id(part), slot
-        count = 0 if info is None else info.messages + info.outdated + info.disputed
+        reception = part.listener._registry.reception(slot)
+        counts = None if reception is None else reception.counts
+        count = 0 if counts is None else counts.messages + counts.outdated + counts.disputed
         if self._heard.get(key, (-1, 0.0))[0] != count:
             self._heard[key] = count, now_s
         if living or not is_alive or slot not in self._run.publishers:
@@ -246,9 +275,24 @@ class Laws:
             if each is None or each.frame != frame:
                 self._run.violate(f"{part.name}: {frame} has a sample with x {x}")
                 return
-        if len({each.whose for each in series.values() if each is not None}) > 1:
-            whose = sorted({each.whose for each in series.values() if each is not None})
+        whose = sorted({each.whose for each in series.values() if each is not None})
+        if len(whose) > 1:
             self._suspect(f"{part.name}: {frame} has samples of several epochs, {whose}")
+        self._check_order(part, frame, whose[0][0])
+
+    def _check_order(self, part: "Part", frame: str, number: int) -> None:
+        """A process that has ended does not take the place of its successor again."""
+        key = id(part), frame
+        last = self._last_seen.get(key, 0)
+        self._last_seen[key] = max(last, number)
+        later = self._run.by_number.get(last)
+        ended_s = self._died_s.get(number, 1e9)
+        if later is not None and number < last and ended_s <= later.began_s:
+            text = f"{part.name}: {frame} is of {number} again, which has ended, after {last}"
+            if self._run.plan.stalls:
+                self._suspect(text)
+            else:
+                self._run.violate(text)
 
     def _check_lookups(self, part: "Part", frame: str) -> None:
         """No lookup answers with a value that no process sent for that stamp."""
@@ -324,8 +368,9 @@ class Laws:
         slots = {each.slot for each in rivals}
         if not rivals or len(slots) != len(rivals):
             return
-        if not all(self._knows_all_of(part, each) for each in rivals):
-            return
+        for each in rivals:
+            if not (self._knows_all_of(part, each) and self._heard_all_of(part, each)):
+                return
         former = [each for slot in ("p0", "p1") for each in self._run.publishers.get(slot, ())]
         died_s = max((self._died_s.get(each.number, -1e9) for each in former), default=-1e9)
         if self._run.now_s - died_s < LIVES_WITHIN_S * self._patience:
@@ -370,6 +415,8 @@ class Laws:
 
 
 def _value(buffer: Any, frame: str) -> tuple[float, float] | None:
+    if frame not in buffer.frames():
+        return None
     try:
         found = buffer.lookup_transform("world", frame)
     except tfbus.TransformException:

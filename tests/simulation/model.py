@@ -52,7 +52,11 @@ class Publisher:
     newest_ns: dict[str, int] = field(default_factory=dict)
     series: dict[str, Series] = field(default_factory=dict)
     is_closed: bool = False
+    began_s: float = 0.0
     changed_s: float = 0.0
+    # Sends messages of a stream without a token and a description, where it is a plain program.
+    plain: Any = None
+    plain_epoch_ns: int = 0
 
     @property
     def is_alive(self) -> bool:

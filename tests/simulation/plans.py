@@ -38,7 +38,7 @@ class Size:
 
 
 SMALL = Size((2, 3), (1, 3), (1, 2), (2, 18), 20.0, (0.1,), 10.0, 0.5)
-LARGE = Size((20, 20), (150, 150), (50, 50), (300, 500), 3600.0, (10.0, 30.0, 60.0), 120.0, 20.0)
+LARGE = Size((20, 20), (190, 190), (10, 10), (100, 150), 3600.0, (20.0, 30.0, 60.0), 120.0, 30.0)
 
 # How often each kind of action is drawn.
 _KINDS = {
@@ -65,10 +65,13 @@ _KINDS = {
 _OF_PUBLISHERS = frozenset(
     ("static", "remove_static", "remove", "kill", "close", "restart", "fail_over", "twin")
 )
+# A stream of this slot has no token and no description, as that of a plain program.
+PLAIN = "plain"
+
 _OF_LISTENERS = frozenset(("restart_listener", "close_listener", "listen_again"))
 # The largest share of each fault of Zenoh's.
 _FAULTS = {
-    "lost_declarations": 0.1,
+    "lost_declarations": 0.3,
     "half_links": 1.0,
     "late_tokens": 0.5,
     "repeated_tokens": 0.5,
@@ -105,6 +108,8 @@ class Plan:
         draw = random.Random(seed)
         hosts = tuple(f"h{number}" for number in range(draw.randint(*size.hosts)))
         senders = {f"p{n}": draw.choice(hosts) for n in range(draw.randint(*size.publishers))}
+        if draw.random() < 0.4:
+            senders[PLAIN] = draw.choice(hosts)
         readers = {
             f"l{n}": (draw.choice(hosts), draw.choice((0.0, 0.0, 5.0)), draw.random() < 0.3)
             for n in range(draw.randint(*size.listeners))
@@ -154,11 +159,31 @@ def _drawn_actions(
 ) -> list[Action]:
     """An action, or a few that follow each other closely: faults that meet are worse."""
     at_s = round(draw.uniform(1.0, end_s), 3)
+    if draw.random() < 0.1:
+        return _join_and_remove(draw, at_s, hosts, senders, readers)
     found = [_drawn_action(draw, at_s, hosts, senders, readers)]
     while draw.random() < 0.3:
         at_s = round(at_s + draw.choice((0.01, 0.1, 1.0, 3.0)) * draw.uniform(0.5, 1.5), 3)
         found.append(_drawn_action(draw, at_s, hosts, senders, readers))
     return found
+
+
+def _join_and_remove(
+    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: list[str], readers: list[str]
+) -> list[Action]:
+    """A listener joins over a slow path, and frames are removed before it knows them."""
+    one, other = draw.sample(hosts, 2)
+    delay_s = round(draw.uniform(0.2, 1.5), 3)
+    found = [
+        Action(at_s, "slow", one, (other, delay_s, 0.0, 0)),
+        Action(at_s, draw.choice(("restart_listener", "listen_again")), draw.choice(readers)),
+    ]
+    for sender in draw.sample(senders, min(len(senders), 3)):
+        soon_s = round(at_s + draw.uniform(0.5, 2.5) * delay_s, 3)
+        found.append(Action(soon_s, draw.choice(("remove", "fail_over")), sender, (one,)))
+    return [
+        Action(each.at_s, each.kind, each.who) if each.kind == "remove" else each for each in found
+    ]
 
 
 def _drawn_action(

@@ -1,4 +1,4 @@
-"""What applications may observe of Zenoh, as scenarios: each holds in the model and in Zenoh."""
+"""Scenarios of what applications may observe of Zenoh: each holds in the model and in Zenoh."""
 
 from collections.abc import Callable
 
@@ -538,6 +538,18 @@ def namespaces_are_apart(stage: Stage) -> None:
     assert a.ask("q", 20.0) == []
 
 
+@scenario
+def tokens_of_other_namespaces_are_not_seen(stage: Stage) -> None:
+    a = stage.open("a", "h1", namespace="robot7")
+    b = stage.open("b", "h2", namespace="robot8")
+    c = stage.open("c", "h3", namespace="robot8")
+    b.expect("links", gives=sorted([a.id(), c.id()]))
+    b.watch("seen", "**")
+    a.token("t/a")
+    c.token("t/c")
+    b.expects("seen", "+t/c")
+
+
 # Links
 
 
@@ -907,7 +919,7 @@ def a_router_does_not_serve_two_peers_that_never_met(stage: Stage) -> None:
 
 
 @scenario
-def a_peer_beside_two_routers_is_served_once(stage: Stage) -> None:
+def a_peer_beside_two_routers_is_heard_once_or_twice(stage: Stage) -> None:
     r1 = stage.open("r1", "h1", mode="router", listen="tcp/[::]:7447")
     at = stage.address("h1")
     r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447", connect=at)
@@ -924,8 +936,11 @@ def a_peer_beside_two_routers_is_served_once(stage: Stage) -> None:
     a.expect("heard", "k", gives=True)
     for number in range(10):
         a.put("k", str(number))
-    b.expects("in", *(f"k={number}" for number in range(10)))
-    b.expect("ask", "q", gives=["q=yes"])
+    b.expects_all("in", *(f"k={number}" for number in range(10)))
+    events = b.events("in")
+    assert list(dict.fromkeys(events)) == [f"k={number}" for number in range(10)]
+    assert max(map(events.count, events)) <= 2
+    assert stage.wait(lambda: set(b.ask("q")) == {"q=yes"})
 
 
 @scenario
@@ -1130,3 +1145,123 @@ def a_congested_link_delays_retained_messages(stage: Stage) -> None:
     a.expect("heard", "k", gives=True)
     a.flood("k", 100, 50_000)
     b.expects("in", *map(str, range(100)))
+
+
+@scenario
+def an_urgent_message_overtakes_others(stage: Stage) -> None:
+    a, b = _pair(stage)
+    stage.set_rate("h1", 2_000_000)
+    b.flooded("in", "k/*")
+    a.publisher("k/images")
+    a.retained_publisher("k/urgent")
+    a.expect("heard", "k/images", gives=True)
+    a.expect("heard", "k/urgent", gives=True)
+    a.flood("k/images", 400, 50_000)
+    a.put("k/urgent", "urgent")
+
+    def has_overtaken() -> bool:
+        events = b.events("in")
+        return "urgent" in events[:-1]
+
+    assert stage.wait(has_overtaken)
+
+
+@scenario
+def a_link_that_takes_nothing_more_is_closed(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.watch("seen", "t")
+    a.token("t")
+    b.expects("seen", "+t")
+    b.flooded("in", "k")
+    a.retained_publisher("k")
+    a.expect("heard", "k", gives=True)
+    stage.set_rate("h1", 1000)
+    a.flood("k", 200, 50_000)
+    b.expects_all("seen", "-t")
+
+
+# Apart for a while
+
+
+@scenario
+def processes_of_an_unplugged_host_keep_their_link(stage: Stage) -> None:
+    a, b = stage.open("a", "h1"), stage.open("b", "h1")
+    c = stage.open("c", "h2")
+    b.expect("links", gives=sorted([a.id(), c.id()]))
+    b.subscriber("in", "k")
+    b.watch("seen", "t")
+    a.publisher("k")
+    a.token("t")
+    b.expects("seen", "+t")
+    stage.set_cable("h1", plugged=False)
+    b.expect("links", gives=[a.id()])
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+    b.expects("seen", "+t")
+
+
+@scenario
+def a_router_of_an_unplugged_host_serves_its_clients(stage: Stage) -> None:
+    hub, _, c = _star(stage)
+    a = stage.open("a", "h3", mode="client", connect=stage.address("h3"))
+    b = stage.open("b", "h3", mode="client", connect=stage.address("h3"))
+    stage.set_cable("h3", plugged=False)
+    hub.expect("links", gives=sorted([a.id(), b.id()]))
+    c.expect("links", gives=[])
+    a.queryable("q", "q", "yes")
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_message_of_a_short_failure_is_late(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    a.put("k", "1")
+    stage.set_cable("h1", plugged=False)
+    a.put("k", "2")
+    stage.set_cable("h1", plugged=True)
+    a.put("k", "3")
+    b.expects("in", "k=1", "k=2", "k=3")
+
+
+@scenario
+def a_message_sent_while_apart_is_lost(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.subscriber("in", "k")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    stage.set_cable("h1", plugged=False)
+    a.expect("links", gives=[])
+    a.put("k", "lost")
+    stage.set_cable("h1", plugged=True)
+    a.expect("heard", "k", gives=True)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_retained_message_sent_while_apart_comes_when_together(stage: Stage) -> None:
+    a, b = _pair(stage)
+    b.retained_subscriber("in", "k")
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.expects("in", "k=1")
+    stage.set_cable("h1", plugged=False)
+    a.expect("links", gives=[])
+    a.put("k", "2")
+    stage.set_cable("h1", plugged=True)
+    b.expects_all("in", "k=1", "k=2")
+
+
+@scenario
+def a_retained_message_comes_once_by_several_routers(stage: Stage) -> None:
+    _, a, b = _line(stage, is_mesh=True)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=1")
+    a.put("k", "2")
+    b.expects("in", "k=1", "k=2")

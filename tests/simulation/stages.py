@@ -1,4 +1,4 @@
-"""Where scenarios are played: in a simulated network, and on real hosts with real Zenoh."""
+"""Stages for scenarios: in a simulated network, and on real hosts with real Zenoh."""
 
 import json
 import signal
@@ -72,7 +72,7 @@ class Part:
 
 
 class Stage(Protocol):
-    """What a scenario uses."""
+    """The verbs of a scenario."""
 
     def open(self, name: str, host: str = "h1", **options: Any) -> Part:
         """A session on a host."""

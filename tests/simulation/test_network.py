@@ -1,12 +1,19 @@
 """The simulated network as users have it: hosts, processes, paths, and words for its faults."""
 
+import os
+import signal
+import socket
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 import tfbus
 from tfbus.messages import Vector3
+from tfbus.nodes import carrot
+from tfbus.secure.keystore import Keystore
+from tfbus.secure.rights import Identity
 from tfbus.testing import Network, Process, SimulationError
 
 
@@ -84,6 +91,20 @@ def test_a_killed_process_is_gone_and_back_when_restarted(network: Network) -> N
     network.run(until=lambda: eye.sees("arm"))
 
 
+def test_a_program_has_output_and_exit_code_and_is_restarted(network: Network) -> None:
+    """A command of tfbus runs as in a terminal, under the name of its module."""
+    network.host("robot")
+    program = network.program("robot", carrot.main, "--param", "radius=1.0")
+    program.wait_for_line("ready")
+    network.restart("robot/carrot")
+    assert program.exit_code == -signal.SIGKILL
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("carrot1"))
+    mistaken = network.program("robot", carrot.main, "--rate", "5", name="mistaken")
+    assert mistaken.wait() == 2
+    assert "No such option" in mistaken.stderr
+
+
 def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:
     """A process that stops for seconds is gone after the lease, and comes back."""
     arm = _tree(network, "robot", "arm")
@@ -105,14 +126,14 @@ def test_a_host_whose_power_fails_is_gone_after_the_lease(network: Network) -> N
 
 
 def test_a_host_that_roams_is_back(network: Network) -> None:
-    """Its links are lost, and it is met again at its new address."""
+    """Its links are lost, and it is met again at its new address, with all its frames."""
     _tree(network, "robot", "arm")
     eye = _Eye(network, "base")
     network.run(until=lambda: eye.sees("arm"))
     network.roam("robot", "10.0.1.7")
-    # By chance they meet again before the lease ends, and then it was never gone.
-    network.run(10.0)
-    assert eye.sees("arm")
+    roamed_ns = network.now_ns
+    network.run(until=lambda: eye.buffer.lookup_transform("world", "arm").stamp_ns > roamed_ns)
+    network.run(until=lambda: eye.sees("arm"))
 
 
 def test_a_minute_of_a_robot_takes_milliseconds(network: Network) -> None:
@@ -123,6 +144,16 @@ def test_a_minute_of_a_robot_takes_milliseconds(network: Network) -> None:
     network.run(60.0)
     assert eye.sees("arm")
     assert time.clock_gettime_ns(time.CLOCK_PROCESS_CPUTIME_ID) - begun_ns < 10e9
+
+
+def test_processes_have_ids_and_names_of_their_own(network: Network) -> None:
+    """Each process has its own id, and the name of its host, by Python's functions too."""
+    found = set()
+    for host in ("robot", "base"):
+        with network.process(network.host(host), "node") as process:
+            found.add((socket.gethostname(), os.getpid()))
+        assert (host, process.pid) in found
+    assert len(found) == 2
 
 
 def test_clocks_of_hosts_differ_drift_and_step(network: Network) -> None:
@@ -212,7 +243,7 @@ def test_a_mistake_is_explained(network: Network, mistake: object, sentence: str
 
 
 def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
-    """What the main function of a process raises is raised by `run`."""
+    """An error of the main function of a process is raised by `run`."""
 
     def fail() -> None:
         raise ValueError("a mistake of the node")
@@ -220,6 +251,55 @@ def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
     network.start(network.host("robot"), "node", fail)
     with pytest.raises(ValueError, match="a mistake of the node"):
         network.run(1.0)
+
+
+def test_a_closed_bus_is_refused(network: Network, tmp_path: Path) -> None:
+    """A node with an identity is not simulated as if it had none."""
+    keystore = Keystore.init(tmp_path / "keys", days=10)
+    keystore.add(Identity("robot", "reader"), days=5)
+    settings = tfbus.NodeSettings("robot", secure=str(keystore.path / "robot"))
+    with pytest.raises(SimulationError, match="a closed bus is not simulated: node 'robot'"):
+        tfbus.Node(settings=settings)
+
+
+def test_a_configuration_file_is_refused(network: Network, tmp_path: Path) -> None:
+    """A node is not simulated as if its file were empty."""
+    path = tmp_path / "zenoh.json5"
+    path.write_text("{}")
+    with pytest.raises(SimulationError, match="files of Zenoh are not simulated: node 'node'"):
+        tfbus.Node(settings=tfbus.NodeSettings("node", config=str(path)))
+
+
+def test_settings_of_the_environment_have_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network hides the settings of the machine's own bus."""
+    monkeypatch.setenv("TFBUS_MODE", "client")
+    monkeypatch.setenv("TFBUS_CONNECT", "tcp/127.0.0.1:1")
+    with Network():
+        assert tfbus.Node("node").settings.connect == ()
+    assert os.environ["TFBUS_MODE"] == "client"
+
+
+def test_a_client_without_a_router_says_so(network: Network) -> None:
+    """It opens no real connection to find out why."""
+    network.host("robot")
+    with network.process("robot", "node"), pytest.raises(tfbus.BusError, match="no router answers"):
+        settings = tfbus.NodeSettings("node", mode="client", connect="tcp/base:7447")
+        tfbus.Node(settings=settings, patience_s=3.0)
+
+
+def test_a_message_that_must_arrive_waits_five_seconds_for_a_link(network: Network) -> None:
+    """Then Zenoh closes the link, and the publisher goes on."""
+    robot, base = network.host("robot"), network.host("base")
+    with network.process(base, "reader"):
+        tfbus.Node("reader").create_subscription(Vector3, "pose", print, retained=True)
+    with network.process(robot, "writer"):
+        publisher = tfbus.Node("writer").create_publisher(Vector3, "pose", retained=True)
+        network.run(2.0)
+        network.path(robot, base, bytes_a_second=1.0)
+        begun_ns = network.now_ns
+        for _ in range(10_000):
+            publisher.publish(Vector3())
+    assert network.now_ns - begun_ns == pytest.approx(5e9, rel=0.1)
 
 
 def test_a_process_is_in_its_main_thread_from_its_first_turn_on() -> None:

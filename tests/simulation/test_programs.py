@@ -37,6 +37,13 @@ def test_a_terminal_shows_output_and_errors_together(network: Network) -> None:
     assert program.out[-2:] == ["[] None  True", "a mistake"]
 
 
+def test_output_and_errors_may_go_together(network: Network) -> None:
+    """As behind `2>&1`: in the order in which they were written."""
+    program = network.program("outside", _show, is_merged=True)
+    program.wait()
+    assert program.out[-2:] == ["[] None  False", "a mistake"]
+
+
 def test_two_programs_print_apart(network: Network) -> None:
     """However their turns change, each has its own output and environment."""
 

@@ -2,6 +2,8 @@
 
 import socket
 
+from tfbus.runtime import scheduler
+
 _CONNECT_WITHIN_S = 2.0
 
 
@@ -58,6 +60,8 @@ def speaks_tls(endpoint: str) -> bool | None:
 
 
 def _address(endpoint: str) -> tuple[str, int] | None:
-    """The host and port of an endpoint; None for one of another protocol."""
+    """The host and port of an endpoint; None for one of another protocol, and in a simulation."""
+    if scheduler.is_simulated:
+        return None
     protocol, host, port = split_endpoint(endpoint)
     return (host, port) if protocol in ("tcp", "tls", "ws") and port else None

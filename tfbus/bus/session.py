@@ -554,8 +554,6 @@ def _why_no_link(settings: NodeSettings) -> str:
     """Why an endpoint that answers gives no link: its bus is closed and ours open, or the reverse,
     or of another authority; "" where none answers.
     """
-    if scheduler.is_simulated:
-        return ""  # nothing real answers
     is_closed = settings.closed is not None
     for endpoint in settings.connect:
         if (is_tls := speaks_tls(endpoint)) is None:

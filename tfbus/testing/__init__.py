@@ -6,17 +6,28 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.testing.faults import Faults as Faults
     from tfbus.testing.network import Network as Network
     from tfbus.testing.processes import Host as Host
     from tfbus.testing.processes import Process as Process
+    from tfbus.testing.programs import Program as Program
     from tfbus.testing.tasks import SimulationError as SimulationError
 
 _MODULES = {
+    "Faults": "tfbus.testing.faults",
     "Host": "tfbus.testing.processes",
     "Network": "tfbus.testing.network",
     "Process": "tfbus.testing.processes",
+    "Program": "tfbus.testing.programs",
     "SimulationError": "tfbus.testing.tasks",
 }
-__all__ = ["Host", "Network", "Process", "SimulationError"]  # imported when used
+__all__ = [
+    "Faults",
+    "Host",
+    "Network",
+    "Process",
+    "Program",
+    "SimulationError",
+]  # imported when used
 
 __getattr__ = exported(__name__, _MODULES)

@@ -76,10 +76,11 @@ class Declarations:
         if kind == TOKEN:
             session.tokens.count(key, change, source)
         elif not session.is_closed():
-            session.matchings.look()
+            session.matchings.look(kind, key)
 
     def has(self, kind: str, full: str) -> bool:
         """Whether a declaration of this kind meets a key, here or at another session."""
-        if any(intersect(each, full) for each in self.own[kind]):
+        own = self.own[kind]
+        if full in own or any(intersect(each, full) for each in own):
             return True
         return bool(self._session.routing.has(kind, full))

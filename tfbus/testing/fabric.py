@@ -18,7 +18,7 @@ from tfbus.testing.meeting import Meeting, foreign_place
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.queries import Cancellation
 from tfbus.testing.session_info import Scout
-from tfbus.testing.tasks import Tasks
+from tfbus.testing.tasks import SimulationError, Tasks
 from tfbus.testing.zenoh_session import ZenohSession
 
 # A peer meets others within this time, and one that it has lost within the longer one.
@@ -66,6 +66,7 @@ class Fabric:
 
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""
+        _check_settings(settings)
         process: Process = self.tasks.current.place  # type: ignore[assignment]
         session = ZenohSession(
             self,
@@ -149,8 +150,8 @@ class Fabric:
                 face.is_open = False
                 if face.lane.is_reliable:
                     face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
-                else:
-                    self._watch_silence(far)
+                # Where the news of its end does not come either, no keep-alive does.
+                self._watch_silence(far, face.lane.busy_s() + LEASE_S)
             session.faces.clear()
             self._sessions.pop(session, None)
 
@@ -210,7 +211,8 @@ class Fabric:
 
     def _meet_others(self, session: ZenohSession, within_s: float) -> None:
         for other in list(self._sessions):
-            if other is not session and self._meeting.protocol(session, other):
+            is_known = other is session or other in session.faces
+            if not is_known and self._meeting.protocol(session, other):
                 self._meet_soon(session, other, within_s)
 
     def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:
@@ -312,3 +314,17 @@ class Fabric:
                 face.session.process.receive(lambda: self.lose(face))
 
         self.tasks.call_after(max(after_s, path.delay_s), look)
+
+
+def _check_settings(settings: Any) -> None:
+    """Refuse settings that have no effect here."""
+    if settings.closed is not None:
+        raise SimulationError(
+            f"a closed bus is not simulated: node {settings.name!r} must not have `secure` "
+            f"({settings.secure})"
+        )
+    if settings.config:
+        raise SimulationError(
+            f"configuration files of Zenoh are not simulated: node {settings.name!r} must not have "
+            f"`config` ({settings.config}), but may have mode, connect, listen and namespace"
+        )

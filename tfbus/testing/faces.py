@@ -1,16 +1,19 @@
 """The end of a link in one session: declarations of the far end, and the lane to it."""
 
+import itertools
 from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from tfbus.testing.declarations import KINDS, QUERYABLE
-from tfbus.testing.keys import intersect
+from tfbus.testing.keys import Keys
 from tfbus.testing.links import Lane
 
 if TYPE_CHECKING:
     from tfbus.testing.queries import Asked
     from tfbus.testing.zenoh_session import ZenohSession
+
+_numbers = itertools.count()
 
 
 class Face:
@@ -19,11 +22,13 @@ class Face:
     def __init__(self, session: "ZenohSession", lane: Lane) -> None:
         self.session = session
         self.lane = lane
+        # Later ones have larger numbers.
+        self.number = next(_numbers)
         self.far: Face
         self.is_open = True
         self._has_lost = False
         # Declarations of the far end, by kind.
-        self.declared: dict[str, dict[str, None]] = {kind: {} for kind in KINDS}
+        self.declared = {kind: Keys() for kind in KINDS}
         # How often the far end was told of a declaration, by kind and key.
         self._told: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
         # The queries that went out by it and have not ended.
@@ -36,25 +41,26 @@ class Face:
 
     def wants(self, kind: str, key: str) -> bool:
         """Whether the far end has declared something of this kind that a key meets."""
-        declared = self.declared[kind]
-        return key in declared or any(intersect(each, key) for each in declared)
+        return self.declared[kind].meets(key)
 
     def continue_of(self, former: "Face") -> None:
         """Take over all that a former end knew and told: a link was added to it."""
         self.declared, self._told, self.asked = former.declared, former._told, former.asked
 
-    def send(self, call: Callable[["Face"], object], size: int = 100) -> None:
-        """Make `call(far end)` there, in the order of the calls."""
+    def send(
+        self, call: Callable[["Face"], object], size: int = 100, *, is_urgent: bool = True
+    ) -> None:
+        """Make `call(far end)` there, in the order of the calls that are as urgent."""
         far = self.far
 
         def arrive() -> None:
             if far.is_open:
                 call(far)
 
-        self.lane.send(lambda: far.session.process.receive(arrive), size)
+        self.lane.send(lambda: far.session.process.receive(arrive), size, is_urgent=is_urgent)
 
     def tell(self, kind: str, key: str, change: int) -> None:
-        """One declaration more, or less: the far end hears of the first and of the last."""
+        """Count a declaration more, or less: the far end hears of the first and of the last."""
         told = self._told[kind]
         former = told[key]
         told[key] += change

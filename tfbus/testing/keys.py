@@ -1,5 +1,6 @@
 """Keys of a simulated session: which expressions meet, and the namespace before each."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 import zenoh
@@ -19,6 +20,31 @@ def intersect(one: str, other: str) -> bool:
 def checked(key: str) -> str:
     """The key expression in its one form. Raises Zenoh's error where it is none."""
     return str(zenoh.KeyExpr.autocanonize(key)) if "*" in key else str(zenoh.KeyExpr(key))
+
+
+class Keys(dict[str, None]):
+    """Keys and key expressions that somebody has declared, in their order."""
+
+    def __init__(self, keys: Iterable[str] = ()) -> None:
+        super().__init__()
+        # Of thousands of keys only these can meet one that is not the same.
+        self._expressions: dict[str, None] = {}
+        for key in keys:
+            self[key] = None
+
+    def __setitem__(self, key: str, value: None) -> None:
+        super().__setitem__(key, value)
+        if "*" in key:
+            self._expressions[key] = None
+
+    def __delitem__(self, key: str) -> None:
+        super().__delitem__(key)
+        self._expressions.pop(key, None)
+
+    def meets(self, key: str) -> bool:
+        """Whether one of them has a key in common with a key or expression."""
+        others = self if "*" in key else self._expressions
+        return key in self or any(intersect(each, key) for each in others)
 
 
 class Names:

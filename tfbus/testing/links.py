@@ -4,19 +4,25 @@ On a link of TCP nothing is lost or overtakes: a lost packet delays all behind i
 lost packet is lost, and Zenoh drops one that another has overtaken.
 """
 
+import heapq
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from tfbus.testing.tasks import Tasks
 
 if TYPE_CHECKING:
     from tfbus.testing.processes import Host
 
-# As tfbus sets it, and Linux.
+# As tfbus sets it.
 LEASE_S = 1.5
+
+# Linux repeats a packet a round trip after it was lost, once three later ones have arrived; without
+# these after a time of its own, twice as long for each further loss.
+_LATER_ONES = 3
 _RESEND_AFTER_S = 0.2
+_LONGEST_RESEND_S = 60.0
 
 # A queue of Zenoh's holds this much of urgent messages, and of others, before it drops them.
 _URGENT_BYTES = 8 * 65536
@@ -68,102 +74,121 @@ class Paths:
         yield self.between(other, one)
 
 
-class Lane:
-    """One direction of a link: calls that arrive at its far end, in their order.
+class _Packet(NamedTuple):
+    """A call on its way; urgent packets go first, then in the order of `place`."""
 
-    All of them where it `is_reliable`.
+    is_other: bool
+    place: int
+    call: Callable[[], object]
+    size: int
+
+
+class Lane:
+    """A direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
+
+    They arrive in their order, but urgent ones overtake others that wait for the bandwidth.
     """
 
     def __init__(self, tasks: Tasks, path: Path, *, is_reliable: bool = True) -> None:
         self._tasks = tasks
         self.path = path
         self.is_reliable = is_reliable
-        self._arrived_ns = 0
-        self._free_ns = 0
-        # The numbers of packets, where they may overtake.
-        self._number = self._arrived_number = 0
-        # Calls that wait for the path to be up again, or for one before them, by their places in
-        # the order; and the place of the next one to arrive.
-        self._held: dict[int, tuple[Callable[[], object], int]] = {}
-        self._places = itertools.count()
-        self._next_place = 0
         self.is_open = True
+        self._places = itertools.count(1)
+        # Packets that wait for the bandwidth, a heap.
+        self._waiting: list[_Packet] = []
+        self._is_sending = False
+        # Packets that wait for the path to be up, or for one before them, by their numbers.
+        self._held: dict[int, _Packet] = {}
+        self._numbers = itertools.count(1)
+        # When the last packet left, and the mean time between two.
+        self._left_ns, self._gap_s = 0, _RESEND_AFTER_S
+        # The number of the last packet that has arrived, and when the last one that left is due.
+        self._arrived = self.due_ns = 0
 
-    def backlog_bytes(self) -> float:
-        """How much waits for the bandwidth, or for the path."""
-        held = sum(size for _, size in self._held.values())
-        waiting_ns = max(0, self._free_ns - self._tasks.now_ns)
-        return held + waiting_ns / 1e9 * self.path.bytes_a_second
+    def busy_s(self) -> float:
+        """How long all that is under way still takes to arrive."""
+        rate = self.path.bytes_a_second
+        waits_s = sum(packet.size for packet in self._waiting) / rate if rate else 0.0
+        return waits_s + max(0, self.due_ns - self._tasks.now_ns) / 1e9
 
     def has_room(self, urgent: bool) -> bool:
         """Whether a message that may be dropped is sent."""
-        return self.backlog_bytes() < (_URGENT_BYTES if urgent else _OTHER_BYTES)
+        waiting = itertools.chain(self._waiting, self._held.values())
+        backlog = sum(packet.size for packet in waiting if packet.is_other is not urgent)
+        return backlog < (_URGENT_BYTES if urgent else _OTHER_BYTES)
 
-    def send(self, call: Callable[[], object], size: int = 100) -> None:
+    def send(self, call: Callable[[], object], size: int = 100, *, is_urgent: bool = True) -> None:
         """Make a call at the far end, once it has arrived there."""
-        if not self.is_reliable:
-            self._launch_once(call, size)
-        elif not self.path.is_up:
-            self._held[next(self._places)] = call, size
+        packet = _Packet(not is_urgent, next(self._places), call, size)
+        if self.path.bytes_a_second or self._waiting:
+            heapq.heappush(self._waiting, packet)
+            self._send_next()
         else:
-            self._launch(next(self._places), call, size, 0.0)
+            self._launch(next(self._numbers), packet)
 
     def release(self) -> None:
         """The path is up again: all that waits is sent anew, after TCP's pause."""
         held, self._held = sorted(self._held.items()), {}
         down_s = (self._tasks.now_ns - self.path.changed_ns) / 1e9
         pause_s = self._tasks.random.uniform(0, min(down_s, 2 * LEASE_S))
-        for place, (call, size) in held:
-            self._launch(place, call, size, pause_s)
+        for number, packet in held:
+            self._launch(number, packet, pause_s)
 
-    def _launch(self, place: int, call: Callable[[], object], size: int, pause_s: float) -> None:
+    def _send_next(self) -> None:
+        """Send the first of those that wait, unless another one is leaving."""
+        if self._is_sending or not self._waiting:
+            return
+        packet = heapq.heappop(self._waiting)
+        rate = self.path.bytes_a_second
+        self._is_sending = True
+
+        def has_left() -> None:
+            self._is_sending = False
+            self._launch(next(self._numbers), packet)
+            self._send_next()
+
+        self._tasks.call_after(packet.size / rate if rate else 0.0, has_left)
+
+    def _launch(self, number: int, packet: _Packet, pause_s: float = 0.0) -> None:
+        """Bring a packet to the far end: after TCP has repeated it, or not at all."""
         tasks, path = self._tasks, self.path
         chance = tasks.random.random
-        late_s = pause_s + sum(path.delays_s(chance))
-        resend_s = _RESEND_AFTER_S
-        while path.loss and chance() < path.loss:
-            late_s += resend_s
-            resend_s = min(2 * resend_s, 60.0)
-        sent_ns = self._sent_ns(size)
-        self._arrived_ns = max(self._arrived_ns + 1, sent_ns + round(late_s * 1e9))
-
-        def arrive() -> None:
-            if not self.is_open:
-                return
-            # One that is lost on its way is sent again, and all that was sent after it waits.
-            self._held[place] = call, size
-            while self.path.is_up and self._next_place in self._held:
-                next_call, _ = self._held.pop(self._next_place)
-                self._next_place += 1
-                next_call()
-
-        tasks.call_at(self._arrived_ns, arrive)
-
-    def _launch_once(self, call: Callable[[], object], size: int) -> None:
-        """Send a packet that is lost where the path loses it, or where another overtakes it."""
-        tasks, path = self._tasks, self.path
-        chance = tasks.random.random
-        if path.loss and chance() < path.loss:
+        if self.is_reliable and not path.is_up:
+            self._held[number] = packet
             return
         delay_s, more_s = path.delays_s(chance)
-        due_ns = self._sent_ns(size) + round(delay_s * 1e9)
+        if self.is_reliable:
+            delay_s += pause_s + more_s + self._resends_s()
+        elif path.loss and chance() < path.loss:
+            return
         # Jitter alone changes no order: packets of one way wait in one queue.
-        due_ns = self._arrived_ns = max(self._arrived_ns + 1, due_ns)
-        due_ns += round(more_s * 1e9)
-        self._number += 1
-        number = self._number
+        self.due_ns = max(self.due_ns + 1, tasks.now_ns + round(delay_s * 1e9))
+        late_ns = 0 if self.is_reliable else round(more_s * 1e9)
+        arrive = self._arrive if self.is_reliable else self._arrive_once
+        tasks.call_at(self.due_ns + late_ns, lambda: arrive(number, packet))
 
-        def arrive() -> None:
-            if self.is_open and path.is_up and number > self._arrived_number:
-                self._arrived_number = number
-                call()
+    def _resends_s(self) -> float:
+        """How long TCP takes to repeat a packet until it gets through."""
+        path, now_ns = self.path, self._tasks.now_ns
+        gap_s, self._left_ns = (now_ns - self._left_ns) / 1e9, now_ns
+        self._gap_s += (min(gap_s, _RESEND_AFTER_S) - self._gap_s) / 8
+        by_later_s = _LATER_ONES * self._gap_s
+        late_s, resend_s = 0.0, min(by_later_s, _RESEND_AFTER_S)
+        while path.loss and self._tasks.random.random() < path.loss:
+            late_s += 2 * (path.delay_s + path.jitter_s) + resend_s
+            if by_later_s >= _RESEND_AFTER_S:
+                resend_s = min(2 * resend_s, _LONGEST_RESEND_S)
+        return late_s
 
-        tasks.call_at(due_ns, arrive)
+    def _arrive(self, number: int, packet: _Packet) -> None:
+        """A packet that is lost on its way is sent again, and all that was sent after it waits."""
+        self._held[number] = packet
+        while self.is_open and self.path.is_up and self._arrived + 1 in self._held:
+            self._arrived += 1
+            self._held.pop(self._arrived).call()
 
-    def _sent_ns(self, size: int) -> int:
-        """When the last byte has left, by the bandwidth of the path."""
-        sent_ns = self._tasks.now_ns
-        if self.path.bytes_a_second:
-            sent_ns = max(sent_ns, self._free_ns) + round(size / self.path.bytes_a_second * 1e9)
-            self._free_ns = sent_ns
-        return sent_ns
+    def _arrive_once(self, number: int, packet: _Packet) -> None:
+        if self.is_open and self.path.is_up and number > self._arrived:
+            self._arrived = number
+            packet.call()

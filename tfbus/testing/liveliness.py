@@ -39,7 +39,7 @@ class Tokens:
         return iter(list(self._count))
 
     def count(self, key: str, change: int, source: object) -> None:
-        """One source of a token more, or less: the first and the last are news."""
+        """Count a source of a token more, or less: the first and the last are news."""
         former = self._count[key]
         self._count[key] += change
         if self._count[key] == 0:

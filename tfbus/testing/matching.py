@@ -7,6 +7,7 @@ import zenoh
 
 from tfbus.testing.callers import Handler
 from tfbus.testing.declarations import QUERYABLE, SUBSCRIBER, Declared
+from tfbus.testing.keys import intersect
 
 if TYPE_CHECKING:
     from tfbus.testing.zenoh_session import ZenohSession
@@ -28,6 +29,10 @@ class _Watch:
         self._full = full
         self._handler = handler
         self._former = session.declarations.has(kind, full)
+
+    def is_of(self, kind: str, key: str) -> bool:
+        """Whether a declaration of this kind and key may change what it reports."""
+        return kind == self._kind and intersect(key, self._full)
 
     def look(self) -> None:
         now = self._session.declarations.has(self._kind, self._full)
@@ -51,10 +56,11 @@ class Matchings:
         self._watches[number] = _Watch(self._session, kind, full, Handler(handler))
         return Declared(self._session, lambda: self._watches.pop(number, None))
 
-    def look(self) -> None:
-        """Tell publishers and queriers whether they have a counterpart now."""
+    def look(self, kind: str, key: str) -> None:
+        """A declaration has come or ended: report what it changes."""
         for watch in list(self._watches.values()):
-            watch.look()
+            if watch.is_of(kind, key):
+                watch.look()
 
     def clear(self) -> None:
         """Watch nothing more."""

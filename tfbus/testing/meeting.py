@@ -24,8 +24,8 @@ class Meeting:
 
     def __init__(self, paths: "Paths") -> None:
         self._paths = paths
-        # Introductions that were made: of whom, and by which two connections.
-        self._introduced: set[tuple[object, ...]] = set()
+        # The number of the last connection of two: whom both knew before introduces them no more.
+        self._met: dict[tuple[object, object], int] = {}
 
     def protocol(self, one: "ZenohSession", other: "ZenohSession") -> str:
         """The protocol of the link that two sessions make; "" where neither looks for the other."""
@@ -52,19 +52,19 @@ class Meeting:
 
     def _introduces(self, one: "ZenohSession", other: "ZenohSession") -> bool:
         """Whether a third session that both have a link to introduces them now."""
+        met = self._met.get(_pair(one, other), -1)
         return any(
-            self._key(one, other, third) not in self._introduced for third in _between(one, other)
+            one.faces[third].number > met or other.faces[third].number > met
+            for third in _between(one, other)
         )
 
     def note_link(self, one: "ZenohSession", other: "ZenohSession") -> None:
         """Two sessions have a link: nobody introduces them again."""
-        for third in _between(one, other):
-            self._introduced.add(self._key(one, other, third))
+        self._met[_pair(one, other)] = max(one.faces[other].number, other.faces[one].number)
 
-    def _key(self, *sessions: "ZenohSession") -> tuple[object, ...]:
-        one, other, third = sessions
-        ends = sorted((one, other), key=lambda each: each.zid_text)
-        return (*ends, *(each.faces[third] for each in ends))
+
+def _pair(one: "ZenohSession", other: "ZenohSession") -> "tuple[ZenohSession, ZenohSession]":
+    return (one, other) if one.zid_text > other.zid_text else (other, one)
 
 
 def _between(one: "ZenohSession", other: "ZenohSession") -> "list[ZenohSession]":

@@ -6,7 +6,6 @@ The real code runs on it, in virtual time, one task at a time. The same seed giv
 import gc
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -15,25 +14,19 @@ from typing import Any
 
 from tfbus.bus import zenoh_library
 from tfbus.runtime import scheduler
+from tfbus.testing.environment import without_settings
 from tfbus.testing.fabric import Fabric
 from tfbus.testing.faults import Faults
 from tfbus.testing.links import Paths
-from tfbus.testing.of_python import standing_in, task_of
+from tfbus.testing.of_python import standing_in
+from tfbus.testing.process_table import ProcessTable
 from tfbus.testing.processes import START_NS, Host, Process
-from tfbus.testing.programs import Program
+from tfbus.testing.programs import Program, module_of
 from tfbus.testing.scheduler_names import scheduler_names
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 # How often a condition is looked at while the network runs.
 _LOOK_EVERY_S = 0.005
-
-
-# Signals that do nothing by default.
-_IGNORED = {
-    number
-    for name in ("SIGCHLD", "SIGURG", "SIGWINCH")
-    if (number := getattr(signal, name, None)) is not None
-}
 
 
 class Network:
@@ -48,7 +41,8 @@ class Network:
 
     The seed decides all that is left to chance. `interleaving` is the mean number of steps after
     which a task gives its turn away without need. `faults` says how often Zenoh fails. Hosts and
-    processes are given as what `host` and `process` hand out, or by their names.
+    processes are given as what `host` and `process` hand out, or by their names. Settings in the
+    environment (TFBUS_MODE and others) have no effect.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:
@@ -56,26 +50,26 @@ class Network:
         self._interleaving = interleaving
         self._stack = ExitStack()
         self.faults = Faults()
-        self._hosts: dict[str, Host] = {}
         self._paths = Paths()
-        self._pids = 1000
-        self._tasks: Tasks | None = None
+        self._in_force: ProcessTable | None = None
 
     # In force
 
     def __enter__(self) -> "Network":
         if scheduler.is_simulated:
             raise SimulationError("one simulated network at a time")
-        self._tasks = Tasks(self.seed, _Driver(), interleaving=self._interleaving)
-        self._fabric = Fabric(self.tasks, self._paths, self.faults)
+        tasks = Tasks(self.seed, _Driver(), interleaving=self._interleaving)
+        self._fabric = Fabric(tasks, self._paths, self.faults)
+        self._in_force = ProcessTable(tasks, self._fabric)
         self._was_collecting = gc.isenabled()
         gc.disable()  # finalizers at any moment would make no two runs the same
         self.outside = self.host("outside")
-        self.tasks.main.place = self._new_process(self.outside, "main")
+        self.tasks.main.place = self._table.add(self.outside, "main")
         names = scheduler_names(self.tasks)
         with ExitStack() as stack:
+            stack.enter_context(without_settings())
             stack.enter_context(scheduler.replaced_by(names))
-            stack.enter_context(standing_in(self, names))
+            stack.enter_context(standing_in(self._table, names))
             stack.enter_context(zenoh_library.replaced_by(self._fabric))
             self._stack = stack.pop_all()
         return self
@@ -104,31 +98,21 @@ class Network:
         Its clock is `offset_s` ahead of the others and gains `drift_ppm` microseconds a second;
         `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`.
         """
-        if name not in self._hosts:
-            host = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
-            self._hosts[name] = host
-        return self._hosts[name]
-
-    def _new_process(self, host: Host, name: str) -> Process:
-        self._pids += 1
-        process = Process(self.tasks, host, name, self._pids)
-        host.processes.append(process)
-        return process
-
-    def current_process(self) -> Process:
-        """The process whose turn it is."""
-        return self.tasks.current.place  # type: ignore[return-value]
+        hosts = self._table.hosts
+        if name not in hosts:
+            hosts[name] = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
+        return hosts[name]
 
     @contextmanager
     def process(self, host: Host | str, name: str) -> Iterator[Process]:
-        """What is called until the end of the `with` happens in a new process of the host."""
-        process = self._new_process(self._host(host), name)
+        """Make a process on a host: all calls until the end of the `with` happen in it."""
+        process = self._table.add(self._host(host), name)
         with self.tasks.within(process):
             yield process
 
     @contextmanager
     def within(self, process: Process) -> Iterator[None]:
-        """What is called until the end of the `with` happens in the process."""
+        """Enter a process: all calls until the end of the `with` happen in it."""
         with self.tasks.within(process):
             yield
 
@@ -139,7 +123,7 @@ class Network:
 
         What `main` raises fails the test. SystemExit(0) of a command line does not.
         """
-        process = self._new_process(self._host(host), name)
+        process = self._table.add(self._host(host), name)
 
         def run() -> None:
             try:
@@ -147,10 +131,10 @@ class Network:
             except SystemExit as error:
                 if error.code:
                     raise SimulationError(f"{process.name} exits: {error.code}") from error
-            self.finish(process)
+            self._table.finish(process)
 
         process.begin = partial(self.start, process.host, name, main, *args, **named)
-        self._run(process, run)
+        self._table.run(process, run)
         return process
 
     def program(
@@ -162,91 +146,49 @@ class Network:
         env: Mapping[str, str] | None = None,
         stdin: str = "",
         is_terminal: bool = False,
-        joins_errors: bool | None = None,
+        is_merged: bool = False,
     ) -> Program:
         """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
         of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
-        and exit code of its own. Its errors are part of its output where `joins_errors` (None: in
-        a terminal).
+        and exit code of its own. In a terminal, or merged, it writes its errors with its output.
         """
-        name = name or main.__module__.rpartition(".")[2]
-        process = self._new_process(self._host(host), name)
+        name = name or module_of(main).rpartition(".")[2]
+        process = self._table.add(self._host(host), name)
         process.program = Program(
             self,
+            self._table,
             process,
             main,
             arguments,
             os.environ if env is None else env,
             stdin,
             is_terminal=is_terminal,
-            joins_errors=is_terminal if joins_errors is None else joins_errors,
+            is_merged=is_merged,
         )
-        self._run(process, process.program.run)
+        options: dict[str, Any] = {"env": env, "stdin": stdin, "is_terminal": is_terminal}
+        again = partial(self.program, process.host, main, *arguments, name=name, **options)
+        process.begin = lambda: again().process
+        self._table.run(process, process.program.run)
         return process.program
 
-    def _run(self, process: Process, main: Callable[[], object]) -> None:
-        def run() -> None:
-            try:
-                main()
-            finally:
-                if not self.tasks.is_over:
-                    self._end(process)
-
-        with self.tasks.within(process):
-            thread = threading.Thread(target=run, name="MainThread", daemon=False)
-            thread.start()
-        process.main = task_of(thread)
-
-    def finish(self, process: Process) -> None:
-        """The main function of a process has ended: wait for its threads, as Python does."""
-        self.tasks.join_all(process)
-        process.call_at_exit()
-
-    def forget_at_exit(self, call: Callable[..., object]) -> None:
-        """As `atexit.unregister`, in whichever process it was registered."""
-        for host in self._hosts.values():
-            for process in host.processes:
-                process.forget_at_exit(call)
-
-    def signal(self, process: Process, number: int) -> None:
+    def signal(self, process: Process | str, number: int) -> None:
         """Send a signal to a process: its handler is called at the next turn of its main thread."""
-        if process.is_dead:
-            return
-        handler = process.handler(number)
-        if number == signal.SIGSTOP:
-            self.stop(process)
-        elif number == signal.SIGCONT:
-            self.go_on(process)
-        elif number == signal.SIGKILL or handler == signal.SIG_DFL or process.main is None:
-            if number not in _IGNORED:
-                process.exit_code = -number
-                self.kill(process)
-        elif handler != signal.SIG_IGN:
-            self.tasks.interrupt(process.main, partial(handler, number, None))
-
-    def signal_pid(self, pid: int, number: int) -> None:
-        """As `os.kill`."""
-        for host in self._hosts.values():
-            for process in host.processes:
-                if process.pid == pid and not process.is_dead:
-                    self.signal(process, number)
-                    return
-        raise ProcessLookupError(f"no process {pid} in this simulation")
+        self._table.signal(self._process(process), number)
 
     def kill(self, process: Process | str) -> None:
         """End a process at once, as SIGKILL does: its host closes its sockets."""
         killed = self._process(process)
         if killed.exit_code is None:
             killed.exit_code = -signal.SIGKILL
-        self._end(killed)
+        self._table.end(killed)
 
     def restart(self, process: Process | str) -> Process:
-        """Kill a process that `start` began, if it still runs, and start it anew."""
+        """Kill a process that has a main function, if it still runs, and start it anew."""
         former = self._process(process)
         if former.begin is None:
             raise SimulationError(
                 f"process {former.name!r} has no main function to restart: begin it by "
-                "network.start(host, name, main)"
+                "network.start(host, name, main) or network.program(host, main)"
             )
         self.kill(former)
         return former.begin()
@@ -254,27 +196,15 @@ class Network:
     def power_off(self, host: Host | str) -> None:
         """End all processes of a host without a word to others, as a pulled plug does."""
         for process in self._host(host).processes:
-            process.is_dead = True
-            process.ended.wake_all()
-            self._fabric.process_vanished(process)
+            self._table.vanish(process)
 
     def stop(self, process: Process | str) -> None:
         """Stop a process, as SIGSTOP does."""
-        stopped = self._process(process)
-        stopped.is_stopped = True
-        self._fabric.process_stopped(stopped)
+        self._table.stop(self._process(process))
 
     def go_on(self, process: Process | str) -> None:
-        """Let a stopped process go on."""
-        stopped = self._process(process)
-        stopped.go_on()
-        self._fabric.process_goes_on(stopped)
-
-    def _end(self, process: Process) -> None:
-        if not process.is_dead:
-            process.is_dead = True
-            process.ended.wake_all()
-            self._fabric.process_ended(process)
+        """Let a stopped process go on, as SIGCONT does."""
+        self._table.go_on(self._process(process))
 
     # Paths
 
@@ -315,7 +245,7 @@ class Network:
             for group in groups
         ]
         if len(sides) == 1:
-            sides.append([host for host in self._hosts.values() if host not in sides[0]])
+            sides.append([host for host in self._table.hosts.values() if host not in sides[0]])
         named = [host for side in sides for host in side]
         for host in named:
             if named.count(host) > 1:
@@ -344,33 +274,15 @@ class Network:
 
     def heal(self) -> None:
         """Let everything pass again."""
-        for one in self._hosts.values():
-            for other in self._hosts.values():
+        for one in self._table.hosts.values():
+            for other in self._table.hosts.values():
                 self._fabric.set_up(one, other, True)
 
     def _host(self, host: Host | str) -> Host:
-        if isinstance(host, Host):
-            return host
-        if host not in self._hosts:
-            known = ", ".join(repr(each) for each in self._hosts)
-            raise SimulationError(
-                f"the network has no host {host!r}, but {known}: make it by network.host({host!r})"
-            )
-        return self._hosts[host]
+        return host if isinstance(host, Host) else self._table.host(host)
 
     def _process(self, process: Process | str) -> Process:
-        """A process, or the latest of the name "host/process"."""
-        if isinstance(process, Process):
-            return process
-        names = []
-        for host in self._hosts.values():
-            for each in reversed(host.processes):
-                if each.name == process:
-                    return each
-                names.append(repr(each.name))
-        raise SimulationError(
-            f"the network has no process {process!r}, but {', '.join(sorted(set(names)))}"
-        )
+        return process if isinstance(process, Process) else self._table.process(process)
 
     # Running
 
@@ -402,10 +314,14 @@ class Network:
 
     @property
     def tasks(self) -> Tasks:
-        """The tasks of all processes. Raises SimulationError before the `with`."""
-        if self._tasks is None:
+        """The tasks of all processes."""
+        return self._table.tasks
+
+    @property
+    def _table(self) -> ProcessTable:
+        if self._in_force is None:
             raise SimulationError("the network is in force within its `with`: with Network() as n")
-        return self._tasks
+        return self._in_force
 
     @property
     def dropped(self) -> int:
@@ -419,7 +335,7 @@ class Network:
 
 
 class _Driver:
-    """Where the test itself runs, before it is in any process."""
+    """The place of the test itself, before it is in any process."""
 
     name = "test"
     is_stopped = False

@@ -12,6 +12,7 @@ import atexit
 import os
 import queue
 import signal
+import socket
 import sys
 import threading
 import time
@@ -24,7 +25,7 @@ from tfbus.testing.refused import refusals
 from tfbus.testing.tasks import Task, Tasks
 
 if TYPE_CHECKING:
-    from tfbus.testing.network import Network
+    from tfbus.testing.process_table import ProcessTable
 
 
 # Modules that measure or wait in real time, whoever is running.
@@ -41,13 +42,13 @@ _REAL = frozenset(sys.stdlib_module_names) | {
 
 
 @contextmanager
-def standing_in(network: "Network", names: dict[str, Any]) -> Iterator[None]:
+def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
     """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
     refused; `names` are those of the scheduler.
     """
     replaced: dict[int, tuple[Any, Any]] = {}
     with ExitStack() as stack:
-        for owner, name, stand_in in _stand_ins(network, names):
+        for owner, name, stand_in in _stand_ins(table, names):
             real = getattr(owner, name)
             replaced[id(real)] = real, stand_in
             setattr(owner, name, stand_in)
@@ -78,8 +79,8 @@ def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
                 setattr(module, attribute, replaced[id(namespace[attribute])][1])
 
 
-def _stand_ins(network: "Network", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
-    tasks = network.tasks
+def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
+    tasks = table.tasks
 
     def is_task() -> bool:
         return _thread.get_ident() in tasks.thread_ids
@@ -125,19 +126,20 @@ def _stand_ins(network: "Network", names: dict[str, Any]) -> Iterator[tuple[Any,
         chosen(asyncio.events.new_event_loop, names["new_event_loop"]),
     )
 
-    process = network.current_process
+    process = table.current_process
     yield signal, "signal", chosen(signal.signal, lambda *args: process().set_handler(*args))
     yield signal, "getsignal", chosen(signal.getsignal, lambda number: process().handler(number))
     yield (
         signal,
         "raise_signal",
-        chosen(signal.raise_signal, lambda number: network.signal(process(), number)),
+        chosen(signal.raise_signal, lambda number: table.signal(process(), number)),
     )
     yield os, "urandom", chosen(os.urandom, names["urandom"])
+    yield socket, "gethostname", chosen(socket.gethostname, lambda: process().host.name)
     yield os, "getpid", chosen(os.getpid, names["getpid"])
-    yield os, "kill", chosen(os.kill, network.signal_pid)
+    yield os, "kill", chosen(os.kill, table.signal_pid)
     yield atexit, "register", chosen(atexit.register, lambda *a, **n: process().at_exit(*a, **n))
-    yield atexit, "unregister", chosen(atexit.unregister, network.forget_at_exit)
+    yield atexit, "unregister", chosen(atexit.unregister, table.forget_at_exit)
     for owner, name, refusal in refusals():
         yield owner, name, chosen(getattr(owner, name), refusal)
 

@@ -22,8 +22,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def network(request: pytest.FixtureRequest) -> "Iterator[Network]":
-    """A simulated network, in force during the test; its seed is in the report of a failure."""
+def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Network]":
+    """A simulated network, in force during the test; its seed is in the report of a failure.
+
+    Settings of the environment (TFBUS_MODE and others) have no effect on its nodes.
+    """
     from tfbus.testing.network import Network  # only where a test asks for it
 
     given = request.config.getoption("--tfbus-seed")

@@ -54,7 +54,7 @@ class Host:
 
 
 class Process:
-    """A process on a host; what its tasks do happens there."""
+    """A process on a host, as `start` and `process` of the network make it."""
 
     def __init__(self, tasks: Tasks, host: Host, name: str, pid: int) -> None:
         self._tasks = tasks

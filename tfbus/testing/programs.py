@@ -13,6 +13,7 @@ from tfbus.testing.tasks import SimulationError, SimulationOver
 
 if TYPE_CHECKING:
     from tfbus.testing.network import Network
+    from tfbus.testing.process_table import ProcessTable
     from tfbus.testing.processes import Process
 
 # How often what a program prints is looked at.
@@ -25,6 +26,7 @@ class Program:
     def __init__(
         self,
         network: "Network",
+        table: "ProcessTable",
         process: "Process",
         main: Callable[[], object],
         arguments: tuple[str, ...],
@@ -32,14 +34,14 @@ class Program:
         stdin: str,
         *,
         is_terminal: bool,
-        joins_errors: bool,
+        is_merged: bool = False,
     ) -> None:
         self.process = process
-        self._network = network
+        self._network, self._table = network, table
         self._main, self._arguments = main, arguments
-        module = sys.modules[main.__module__]
+        module = sys.modules[module_of(main)]
         self._out = _Written(is_terminal)
-        self._err = self._out if joins_errors else _Written(is_terminal)
+        self._err = self._out if is_terminal or is_merged else _Written(is_terminal)
         encoding = env.get("PYTHONIOENCODING", "utf-8")
         # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
         self._own: tuple[Any, ...] = (
@@ -59,7 +61,9 @@ class Program:
 
     @property
     def stdout(self) -> str:
-        """All that it has written to its standard output, with its errors where they are joined."""
+        """All that it has written to its standard output; merged or in a terminal with its
+        errors.
+        """
         return self._out.text
 
     @property
@@ -147,7 +151,7 @@ class Program:
         except BaseException as error:
             traceback.print_exc()
             code = -SIGINT if isinstance(error, KeyboardInterrupt) else 1
-        self._network.finish(self.process)
+        self._table.finish(self.process)
         self.process.exit_code = code
 
     def enter(self) -> None:
@@ -159,6 +163,11 @@ class Program:
         """Python's own are those of others again."""
         self._own = _of_python()
         _set_of_python(*self._of_others)
+
+
+def module_of(main: Callable[..., object]) -> str:
+    """The module of a main function, or of the function that a command of click calls."""
+    return str(getattr(main, "callback", main).__module__)
 
 
 def _of_python() -> tuple[Any, ...]:

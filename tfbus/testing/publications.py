@@ -91,7 +91,11 @@ class Publications:
 
     def _pass_on(self, face: "Face", message: Message, journey: Journey) -> None:
         size = len(message.data) + _AROUND
-        face.send(lambda far: far.session.publications.receive(far, message, journey), size)
+
+        def receive(far: "Face") -> None:
+            far.session.publications.receive(far, message, journey)
+
+        face.send(receive, size, is_urgent=message.is_urgent)
 
     def _has_room(self, face: "Face", message: Message) -> bool:
         """Whether a link takes a message, after a wait where it must arrive."""

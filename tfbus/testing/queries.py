@@ -82,7 +82,7 @@ class Asked:
             self._on_reply(reply)
 
     def end_of(self, target: object) -> None:
-        """One that it waits for has closed it; the last one ends it."""
+        """A queryable or session that it waits for has closed it; the last one ends it."""
         self.waits_for.discard(target)
         if not self.waits_for:
             self.end()
@@ -108,7 +108,7 @@ class Cancellation:
 
 
 class _Question:
-    """What is asked."""
+    """The key, parameters and payload of a query."""
 
     def __init__(self, full: str, parameters: str, payload: bytes | None) -> None:
         self.full = full
@@ -224,7 +224,11 @@ class Queries:
         face.asked[asked.number] = asked
         number = asked.number
         size = len(question.payload or b"") + _AROUND
-        face.send(lambda far: far.session.queries.receive(far, number, question, journey), size)
+
+        def receive(far: "Face") -> None:
+            far.session.queries.receive(far, number, question, journey)
+
+        face.send(receive, size, is_urgent=False)
 
     def receive(self, face: "Face", number: int, question: _Question, journey: Journey) -> None:
         """A query comes in: answers go back by its face, and its end."""
@@ -232,10 +236,14 @@ class Queries:
 
         def send_reply(reply: Reply) -> None:
             size = _AROUND_ANSWER + (len(reply.ok.payload) if reply.ok is not None else 0)
-            face.send(lambda far: far.session.queries.receive_reply(far, number, reply), size)
+
+            def receive(far: "Face") -> None:
+                far.session.queries.receive_reply(far, number, reply)
+
+            face.send(receive, size, is_urgent=False)
 
         def send_end() -> None:
-            face.send(lambda far: far.session.queries.receive_end(far, number))
+            face.send(lambda far: far.session.queries.receive_end(far, number), is_urgent=False)
 
         asked = Asked(self, next(self._numbers), send_reply, send_end)
         self._asked[asked.number] = asked

@@ -5,6 +5,7 @@ which number was the last; a subscriber asks each publisher for what it has miss
 """
 
 from collections import deque
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -14,6 +15,7 @@ from tfbus.testing.declarations import Declared
 from tfbus.testing.matching import Publisher
 from tfbus.testing.messages import Reply, Sample, Source
 from tfbus.testing.queries import Query
+from tfbus.testing.tasks import SimulationOver
 from tfbus.testing.zenoh_session import ZenohSession
 
 _BELOW = "/@adv/pub/"
@@ -144,14 +146,15 @@ class AdvancedSubscriber(Declared):
 
 
 class _Held:
-    """What the program holds: when it lets go of it, the publisher or subscriber ends."""
+    """The handle of the program: when it lets go of it, the publisher or subscriber ends."""
 
     def __init__(self, core: AdvancedPublisher | AdvancedSubscriber) -> None:
         self._core = core
 
     def __del__(self) -> None:
         if not self._core.is_of_ended_simulation:
-            self._core.undeclare()
+            with suppress(SimulationOver):  # it may end meanwhile
+                self._core.undeclare()
 
     def undeclare(self) -> None:
         self._core.undeclare()

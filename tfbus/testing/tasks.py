@@ -145,7 +145,8 @@ class Tasks:
     def step(self) -> None:
         """A place at which another task may have its turn."""
         chance, most_s = self.stalls
-        if chance and self.current is not self.main and self.random.random() < chance:
+        may_stall = chance and self.current is not self.main and not self.is_over
+        if may_stall and self.random.random() < chance:
             self.wait("the processor", most_s * self.random.random())
         if self._steps_left:
             self._steps_left -= 1

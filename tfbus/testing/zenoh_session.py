@@ -1,7 +1,10 @@
 """A session of Zenoh in a simulated network, with the methods of Zenoh's own that the bus uses.
 
-It does as eclipse-zenoh 1.10 does, as far as programs can tell. Its parts have a file each:
-declarations, publications, queries, liveliness, matching, routing, session_info.
+It does as eclipse-zenoh 1.10 does, as far as programs can tell; tests/simulation/scenarios.py holds
+the two against each other. It allows more than real Zenoh shows: callbacks of different origins
+come in any order, lost sessions meet again at any moment within 4 s, and faults.py has faults that
+real Zenoh shows too seldom for a test. Its parts have a file each: declarations, publications,
+queries, liveliness, matching, routing, routers, session_info.
 """
 
 import itertools
@@ -18,7 +21,8 @@ from tfbus.testing.matching import Matchings, Publisher, Querier
 from tfbus.testing.messages import Source
 from tfbus.testing.publications import Message, Publications
 from tfbus.testing.queries import Cancellation, Queries
-from tfbus.testing.routing import Direct, Router
+from tfbus.testing.routers import Router
+from tfbus.testing.routing import Direct
 from tfbus.testing.session_info import Info
 from tfbus.testing.tasks import SimulationOver, Tasks
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tfbus.compat.rclpy.exceptions import NotInitializedException
+from tfbus.runtime import scheduler
 from tfbus.runtime.signals import StopSignals
 
 if TYPE_CHECKING:
@@ -54,35 +55,41 @@ class Context:
         self.shutdown()
 
 
-_current: Context | None = None
+class _Begun:
+    """The context that this process began last."""
+
+    context: Context | None = None
 
 
 def begin(args: Sequence[str] | None) -> Context:
     """Begin, with the arguments of the process unless others are given."""
-    global _current
-    if _current is not None and not _current.is_shut_down:
+    begun = scheduler.of_process(_Begun)
+    if begun.context is not None and not begun.context.is_shut_down:
         raise RuntimeError("rclpy.init() was called twice: call it once a process")
-    _current = Context(sys.argv[1:] if args is None else args)
-    atexit.register(_current.shutdown)
-    return _current
+    begun.context = Context(sys.argv[1:] if args is None else args)
+    atexit.register(begun.context.shutdown)
+    return begun.context
 
 
 def current() -> Context:
     """The context that is in force. Raises NotInitializedException where there is none."""
-    if _current is None or _current.is_shut_down:
+    context = scheduler.of_process(_Begun).context
+    if context is None or context.is_shut_down:
         raise NotInitializedException("call rclpy.init() first")
-    return _current
+    return context
 
 
 def is_ok() -> bool:
     """Whether a context is in force, and not ended by a signal."""
-    return _current is not None and _current.ok()
+    context = scheduler.of_process(_Begun).context
+    return context is not None and context.ok()
 
 
 def end() -> None:
     """End the context that is in force, if there is one."""
-    if _current is not None:
-        _current.shutdown()
+    context = scheduler.of_process(_Begun).context
+    if context is not None:
+        context.shutdown()
 
 
 def split_arguments(args: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -1,10 +1,9 @@
 """ROS's tf2_ros.buffer: lookups, with waiting in threads, callbacks, coroutines and asyncio."""
 
 import asyncio
-import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future as Ended
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 from tfbus.compat.fields import message_of
@@ -15,6 +14,7 @@ from tfbus.compat.rclpy.time import stamp_ns_of
 from tfbus.compat.tf2_py import BufferCore, in_ros_words
 from tfbus.compat.tf2_ros.buffer_interface import BufferInterface
 from tfbus.errors import TransformException
+from tfbus.runtime import scheduler
 
 __all__ = ["Buffer"]
 
@@ -147,7 +147,8 @@ class TransformFuture(Future):
             super().__init__(run=run)
         self._look = look
         if not self._is_there():
-            waiting = asyncio.run_coroutine_threadsafe(self._wait(wait), _waiting_loop())
+            loop = scheduler.of_process(_Waiting).loop
+            waiting = asyncio.run_coroutine_threadsafe(self._wait(wait), loop)
             self.when_ended(partial(_cancel, waiting))
 
     def done(self) -> bool:
@@ -172,11 +173,13 @@ def _cancel(waiting: "Ended[None]") -> None:
     waiting.cancel()
 
 
-@cache
-def _waiting_loop() -> asyncio.AbstractEventLoop:
-    loop = asyncio.new_event_loop()
-    threading.Thread(target=loop.run_forever, name="tf2 futures", daemon=True).start()
-    return loop
+class _Waiting:
+    """The thread on which all futures of a process wait."""
+
+    def __init__(self) -> None:
+        self.loop = scheduler.new_event_loop()
+        run = self.loop.run_forever
+        scheduler.Thread(target=run, name="tf2 futures", daemon=True).start()
 
 
 def _seconds(timeout: Any) -> float:

@@ -1,0 +1,117 @@
+"""Random meshes of routers, which break and heal: then everything crosses them once."""
+
+import random
+
+import pytest
+
+from tests.simulation.actor import Actor
+from tfbus.testing import Network, Process
+
+_PORT = 7447
+
+
+class Mesh:
+    """Routers on hosts of their own, each with a client; some of them have links to each other."""
+
+    def __init__(self, network: Network, draw: random.Random) -> None:
+        self.network, self._draw = network, draw
+        count = draw.randint(2, 5)
+        self._hosts = [f"h{number}" for number in range(count)]
+        # A tree, and perhaps more links.
+        self._links = {
+            number: {draw.randrange(number)} | {n for n in range(number) if draw.random() < 0.3}
+            for number in range(1, count)
+        }
+        self._routers: dict[int, Process] = {}
+        self._actors: dict[int, tuple[Process, Actor]] = {}
+        for host in self._hosts:
+            network.host(host)
+        for number in range(count):
+            self._start_router(number)
+        for number in range(count):
+            self._start_client(number)
+
+    def _start_router(self, number: int) -> None:
+        peers = [f"tcp/{self._hosts[other]}:{_PORT}" for other in self._links.get(number, ())]
+        options = {"mode": "router", "listen": f"tcp/[::]:{_PORT}", "connect": peers}
+        with self.network.process(self._hosts[number], "router") as process:
+            Actor(f"r{number}", options)
+        self._routers[number] = process
+
+    def _start_client(self, number: int) -> None:
+        host = self._hosts[number]
+        with self.network.process(host, "client") as process:
+            actor = Actor(f"c{number}", {"mode": "client", "connect": f"tcp/{host}:{_PORT}"})
+            actor.do("token", f"t/{number}")
+            actor.do("watch", "seen", "t/*")
+            actor.do("subscriber", "in", "k")
+            actor.do("publisher", "k")
+            actor.do("queryable", "q", f"q/{number}", "yes")
+        self._actors[number] = process, actor
+
+    def injure(self) -> None:
+        """Break something."""
+        network, number = self.network, self._draw.randrange(len(self._hosts))
+        host, other = self._draw.sample(self._hosts, 2)
+        kind = self._draw.choice(("router", "client", "partition", "cut", "stop", "roam"))
+        if kind == "router":
+            network.kill(self._routers[number])
+            network.run(self._draw.uniform(0.0, 3.0))
+            self._start_router(number)
+        elif kind == "client" and not self._routers[number].is_stopped:
+            network.kill(self._actors[number][0])
+            network.heal()
+            self._start_client(number)
+        elif kind == "partition":
+            network.partition(host)
+        elif kind == "cut":
+            network.cut(host, other, both_ways=self._draw.random() < 0.5)
+        elif kind == "stop" and self._routers[number].is_running:
+            network.stop(self._routers[number])
+            network.run(self._draw.uniform(0.2, 3.0))
+            network.go_on(self._routers[number])
+        elif kind == "roam":
+            network.roam(host)
+        network.run(self._draw.uniform(0.0, 3.0))
+
+    def do(self, number: int, verb: str, *args: object) -> object:
+        """Let a client do something."""
+        process, actor = self._actors[number]
+        with self.network.within(process):
+            return actor.do(verb, *args)
+
+    def check(self) -> None:
+        """All clients know all tokens, and get each message and answer once."""
+        numbers = range(len(self._hosts))
+        tokens = [f"t/{number}" for number in numbers]
+        answers = [f"q/{number}=yes" for number in numbers]
+        for number in numbers:
+            assert self.do(number, "living", "t/*") == tokens
+            assert self.do(number, "ask", "q/*") == answers
+            assert _living_by(self.do(number, "events", "seen")) == set(tokens)
+            self.do(number, "put", "k", f"last {number}")
+        self.network.run(1.0)
+        for number in numbers:
+            events = [each for each in self.do(number, "events", "in") if "last" in each]  # type: ignore[attr-defined]
+            assert sorted(events) == [f"k=last {each}" for each in numbers]
+
+
+def _living_by(events: object) -> set[str]:
+    """The tokens whose last news are that they live."""
+    living: set[str] = set()
+    for event in events:  # type: ignore[attr-defined]
+        (living.add if event[0] == "+" else living.discard)(event[1:])
+    return living
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_everything_crosses_a_healed_mesh_once(seed: int) -> None:
+    """Tokens, messages and answers reach all clients, by whatever way is left."""
+    draw = random.Random(seed)
+    with Network(seed) as network:
+        mesh = Mesh(network, draw)
+        for _ in range(draw.randint(0, 8)):
+            mesh.injure()
+        network.heal()
+        network.run(15.0)
+        mesh.check()

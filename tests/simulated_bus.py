@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from pathlib import Path
 from signal import SIGINT
@@ -16,6 +16,7 @@ from tests.buses import DEADLINE_S, eventually
 from tfbus import Node, NodeSettings
 from tfbus.bus.interfaces import Interface
 from tfbus.testing.network import Network
+from tfbus.testing.processes import Process
 from tfbus.testing.programs import Program
 
 
@@ -28,11 +29,11 @@ class Bus:
     def __init__(self, network: Network, host: str = "") -> None:
         """A bus on the host of the test, or on another one."""
         self.network = network
-        self._process = network.current_process()
+        self.host = host or "outside"
+        self._process: Process | None = None
         if host:
             with network.process(host, "test") as self._process:
                 pass
-        self.host = self._process.host
         # How to join it, as the real one has.
         self.options: list[str] = []
         self.env = {
@@ -43,7 +44,7 @@ class Bus:
 
     def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
         """A node in the process of the test; what is given are fields of NodeSettings."""
-        with self.network.within(self._process):
+        with self.network.within(self._process) if self._process else nullcontext():
             node = Node(settings=NodeSettings(name, namespace=namespace, **given))
         self._nodes.append(node)
         return node

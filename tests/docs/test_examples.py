@@ -318,6 +318,7 @@ def test_simulated_time_drives_a_timer(bus: Bus) -> None:
     assert ticks == "ticks of the timer: [2.5, 5.0, 7.5, 10.0]"
 
 
+@pytest.mark.real
 def test_a_follower_is_tested_in_a_simulated_network(bus: Bus) -> None:
     """test_follower.py passes."""
     assert "3 passed" in run(bus, "test_follower.py")[-1]

@@ -2,13 +2,10 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
-from pathlib import Path
 from signal import SIGINT
-from types import ModuleType
 from typing import Any
 from unittest.mock import patch
 
@@ -68,22 +65,6 @@ class Bus:
             env=env,
             **given,
         )
-
-    def start_file(self, path: Path, *arguments: str, **given: Any) -> Program:
-        """`python PATH ARGUMENTS` as a process that goes on."""
-        return self.start_text(path.read_text(), path, *arguments, **given)
-
-    def start_text(self, text: str, path: Path, *arguments: str, **given: Any) -> Program:
-        """A program of this text, as if it was read from the path."""
-        code = compile(text, path, "exec")
-
-        def main() -> None:
-            # Classes of the program are found by the name of its module.
-            sys.modules["__main__"] = ModuleType("__main__")
-            sys.argv[0] = str(path)
-            exec(code, vars(sys.modules["__main__"]))
-
-        return self.start_main(main, *arguments, name=path.name, **given)
 
     def start_main(
         self,

@@ -165,10 +165,6 @@ class Bus:
         """`python -m MODULE ARGUMENTS` as a process that goes on."""
         return self.start_command([sys.executable, "-m", module, *arguments], env=env)
 
-    def start_file(self, path: Path, *arguments: str) -> Process:
-        """`python PATH ARGUMENTS` as a process that goes on."""
-        return self.start_command([sys.executable, str(path), *arguments])
-
     def start_command(
         self, command: Sequence[str], *, env: dict[str, str] | None = None, cwd: Path | None = None
     ) -> Process:

@@ -2,13 +2,10 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
-from pathlib import Path
 from signal import SIGINT
-from types import ModuleType
 from typing import Any
 from unittest.mock import patch
 
@@ -16,6 +13,7 @@ from tests.buses import DEADLINE_S, eventually
 from tfbus import Node, NodeSettings
 from tfbus.bus.interfaces import Interface
 from tfbus.testing.network import Network
+from tfbus.testing.processes import Process
 from tfbus.testing.programs import Program
 
 
@@ -25,11 +23,14 @@ class Bus:
     Of a node that is to be killed or stopped: `with bus.network.process("outside", "robot")`.
     """
 
-    def __init__(self, network: Network, host: str = "outside") -> None:
+    def __init__(self, network: Network, host: str = "") -> None:
+        """A bus on the host of the test, or on another one."""
         self.network = network
-        self.host = host
-        with network.process(host, "test") as self._process:
-            pass
+        self.host = host or "outside"
+        self._process: Process | None = None
+        if host:
+            with network.process(host, "test") as self._process:
+                pass
         # How to join it, as the real one has.
         self.options: list[str] = []
         self.env = {
@@ -40,7 +41,7 @@ class Bus:
 
     def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
         """A node in the process of the test; what is given are fields of NodeSettings."""
-        with self.network.within(self._process):
+        with self.network.within(self._process) if self._process else nullcontext():
             node = Node(settings=NodeSettings(name, namespace=namespace, **given))
         self._nodes.append(node)
         return node
@@ -64,22 +65,6 @@ class Bus:
             env=env,
             **given,
         )
-
-    def start_file(self, path: Path, *arguments: str, **given: Any) -> Program:
-        """`python PATH ARGUMENTS` as a process that goes on."""
-        return self.start_text(path.read_text(), path, *arguments, **given)
-
-    def start_text(self, text: str, path: Path, *arguments: str, **given: Any) -> Program:
-        """A program of this text, as if it was read from the path."""
-        code = compile(text, path, "exec")
-
-        def main() -> None:
-            # Classes of the program are found by the name of its module.
-            sys.modules["__main__"] = ModuleType("__main__")
-            sys.argv[0] = str(path)
-            exec(code, vars(sys.modules["__main__"]))
-
-        return self.start_main(main, *arguments, name=path.name, **given)
 
     def start_main(
         self,

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from tests.live_bus import DEADLINE_S, eventually
+from tests.buses import DEADLINE_S, eventually
 
 T = TypeVar("T")
 

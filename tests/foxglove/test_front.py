@@ -12,15 +12,13 @@ pytest.importorskip("websockets", reason="needs websockets: pip install websocke
 from websockets.exceptions import InvalidStatus
 
 from tests import needs
+from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
-from tests.live_bus import DEADLINE_S, eventually
 from tfbus.errors import TfbusError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import MOST_CLIENTS, Front, page_url, refusal
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
-
-pytestmark = pytest.mark.real
 
 ALLOWED = "http://viewer.lan:8080"
 
@@ -100,6 +98,7 @@ def test_a_page_of_another_host_is_refused_by_the_server(server: Server) -> None
         front.close()
 
 
+@pytest.mark.real
 def test_a_browser_gets_a_text_that_says_where_to_go(front: Front) -> None:
     """The address is one that people try in a browser."""
     with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
@@ -109,6 +108,7 @@ def test_a_browser_gets_a_text_that_says_where_to_go(front: Front) -> None:
     assert page_url(front.addresses[0]) in answer
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("garbage", [b"\x00" * 40_000, b"GET / HTTP/1.1\r\n", b""])
 def test_garbage_harms_no_other_client(front: Front, garbage: bytes) -> None:
     """What is no request, or ends early, is dropped."""
@@ -120,6 +120,7 @@ def test_garbage_harms_no_other_client(front: Front, garbage: bytes) -> None:
         eventually(lambda: other.texts_of("serverInfo"))
 
 
+@pytest.mark.real
 def test_requests_that_are_never_sent_shut_nobody_out(front: Front) -> None:
     """Those who hold connections open without a request lose the first of them to newcomers."""
     held = []
@@ -150,6 +151,7 @@ def test_there_is_a_limit_of_clients(front: Front) -> None:
         eventually(lambda: client.texts_of("serverInfo"))
 
 
+@pytest.mark.real
 def test_a_request_for_another_protocol_is_refused(front: Front) -> None:
     """With 400: a WebSocket of something else."""
     with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
@@ -161,6 +163,7 @@ def test_a_request_for_another_protocol_is_refused(front: Front) -> None:
         assert b"".join(iter(lambda: client.recv(4096), b"")).startswith(b"HTTP/1.1 400 ")
 
 
+@pytest.mark.real
 def test_a_taken_port_is_followed_by_the_next(server: Server) -> None:
     """And that is said."""
     first = Front(Serving(port=0), server, lambda reason: None)
@@ -173,12 +176,14 @@ def test_a_taken_port_is_followed_by_the_next(server: Server) -> None:
         second.close()
 
 
+@pytest.mark.real
 def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
     """One sentence, with the address."""
     with pytest.raises(TfbusError, match=r"could not listen at 192\.0\.2\.1:8765"):
         Front(Serving(host="192.0.2.1"), server, lambda reason: None)
 
 
+@pytest.mark.real
 def test_one_that_others_reach_needs_its_token(server: Server) -> None:
     """Over TLS; wrong ones are refused and said, and after 10 from an address all are."""
     needs.module("cryptography")
@@ -210,6 +215,7 @@ def test_one_that_others_reach_needs_its_token(server: Server) -> None:
         front.close()
 
 
+@pytest.mark.real
 def test_the_token_is_in_an_address_but_in_no_link(server: Server) -> None:
     """A link would carry it to Foxglove's site; one that was given is not printed."""
     needs.module("cryptography")

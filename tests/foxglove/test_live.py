@@ -10,8 +10,9 @@ import pytest
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests.builders import S, at, moved
+from tests.buses import eventually, send_until
 from tests.foxglove.client import Client
-from tests.live_bus import Bus, eventually, send_until
+from tests.simulated_bus import Bus
 from tfbus import (
     Fleet,
     Node,
@@ -26,8 +27,6 @@ from tfbus.messages import Clock, Pose, Spawn, Twist, Vector3
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
-
-pytestmark = pytest.mark.real
 
 POSE = Pose(1670400305709085026, 1.5, -2.0, 0.25, 0.5, -0.125)
 

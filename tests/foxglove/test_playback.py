@@ -11,8 +11,8 @@ pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests.builders import S, moved
+from tests.buses import eventually
 from tests.foxglove.client import Client
-from tests.live_bus import eventually
 from tfbus import Fleet, TransformStamped
 from tfbus.foxglove.playback import PlaybackBridge
 from tfbus.foxglove.serving import Serving
@@ -20,8 +20,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.tf_message import TFMessageReader
-
-pytestmark = pytest.mark.real
 
 START = 1670400300 * S
 END = START + 10 * S

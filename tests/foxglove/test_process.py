@@ -15,10 +15,9 @@ from websockets.exceptions import InvalidStatus
 from tests import needs
 from tests.foxglove.client import Client
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port, send_until
+from tests.simulated_bus import Bus as SimulatedBus
 from tfbus import TransformStamped
 from tfbus.ros.tf_message import TFMessageReader
-
-pytestmark = pytest.mark.real
 
 SLOW_S = 3 * DEADLINE_S
 
@@ -36,6 +35,7 @@ def transforms_of(client: Client, child: str) -> list[TransformStamped]:
     return [each for each in found if each.child_frame_id == child]
 
 
+@pytest.mark.real
 def test_the_demo_in_foxglove(bus: Bus) -> None:
     """Its frames follow the turtle, which the teleop panel drives; parameters, services and the
     graph are there; a late client has the static frames.
@@ -74,6 +74,7 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
     assert process.out == []
 
 
+@pytest.mark.real
 def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     """It is played with neither the bus of the user nor another; Ctrl-C ends it with 0."""
     pytest.importorskip("mcap", reason="needs mcap: the extra bag")
@@ -108,13 +109,15 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
         (("--bag", "nothing.mcap"), "'nothing.mcap' does not exist"),
     ],
 )
-def test_mistakes_are_usage_errors(bus: Bus, arguments: tuple[str, ...], said: str) -> None:
+def test_mistakes_are_usage_errors(
+    bus: SimulatedBus, arguments: tuple[str, ...], said: str
+) -> None:
     """In one sentence, with exit code 2."""
     done = bus.run("foxglove", *arguments)
     assert done.returncode == 2 and said in done.stderr
 
 
-def test_what_is_no_recording_ends_in_one_sentence(bus: Bus, tmp_path: Path) -> None:
+def test_what_is_no_recording_ends_in_one_sentence(bus: SimulatedBus, tmp_path: Path) -> None:
     """With exit code 1."""
     path = tmp_path / "run.mcap"
     path.write_text("no recording")
@@ -145,6 +148,7 @@ client.on("message", ({ subscriptionId, data }) => {
 _LIBRARIES = ("@foxglove/ws-protocol", "@foxglove/rosmsg", "@foxglove/rosmsg2-serialization", "ws")
 
 
+@pytest.mark.real
 def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
     """Those of npm, where node finds them (NODE_PATH)."""
     node = needs.program("node")
@@ -165,6 +169,7 @@ def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
     assert seen["transform"]["translation"] == {"x": 1.5, "y": 0, "z": 0}
 
 
+@pytest.mark.real
 def test_others_reach_it_by_a_token_only(bus: Bus) -> None:
     """And only look, unless --operate lets them do more."""
     done = bus.run("foxglove", "--host", "0.0.0.0")

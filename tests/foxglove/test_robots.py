@@ -12,15 +12,14 @@ pytest.importorskip("websockets", reason="needs websockets: pip install websocke
 
 from tests import needs
 from tests.builders import S
+from tests.buses import eventually
 from tests.foxglove.client import Client
-from tests.live_bus import Bus, eventually
+from tests.simulated_bus import Bus
 from tfbus import Fleet, Node, Robot, ServiceError
 from tfbus.foxglove.live import LiveBridge
 from tfbus.foxglove.serving import Serving
 from tfbus.messages import RobotDescription, RobotMesh
 from tfbus.ros.schema import MessageCodec
-
-pytestmark = pytest.mark.real
 
 DESCRIBED = MessageCodec.of_type(RobotDescription)
 

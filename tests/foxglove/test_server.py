@@ -11,8 +11,8 @@ import pytest
 
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
+from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
-from tests.live_bus import DEADLINE_S, eventually
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.connection import BACKLOG
 from tfbus.foxglove.front import Front
@@ -20,8 +20,6 @@ from tfbus.foxglove.graph import Connections
 from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, PlaybackStatus
 from tfbus.foxglove.server import Channel, Server, Service
 from tfbus.foxglove.serving import Serving
-
-pytestmark = pytest.mark.real
 
 # A client that asks for a WebSocket and then reads nothing.
 UPGRADE = (
@@ -56,6 +54,7 @@ def front(server: Server) -> Iterator[Front]:
     front.close()
 
 
+@pytest.mark.real
 def test_clients_come_and_go_while_all_is_published(server: Server, front: Front) -> None:
     """No moment of a client's stops the publisher, nor the publisher a client."""
     is_ended = threading.Event()
@@ -105,6 +104,7 @@ def test_the_graph_comes_whole_and_then_what_changes(server: Server, front: Fron
         assert last["subscribedTopics"] == []
 
 
+@pytest.mark.real
 def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) -> None:
     """It loses the oldest messages; one that reads gets all that it takes."""
     channel = server.open_channel("/topic", "json")
@@ -133,6 +133,7 @@ def test_a_client_with_a_wrong_id_harms_no_other(server: Server, front: Front) -
         eventually(lambda: client.of("/topic"))
 
 
+@pytest.mark.real
 def test_one_that_ends_without_reading_harms_no_newcomer(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +159,7 @@ def test_one_that_ends_without_reading_harms_no_newcomer(
         front.close()
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("is_told", [True, False])
 def test_what_waits_for_a_client_is_limited_in_bytes(
     monkeypatch: pytest.MonkeyPatch, server: Server, front: Front, is_told: bool

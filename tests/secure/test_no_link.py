@@ -68,7 +68,6 @@ def test_a_closed_client_learns_that_the_bus_is_open(router: Router, tmp_path: P
     """And how to join it."""
     opened = router("tcp", "")
     address = opened.removeprefix("tcp/")
-    assert speaks_tls(opened) is False
     said = refusal(f"tls/{address}", identity(tmp_path / "keys", "eye"))
     assert "an open bus" in said and f"--connect tcp/{address}" in said
 

@@ -76,10 +76,17 @@ def _sleep_asyncio() -> None:
     asyncio.run(both())
 
 
+def _turn_a_loop() -> None:
+    loop = asyncio.new_event_loop()
+    loop.run_until_complete(asyncio.sleep(2.0))
+    loop.close()
+
+
 VIRTUAL: dict[str, Callable[[], object]] = {
     "time.sleep": lambda: time.sleep(2.0),
     "sleep": lambda: sleep(2.0),
     "asyncio.run": _sleep_asyncio,
+    "asyncio.new_event_loop": _turn_a_loop,
     "to_thread": lambda: asyncio.run(asyncio.to_thread(sleep, 2.0)),
     "threads": _take_turns,
     "executor": _use_executor,

@@ -17,7 +17,7 @@ PATIENCE_S = 6 * DEADLINE_S
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser(real: None) -> Iterator[Any]:
     """One Chromium for all tests of a file; each has pages of its own."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
     playwright = pytest.importorskip(

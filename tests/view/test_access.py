@@ -5,8 +5,6 @@ import pytest
 from tests import needs
 from tfbus.secure.token import Token
 
-pytestmark = pytest.mark.real
-
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 

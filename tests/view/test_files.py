@@ -15,8 +15,6 @@ from tests import needs
 from tests.live_bus import Bus, eventually, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 
-pytestmark = pytest.mark.real
-
 
 def test_settings_are_saved_and_a_bad_pattern_is_shown(
     bus: Bus, pages: Any, tmp_path: Path
@@ -64,6 +62,7 @@ def test_the_page_says_which_parts_of_a_robot_it_cannot_show(
     assert "--package-path names the folder with package 'arm'" in said.inner_text()
 
 
+@pytest.mark.real
 def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
     """With the given size; then the process ends by itself."""
     needs.program("chromium")
@@ -88,6 +87,7 @@ def short_path() -> Iterator[Path]:
         yield Path(folder)
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("is_whole_group", [False, True])
 def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path: Path) -> None:
     """Chromium and its children end, whichever processes get the signal, without a picture."""

@@ -11,8 +11,6 @@ from websockets.http11 import Response
 
 from tfbus.view.framed import connecting_in_frames
 
-pytestmark = pytest.mark.real
-
 
 def test_a_page_in_a_frame_takes_itself_for_focused() -> None:
     """viser connects only then; what is no page stays as it is."""

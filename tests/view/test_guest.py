@@ -14,8 +14,6 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.view import Channel, Page, Placed, Serving
 from tfbus.view.local import _Program
 
-pytestmark = pytest.mark.real
-
 
 class Lamps:
     """A guest that comes and goes."""
@@ -59,7 +57,7 @@ def read_only() -> bool:
 
 
 @pytest.fixture
-def refresh(lamps: Lamps, read_only: bool) -> Iterator[Callable[[], tuple[str, ...]]]:
+def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], tuple[str, ...]]]:
     """Bring a page with this guest up to date; the titles of its tabs."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "map", "base", 1.0))

@@ -20,8 +20,6 @@ from tfbus import Buffer, InvalidArgumentException, Transform
 from tfbus.command import install_command
 from tfbus.view import View, show
 
-pytestmark = pytest.mark.real
-
 PICTURE = np.zeros((4, 6, 3), np.uint8)
 
 
@@ -35,7 +33,7 @@ def buffer() -> Buffer:
 
 
 @pytest.fixture
-def view(buffer: Buffer) -> Iterator[View]:
+def view(real: None, buffer: Buffer) -> Iterator[View]:
     """The page of that buffer."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
     with show(buffer, port=free_port(), rate_hz=5.0) as shown:
@@ -168,6 +166,7 @@ def test_a_notebook_shows_the_page(view: View) -> None:
     assert f'<iframe src="{view.url}"' in view._repr_html_()
 
 
+@pytest.mark.real
 def test_the_server_says_nothing(buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither when it starts nor when it stops, also on a console that is not standard output, as
     that of a notebook.
@@ -179,6 +178,7 @@ def test_the_server_says_nothing(buffer: Buffer, monkeypatch: pytest.MonkeyPatch
     assert not console.quiet
 
 
+@pytest.mark.real
 def test_a_page_for_other_machines_must_be_public(buffer: Buffer) -> None:
     """Then its address has a token, and a notebook a link: no frame would get the cookie."""
     needs.module("cryptography")
@@ -200,6 +200,7 @@ except tfbus.TfbusError as error:
 """
 
 
+@pytest.mark.real
 def test_without_viser_the_remedy_is_named() -> None:
     """The command installs the extra's requirements, not tfbus, which no index may have."""
     ended = subprocess.run(
@@ -222,6 +223,7 @@ def test_a_second_view_takes_the_next_port(buffer: Buffer, view: View) -> None:
     other.close()
 
 
+@pytest.mark.real
 def test_a_program_ends_with_its_view_open() -> None:
     """A view does not keep the process alive."""
     pytest.importorskip("viser", reason="needs viser: the extra view")

@@ -15,8 +15,10 @@ import pytest
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus import InvalidNameError
+from tfbus.testing.network import Network
+from tfbus.view.meshes import child
 from tfbus.view.meshes.creases import with_creases
 from tfbus.view.meshes.fair_turns import FairTurns
 from tfbus.view.meshes.guard import MeshError
@@ -174,8 +176,9 @@ def test_a_mesh_with_texture_coordinates_and_no_picture_has_no_colour_of_its_own
     assert (part.color, part.textured) == (None, b"")
 
 
-@pytest.mark.real
-def test_the_picture_of_the_urdf_comes_from_the_machine_of_the_mesh(tmp_path: Path) -> None:
+def test_the_picture_of_the_urdf_comes_from_the_machine_of_the_mesh(
+    loaders: type[MeshLoader], tmp_path: Path
+) -> None:
     """Of each machine; one that is not there is named, and the mesh is shown without it."""
     (tmp_path / "a.obj").write_bytes(PLAIN_OBJ)
     (tmp_path / "wood.png").write_bytes(png((9, 9, 200)))
@@ -188,7 +191,7 @@ def test_the_picture_of_the_urdf_comes_from_the_machine_of_the_mesh(tmp_path: Pa
         MeshSource("a.obj", origin="robot7", texture="wood.png"): (200, 9, 9),
         MeshSource("a.obj", origin="robot7", texture="no.png"): None,
     }
-    loader = MeshLoader(machine.fetch)
+    loader = loaders(machine.fetch)
     try:
         for source, color in found.items():
             loader.load(source)
@@ -290,6 +293,23 @@ def test_meshes_are_read_in_another_process_that_starts_again(tmp_path: Path) ->
         reader.close()
 
 
+class ReadsHere(MeshReader):
+    """Reads as that process does, in this one."""
+
+    def _process_now(self) -> Any:
+        return None
+
+    def _answer(self, process: Any, request: MeshRequest | None, within_s: float) -> Any:
+        return child._answer(request.as_map()) if request else {"ready": True}
+
+
+@pytest.fixture
+def loaders(network: Network, monkeypatch: pytest.MonkeyPatch) -> type[MeshLoader]:
+    """Loaders of meshes, in virtual time and without that process."""
+    monkeypatch.setattr("tfbus.view.meshes.loader.MeshReader", ReadsHere)
+    return MeshLoader
+
+
 class Machine:
     """Another machine with mesh files, that counts what is fetched."""
 
@@ -305,11 +325,12 @@ class Machine:
         return self.files[name]
 
 
-@pytest.mark.real
-def test_a_mesh_of_another_machine_comes_with_its_materials_and_once() -> None:
+def test_a_mesh_of_another_machine_comes_with_its_materials_and_once(
+    loaders: type[MeshLoader],
+) -> None:
     """They are asked for by their names beside it."""
     machine = Machine({"package://arm/a.obj": OBJ, "package://arm/colors.mtl": MTL})
-    loader = MeshLoader(machine.fetch)
+    loader = loaders(machine.fetch)
     source = MeshSource("package://arm/a.obj", origin="robot7")
     try:
         loader.load(source)
@@ -323,13 +344,14 @@ def test_a_mesh_of_another_machine_comes_with_its_materials_and_once() -> None:
         loader.close()
 
 
-@pytest.mark.real
-def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> None:
+def test_a_mesh_of_another_machine_names_no_file_of_this_one(
+    loaders: type[MeshLoader], tmp_path: Path
+) -> None:
     """Neither by a path from the root nor by one that leads out."""
     secret = tmp_path / "colors.mtl"
     secret.write_bytes(MTL)
     machine = Machine({"a.obj": OBJ.replace(b"colors.mtl", str(secret).encode())})
-    loader = MeshLoader(machine.fetch)
+    loader = loaders(machine.fetch)
     source = MeshSource("a.obj")
     try:
         loader.load(source)
@@ -349,9 +371,8 @@ def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> 
         (OSError(12, "Cannot allocate memory"), "it cannot be read: Cannot allocate memory"),
     ],
 )
-@pytest.mark.real
 def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
-    error: Exception, said: str
+    loaders: type[MeshLoader], error: Exception, said: str
 ) -> None:
     """Whichever way it fails: on the bus, or where the reader cannot start."""
 
@@ -360,7 +381,7 @@ def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
             raise error
         return TRIANGLE
 
-    loader = MeshLoader(fetch)
+    loader = loaders(fetch)
     bad, good = MeshSource("bad.stl", origin="robot7"), MeshSource("good.stl", origin="robot7")
     try:
         loader.load(bad)
@@ -394,8 +415,9 @@ def test_those_who_used_least_time_go_first() -> None:
     assert turns.next() == ("quick", "1") and turns.next() is None
 
 
-@pytest.mark.real
-def test_a_file_that_takes_long_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_takes_long_holds_up_no_other(
+    loaders: type[MeshLoader], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It makes way, is read beside them, and ends in its own time, with why."""
     monkeypatch.setattr("tfbus.view.meshes.loader._MAKES_WAY_S", 0.5)
     may_end = threading.Event()
@@ -406,7 +428,7 @@ def test_a_file_that_takes_long_holds_up_no_other(monkeypatch: pytest.MonkeyPatc
             raise MeshError("it came too slowly")
         return TRIANGLE
 
-    loader = MeshLoader(fetch)
+    loader = loaders(fetch)
     bad = MeshSource("bad.stl", origin="bad")
     good = [MeshSource(f"good{n}.stl", origin="good") for n in range(3)]
     try:

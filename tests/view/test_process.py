@@ -15,8 +15,6 @@ import viser
 from tfbus.view.origin import machine_names, refusal
 from tfbus.view.server import ServeError, serve
 
-pytestmark = pytest.mark.real
-
 
 def status_of(address: str, **headers: str) -> tuple[int, str]:
     """The view's answer to a request for its page with these headers."""
@@ -28,6 +26,7 @@ def status_of(address: str, **headers: str) -> tuple[int, str]:
     return answer.status, text
 
 
+@pytest.mark.real
 def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
     """A page from elsewhere may not use it, under any name of this machine."""
     view = bus.start("view", "--port", str(free_port()))
@@ -46,6 +45,7 @@ def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
     assert status_of(address, Host="[")[0] == 403
 
 
+@pytest.mark.real
 def test_a_port_that_is_taken_is_said(bus: Bus) -> None:
     """It takes the next free port, says so, and prints the address that holds."""
     with socket.socket() as other:
@@ -66,6 +66,7 @@ def test_a_view_for_others_must_be_public(bus: Bus) -> None:
     assert "add --public" in done.stderr and "ssh -L 8080:127.0.0.1:8080" in done.stderr
 
 
+@pytest.mark.real
 def test_pages_of_other_machines_cannot_frame_it(bus: Bus) -> None:
     """A click on one could be a click on the view; a notebook of this machine can."""
     view = bus.start("view", "--port", str(free_port()))
@@ -126,6 +127,7 @@ def test_the_names_of_a_machine_are_its_host_name_and_the_one_it_listens_at(
     assert machine_names("LOCALHOST") == set()
 
 
+@pytest.mark.real
 def test_no_browser_can_share_the_page() -> None:
     """viser would pass it on through a server of its makers, to all the world."""
     server = serve("127.0.0.1", free_port())
@@ -136,6 +138,7 @@ def test_no_browser_can_share_the_page() -> None:
         server.stop()
 
 
+@pytest.mark.real
 def test_an_unguarded_server_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """If viser starts its server in another way, there is no view rather than an open one."""
     stopped = []
@@ -164,6 +167,7 @@ def test_settings_of_the_view_are_not_taken_for_a_configuration_of_zenoh(
     assert f"tfbus view --settings {path}" in " ".join(done.stderr.split())
 
 
+@pytest.mark.real
 def test_a_yaml_that_is_no_configuration_of_zenoh_may_be_settings(bus: Bus, tmp_path: Path) -> None:
     """If it is not evidently the view's, Zenoh's error names the other option too."""
     path = tmp_path / "cfg.yaml"
@@ -173,6 +177,7 @@ def test_a_yaml_that_is_no_configuration_of_zenoh_may_be_settings(bus: Bus, tmp_
     assert f"the view's own settings go to --settings {path}" in done.stderr
 
 
+@pytest.mark.real
 def test_a_missing_settings_file_is_named(bus: Bus, tmp_path: Path) -> None:
     """A mistyped name shows, and a name for the file to be saved is fine."""
     view = bus.start("view", "--port", str(free_port()), "--settings", "nope.yaml")

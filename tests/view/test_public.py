@@ -16,8 +16,6 @@ from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, Arm, View
 
-pytestmark = pytest.mark.real
-
 pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 needs.module("cryptography")
@@ -149,6 +147,7 @@ def test_a_page_from_elsewhere_cannot_connect(bus: Bus, strangers: Any) -> None:
     process.wait_for_line(f"Refused a browser: a page of '{origin}' may not use")
 
 
+@pytest.mark.real
 def test_a_websocket_needs_the_cookie_and_the_origin(bus: Bus) -> None:
     """A program has the one by the token; a page of another origin is refused with both."""
     process, address = public_view(bus)
@@ -165,6 +164,7 @@ def test_a_websocket_needs_the_cookie_and_the_origin(bus: Bus) -> None:
     process.wait_for_line(r"Refused a browser: a page of 'https://evil\.example' may not use")
 
 
+@pytest.mark.real
 def test_every_path_needs_the_token_and_leads_to_the_page_only(bus: Bus) -> None:
     """No file of the machine is served, with the token or without."""
     process, address = public_view(bus)
@@ -179,6 +179,7 @@ def test_every_path_needs_the_token_and_leads_to_the_page_only(bus: Bus) -> None
     process.wait_for_line(r"Refused a browser: a wrong token from 127\.0\.0\.1")
 
 
+@pytest.mark.real
 def test_no_other_page_can_frame_it(bus: Bus) -> None:
     """A click on that one could be a click on this."""
     _, address = public_view(bus)
@@ -186,6 +187,7 @@ def test_no_other_page_can_frame_it(bus: Bus) -> None:
     assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'self'"
 
 
+@pytest.mark.real
 def test_a_certificate_of_ones_own_is_served(bus: Bus, tmp_path: Path) -> None:
     """Browsers that trust it connect without a warning, under its names."""
     from tfbus.secure.certificates import make_for_server

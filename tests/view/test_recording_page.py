@@ -16,8 +16,6 @@ from tests.view.recordings import at, record
 from tfbus import Buffer, InvalidArgumentException, Recording
 from tfbus.view import show
 
-pytestmark = pytest.mark.real
-
 # No bus is there to be joined: a view that tried would fail.
 NO_BUS = ("--connect", "tcp/127.0.0.1:1")
 
@@ -128,6 +126,7 @@ def test_silences_have_a_mark_in_the_timeline(bus: Bus, path: Path, pages: Any) 
     view.page.locator(".tfp-tip").filter(has_text="'sim' silent for 2.0 s").wait_for()
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("signal", [SIGINT, SIGTERM])
 def test_a_signal_ends_it_quietly(bus: Bus, path: Path, signal: int) -> None:
     """As it ends a view of the bus."""
@@ -138,6 +137,7 @@ def test_a_signal_ends_it_quietly(bus: Bus, path: Path, signal: int) -> None:
     assert [line for line in process.err if not line.startswith("View: ")] == []
 
 
+@pytest.mark.real
 def test_a_picture_shows_the_moment_that_is_asked_for(bus: Bus, path: Path, tmp_path: Path) -> None:
     """By default the end; without a bus."""
     needs.program("chromium")
@@ -175,6 +175,7 @@ def test_a_mistake_is_said_in_a_sentence(
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.real
 def test_a_program_shows_a_recording_and_moves_it(path: Path) -> None:
     """The page has files of its own: the program may close the recording."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
@@ -201,6 +202,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
 }
 
 
+@pytest.mark.real
 def test_a_buffer_is_not_played() -> None:
     """The error says what can be."""
     pytest.importorskip("viser", reason="needs viser: the extra view")

@@ -26,8 +26,6 @@ from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
 from tfbus.wire.fleet import Fleet
 
-pytestmark = pytest.mark.real
-
 ARM = """<robot name="arm">
 <material name="red"><color rgba="1 0 0 0.5"/></material>
 <link name="base">
@@ -56,7 +54,7 @@ endsolid
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Any]:
+def server(real: None) -> Iterator[Any]:
     """A server of viser, with no browser."""
     server = serve("127.0.0.1", free_port())
     yield server
@@ -266,6 +264,7 @@ def test_every_joint_gets_a_slider(server: Any, arm: Robot, limits: tuple[float,
     assert handle.min <= handle.value <= handle.max
 
 
+@pytest.mark.real
 def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
     """Without any frame of its own; again it replaces the former."""
     from tfbus.view import show

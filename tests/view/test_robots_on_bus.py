@@ -8,7 +8,9 @@ import msgpack
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import free_port
+from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet, Node, Robot
 from tfbus.errors import ServiceError
 from tfbus.messages import JointState, RobotDescription, RobotMesh
@@ -24,8 +26,6 @@ from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.page import Page, Serving
 from tfbus.view.robot_source import GivenRobots
 from tfbus.view.robots_on_bus import RobotsOnBus
-
-pytestmark = pytest.mark.real
 
 
 def urdf(name: str) -> str:
@@ -286,6 +286,7 @@ def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
     assert shown == [["one"], ["one"], ["two"]]
 
 
+@pytest.mark.real
 def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> None:
     """It has no sliders, and its meshes are those on its machine."""
     needs.module("cryptography")
@@ -305,6 +306,7 @@ def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> 
         bus.close()
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("read_only", [False, True])
 def test_a_page_that_is_read_only_has_no_sliders(read_only: bool) -> None:
     """It shows the robot, and lets nothing move it."""

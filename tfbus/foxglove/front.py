@@ -8,7 +8,6 @@ its page are not.
 import asyncio
 import socket
 import ssl
-import threading
 from collections import Counter
 from collections.abc import Callable, Collection
 from contextlib import suppress
@@ -17,6 +16,7 @@ from urllib.parse import SplitResult, parse_qs, quote, urlsplit
 from tfbus.errors import TfbusError
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
+from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local, names_to_open, names_to_open_elsewhere
 from tfbus.wording import printable
 
@@ -80,9 +80,9 @@ class Front:
         self._on_refused = on_refused
         self._sockets = _listening(serving.host, serving.port)
         self.port: int = self._sockets[0].getsockname()[1]
-        self._loop = asyncio.new_event_loop()
+        self._loop = scheduler.new_event_loop()
         self._ended = asyncio.Event()
-        self._thread = threading.Thread(target=self._run, name="foxglove clients", daemon=True)
+        self._thread = scheduler.Thread(target=self._run, name="foxglove clients", daemon=True)
         self._thread.start()
 
     @property

@@ -120,11 +120,9 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
     yield threading.Thread, "start", threads.start
     yield threading.Thread, "join", threads.join
     yield threading.Thread, "is_alive", threads.is_alive
-    yield (
-        asyncio.events,
-        "new_event_loop",
-        chosen(asyncio.events.new_event_loop, names["new_event_loop"]),
-    )
+    new_event_loop = chosen(asyncio.new_event_loop, names["new_event_loop"])
+    for module in (asyncio, asyncio.events):
+        yield module, "new_event_loop", new_event_loop
 
     process = table.current_process
     yield signal, "signal", chosen(signal.signal, lambda *args: process().set_handler(*args))

@@ -37,6 +37,16 @@ def test_a_process_is_linked_until_its_connection_ends() -> None:
     assert not links
 
 
+def test_a_link_ends_before_its_connection_does() -> None:
+    """A lost link is told at once, be it as short as it may: its connection may end much later."""
+    links = told(("+", "a", None), ("+", "a", OLD), ("-", "a", OLD))
+    changes = links.take()
+    assert (changes.ended, changes.lost) == ({OLD}, {})
+    tell(links, ("-", "a", None))
+    changes = links.take()
+    assert (changes.ended, changes.lost) == (set(), {"a": OLD.dst})
+
+
 def test_a_link_that_joins_one_that_is_lost_is_half() -> None:
     """A link added to a connection whose former link is lost knows nothing of what was declared."""
     links = told(("+", "a", None), ("+", "a", OLD))

@@ -1,7 +1,7 @@
 """Networks that come after the processes, or change under them: all meet, without a restart."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from signal import SIGCONT, SIGSTOP
 from typing import Any, NamedTuple
@@ -86,7 +86,16 @@ ROWS = {
 class Members:
     """A publisher on the robot, a listener and another publisher on the desk."""
 
-    def __init__(self, network: Network, row: Row, folder: Path, *, closed: bool, client: bool):
+    def __init__(
+        self,
+        network: Network,
+        row: Row,
+        folder: Path,
+        *,
+        closed: bool,
+        client: bool,
+        moving: Sequence[str] = ("arm",),
+    ):
         self.network = network
         self._client = client
         self._keys: Path | None = None
@@ -102,8 +111,9 @@ class Members:
         if client:
             router = network.start(ROUTER_HOST, "-m", "tfbus", "router", env=self._env("hub"))
             router.wait_for_line("Routing on")
-        statics = [f"--static=arm{number}" for number in range(3)]
-        self.arm = self._start("robot", "stream_publisher.py", "arm", "--moving=arm", *statics)
+        frames = [f"--static=arm{number}" for number in range(3)]
+        frames += [f"--moving={each}" for each in moving]
+        self.arm = self._start("robot", "stream_publisher.py", "arm", *frames)
         self.lamp = self._start("desk", "stream_publisher.py", "lamp", "--moving=lamp")
         self.witness = self._start("desk", "fault_witness.py", "witness")
 
@@ -200,6 +210,20 @@ def test_processes_meet_once_their_network_is_there(
     if client and not row.by_router:
         pytest.skip("the router is not on that network")
     joined = members(network, row, tmp_path, closed=closed, client=client)
+    print(f"known after {joined.change(row):.1f} s")
+
+
+@pytest.mark.parametrize("closed", [False, True], ids=["open", "closed"])
+def test_a_client_is_met_again_whatever_was_on_its_way_to_it(
+    network: Network, tmp_path: Path, closed: bool
+) -> None:
+    """A client whose address changes is met again while more waits for its former address than the
+    system takes.
+    """
+    row = ROWS["another address here"]
+    moving = ["arm", *(f"part{number}" for number in range(400))]
+    joined = Members(network, row, tmp_path, closed=closed, client=True, moving=moving)
+    joined.wait_until_apart(row)
     print(f"known after {joined.change(row):.1f} s")
 
 

@@ -48,11 +48,12 @@ class _Connection(Struct, frozen=False):
 
 class Changes(NamedTuple):
     """What has changed: the last endpoints of those that were lost, by their ids, the links that
-    are new, and those of processes that are half linked.
+    are new, those that were lost, and those of processes that are half linked.
     """
 
     lost: dict[str, str]
     new: set[Link]
+    ended: set[Link]
     half: set[Link]
 
 
@@ -92,17 +93,18 @@ class Links:
     def take(self) -> Changes:
         """Take what was noted."""
         lost: dict[str, str] = {}
+        ended: set[Link] = set()
         former = self.all()
         while self._events:
-            self._take_event(self._events.popleft(), lost)
+            self._take_event(self._events.popleft(), lost, ended)
         half: set[Link] = set()
         for each in self._connections.values():
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-        return Changes(lost, self.all() - former, half)
+        return Changes(lost, self.all() - former, ended, half)
 
-    def _take_event(self, event: _Event, lost: dict[str, str]) -> None:
+    def _take_event(self, event: _Event, lost: dict[str, str], ended: set[Link]) -> None:
         zid, link, has_come, at_s = event
         if link is None and has_come:
             self._connections.setdefault(zid, _Connection())
@@ -120,6 +122,7 @@ class Links:
                 connection.added_s = at_s
             connection.has_had_first = True
         else:
+            ended.add(link)
             connection.links.discard(link)
             connection.is_half |= (
                 bool(connection.links) and at_s - connection.added_s < _SAME_LOSS_S

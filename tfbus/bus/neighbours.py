@@ -174,13 +174,15 @@ class Neighbours:
             self._look_for_neighbours()
 
     def _look_at_links(self) -> None:
-        lost, new, half = self._links.take()
+        lost, new, ended, half = self._links.take()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
-        if half:
-            end_links(_ends(half))
+        # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
+        # as long as TCP tries. Until then it adds the next link to what the lost one was for.
+        if half or ended:
+            end_links(_ends(half | ended))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
         known |= {host_of(link.dst) for link in self._links.all()}

@@ -1,10 +1,11 @@
 """Routers: their knowledge of each other, and the ways of messages through them.
 
 As in Zenoh each router tells all others its links, its peers and what is declared at it. A message
-goes along the tree of shortest ways from the router that it came to first. A peer that several
-routers have a link to is served by one of them; one such peer in three by all of them, as real
-Zenoh does at times, so that its messages come twice (eclipse-zenoh/zenoh#409). No router passes
-anything between two peers, also where these have no link to each other (eclipse-zenoh/zenoh#498).
+goes along the tree of shortest ways from the router that it came to first. Where several routers
+have a link to a peer, one of them passes on between it and further routers. Each passes on between
+it and its own clients; these get what the peer sends a second time by the tree, unless their router
+is that one (eclipse-zenoh/zenoh#409). No router passes anything between two peers, also where these
+have no link to each other (eclipse-zenoh/zenoh#498).
 """
 
 from collections.abc import Iterator
@@ -17,10 +18,6 @@ from tfbus.testing.routing import Direct, Journey, Way
 if TYPE_CHECKING:
     from tfbus.testing.faces import Face
     from tfbus.testing.zenoh_session import ZenohSession
-
-
-# One peer in so many is served by all routers that have a link to it; by its id, so by the seed.
-_SERVED_BY_ALL = 3
 
 
 class Table:
@@ -250,24 +247,34 @@ class Router(Direct):
         crossed = journey.crossed if journey is not None else frozenset()
         onwards = Journey(root, crossed | {own})
         is_of_peer = came_by is not None and _is_peer(came_by)
-        if came_by is not None and is_of_peer and not self._serves(came_by):
-            return []
         faces = [
             face
             for face in self._leaves()
             if face is not came_by and face.wants(kind, full)
-            if not _is_peer(face) or (not is_of_peer and self._serves(face))
+            if not _is_peer(face) or (not is_of_peer and self._is_from(root, face))
         ]
-        faces += self._onward_routers(kind, full, onwards)
+        if came_by is None or not is_of_peer or self._serves(came_by):
+            faces += self._onward_routers(kind, full, onwards)
         return [Way(face, onwards) for face in faces if face.is_open]
 
-    def _serves(self, face: "Face") -> bool:
-        """Whether this router serves the peer at a face, of all routers that have a link to it."""
-        peer = face.far_session.zid_text
-        if int(peer, 16) % _SERVED_BY_ALL == 0:
+    def _is_from(self, root: str, face: "Face") -> bool:
+        """Whether a message that came to the router `root` first reaches the peer at a face from
+        here: each router passes on what came to it first, and one of them all else.
+        """
+        if root == self._own.zid:
             return True
-        others = [zid for zid in self._reached if peer in self._tables[zid].peers]
-        return all(self._own.zid < zid for zid in others)
+        return root not in self._beside(face) and self._serves(face)
+
+    def _serves(self, face: "Face") -> bool:
+        """Whether this router is the one, of all that have a link to the peer at a face, that
+        passes on between the peer and further routers.
+        """
+        return all(_rank(self._own.zid) > _rank(zid) for zid in self._beside(face))
+
+    def _beside(self, face: "Face") -> list[str]:
+        """The other routers that have a link to the peer at a face."""
+        peer = face.far_session.zid_text
+        return [zid for zid in self._reached if peer in self._tables[zid].peers]
 
     def _onward_routers(self, kind: str, full: str, journey: Journey) -> "list[Face]":
         if journey.root != self._own.zid and journey.root not in self._reached:
@@ -285,6 +292,11 @@ class Router(Direct):
         return self._tables[zid].wants(kind, full) or any(
             self._wants_below(tree, child, kind, full) for child in tree[zid]
         )
+
+
+def _rank(zid: str) -> bytes:
+    """The greatest of several routers serves a peer: Zenoh compares ids from their last byte on."""
+    return int(zid, 16).to_bytes(16, "little")
 
 
 def _is_router(face: "Face") -> bool:

@@ -91,7 +91,8 @@ class Tokens:
             if due_ns <= session.tasks.now_ns:
                 post()
             else:
-                watch.late[key] = due_ns
+                # By two threads of Zenoh they would change places at one instant.
+                watch.late[key] = due_ns + 1_000_000
                 session.tasks.call_at(due_ns, lambda: session.process.receive(post))
 
     def _by_source(self) -> list[tuple[object, list[str]]]:

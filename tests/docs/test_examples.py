@@ -265,10 +265,14 @@ def test_two_robots_see_each_other(bus: Bus) -> None:
     assert not [line for line in robots.err if "Traceback" in line]
 
 
-def test_the_bodies_of_a_simulation_are_frames(bus: Bus) -> None:
-    """mujoco_world.py publishes those that move and those that do not, in one tree."""
+@pytest.mark.real
+def test_the_bodies_of_a_simulation_are_frames(bus: live_bus.Bus) -> None:
+    """mujoco_world.py publishes those that move and those that do not, in one tree. The import of
+    MuJoCo starts a process.
+    """
     needs.module("mujoco")
-    simulation = start(bus, "mujoco_world.py")
+    program = str(ROOT / "examples" / "mujoco_world.py")
+    simulation = bus.start_command([sys.executable, program])
     simulation.wait_for_line("ready")
     echo = bus.run("echo", "world", "camera", "--once", "--format", "json")
     assert echo.returncode == 0, echo.stderr

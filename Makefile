@@ -14,11 +14,11 @@ demo: $(VENV)/demo.stamp
 	  $(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
-	$(BIN)/python -m pytest --numprocesses 4 $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal $(ARGS)
 
 # All but the tests of real processes, sockets and browsers; under a minute.
 quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp
-	$(BIN)/python -m pytest --numprocesses 2 -m "not real" $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "not real" $(ARGS)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

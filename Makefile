@@ -16,7 +16,7 @@ demo: $(VENV)/demo.stamp
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal $(ARGS)
 
-# All but the tests of real processes, sockets and browsers; under a minute.
+# All but the tests of real processes, sockets and browsers.
 quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "not real" $(ARGS)
 

@@ -1174,14 +1174,22 @@ def an_urgent_message_overtakes_others(stage: Stage) -> None:
     a.retained_publisher("k/urgent")
     a.expect("heard", "k/images", gives=True)
     a.expect("heard", "k/urgent", gives=True)
-    a.flood("k/images", 400, 50_000)
-    a.put("k/urgent", "urgent")
 
-    def has_overtaken() -> bool:
+    def overtakes(number: int) -> bool:
+        a.flood("k/images", 400, 50_000)
+        a.put("k/urgent", f"urgent{number}")
+
+        def has_ended() -> bool:
+            a.put("k/images", f"end{number}")
+            return {f"urgent{number}", f"end{number}"} <= set(b.events("in"))
+
+        assert stage.wait(has_ended)
         events = b.events("in")
-        return "urgent" in events[:-1]
+        after = events[events.index(f"urgent{number}") + 1 : events.index(f"end{number}")]
+        return any(each.isdigit() for each in after)
 
-    assert stage.wait(has_overtaken)
+    # Where the host of the test is busy, all images have arrived before the urgent message is sent.
+    assert any(overtakes(number) for number in range(10))
 
 
 @scenario

@@ -87,6 +87,10 @@ class Lock:
     def locked(self) -> bool:
         return self.holder is not None
 
+    def _is_owned(self) -> bool:
+        # As Python's RLock, whose holder the interpreted kernel asks for.
+        return self.holder is self._tasks.current
+
     def __enter__(self) -> bool:
         return self.acquire()
 

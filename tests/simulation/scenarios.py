@@ -89,8 +89,14 @@ def two_stars_stand_for_any_chunks_but_hidden_ones(stage: Stage) -> None:
 @scenario
 def a_late_subscriber_misses_what_was_sent_before(stage: Stage) -> None:
     a, b = _pair(stage)
+    b.subscriber("mark", "mark")
+    a.publisher("mark")
     a.publisher("k")
+    a.expect("heard", "mark", gives=True)
     a.put("k", "early")
+    # What is under way may still come: a new publisher sends until it knows who listens.
+    a.put("mark", "past")
+    b.expects("mark", "mark=past")
     b.subscriber("in", "k")
     a.expect("heard", "k", gives=True)
     a.put("k", "late")

@@ -177,7 +177,7 @@ def made() -> str:
 
 
 def _elsewhere(part: Part, first: Part) -> str:
-    """What the load was where a part was measured at another time."""
+    """The load of a part that was measured at another time."""
     load = re.search(r"load [\d.]+", part.place)
     is_apart = part.place != first.place and load is not None
     return f"Measured apart, at a {load[0]}." if is_apart and load else ""

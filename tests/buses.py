@@ -1,4 +1,4 @@
-"""What tests of a bus share, on a simulated network and between real processes alike."""
+"""Helpers for tests of a bus, on a simulated network and between real processes alike."""
 
 import asyncio
 from collections.abc import Callable

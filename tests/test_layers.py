@@ -154,7 +154,7 @@ REAL = {
 
 @pytest.mark.parametrize("package", SIMULATED)
 def test_time_threads_and_waiting_come_from_the_scheduler(package: str) -> None:
-    """What runs in a simulation takes time, threads and queues from runtime/scheduler.py."""
+    """Code that runs in a simulation takes time, threads and queues from runtime/scheduler.py."""
     for path in sources(f"tfbus/{package}"):
         if str(path.relative_to(ROOT / "tfbus")) not in REAL:
             assert not libraries(path) & {"time", "threading", "queue"}, path

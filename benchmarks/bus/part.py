@@ -23,7 +23,7 @@ _MEASURES = ["measure", "tfbus", "beside it", "ratio", "goal", "reached"]
 
 
 def part(measured: Measured, place: str) -> Part:
-    """What the pages say of it."""
+    """The part of the pages about it."""
     return Part(
         place,
         {

@@ -22,7 +22,7 @@ _LOOKUPS = 100
 
 
 def versions() -> None:
-    """What is measured: the programs as they are installed for these processes."""
+    """The versions of the programs, as they are installed for these processes."""
     kind = "compiled" if COMPILED else "interpreted"
     found = {"tfbus": f"{installed_version()}, {kind}, Python {platform.python_version()}"}
     for name in ("mcap", "mcap-ros2-support", "rosbags"):

@@ -28,7 +28,7 @@ _WHAT = {
 
 
 def part(measured: Measured, place: str) -> Part:
-    """What the pages say of it."""
+    """The part of the pages about it."""
     return Part(
         place,
         {

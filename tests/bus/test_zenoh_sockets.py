@@ -23,7 +23,7 @@ MARKS = Marks(listening=("127.0.0.1",), group=GROUP, ttl=1, interfaces=1)
 
 @pytest.fixture
 def closed_at_the_end() -> Iterator[ExitStack]:
-    """What closes the sockets of a test."""
+    """A stack that closes the sockets of a test."""
     with ExitStack() as stack:
         yield stack
 

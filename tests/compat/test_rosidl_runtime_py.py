@@ -26,7 +26,7 @@ from tfbus.compat.std_srvs.srv import Trigger
 
 
 def test_fields_are_set_from_a_map() -> None:
-    """Those that it does not name stay, in messages within it too; stamps may be set later."""
+    """Fields that it does not name stay, in messages within it too; stamps may be set later."""
     pose = PoseStamped()
     pose.pose.position.y = 2.0
     values = {"header": "auto", "pose": {"position": {"x": 1}}}

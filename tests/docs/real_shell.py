@@ -36,11 +36,11 @@ class RealShell:
         copy_configurations(folder / "configs")
 
     def here(self, text: str) -> str:
-        """What a page says, with the ports that are free here."""
+        """The text of a page, with the ports that are free here."""
         return text.replace(_ROUTER_PORT, self._port)
 
     def run(self, line: str, exit_code: int = 0) -> str:
-        """What a command prints that ends by itself, with this exit code."""
+        """The output of a command that ends by itself, with this exit code."""
         return self._run(["bash", "-c", line], exit_code)
 
     def run_python(self, text: str) -> None:
@@ -52,7 +52,7 @@ class RealShell:
         return self._bus.start_command(["bash", "-c", line], env=self._env, cwd=self.folder)
 
     def terminal(self, keys: list[str]) -> tuple[str, "Terminal"]:
-        """What makes a command read from a terminal, and that."""
+        """A stack in which a command reads from a terminal, and that terminal."""
         terminal = Terminal(keys)
         return f"exec {{}} <{terminal.name}", terminal
 

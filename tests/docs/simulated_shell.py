@@ -48,11 +48,11 @@ class SimulatedShell:
         self._bus = bus
 
     def here(self, text: str) -> str:
-        """What a page says."""
+        """The text of a page."""
         return text
 
     def run(self, line: str, exit_code: int = 0) -> str:
-        """What a command prints that ends by itself, with this exit code."""
+        """The output of a command that ends by itself, with this exit code."""
         parts = _COMMAND.fullmatch(line)
         assert parts
         name, *arguments = shlex.split(parts["command"])

@@ -127,7 +127,7 @@ class End(asyncio.Transport):
         protocol.connection_made(self)
 
     def meet(self, peer: "End") -> None:
-        """What is written goes to this end; so does what was written before."""
+        """All that is written goes to this end, also if it was written before."""
         while self._early:
             peer.hear(peer.take, self._early.popleft())
         self._peer = peer

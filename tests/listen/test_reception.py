@@ -186,7 +186,7 @@ def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
 
 
 def test_statics_of_an_earlier_epoch_follow_its_first_dynamic_message(received: Received) -> None:
-    """Where that message comes before its token, the set of the process before does not stay."""
+    """If that message comes before its token, the set of the process before does not stay."""
     received.stream.appear()
     received.send_static(at(1, "post"), epoch_ns=2)
     received.stream.vanish()

@@ -387,7 +387,7 @@ class TestActions:
     def test_a_coroutine_may_cancel(
         self, other: Node, handles: list[GoalHandle], *, is_taken: bool
     ) -> None:
-        """Where it returns False, the goal goes on."""
+        """If it returns False, the goal goes on."""
         client = other.create_goal_client(RotateAbsolute, "rotate")
         sent = client.send(RotateAbsolute.Goal(1))
         (handle,) = eventually(lambda: handles)

@@ -144,7 +144,7 @@ class Keyboard:
 
 @pytest.fixture
 def keyboard(bus: simulated_bus.Bus, monkeypatch: pytest.MonkeyPatch) -> Keyboard:
-    """What a teleop that is started on the bus reads."""
+    """The keyboard of a teleop that is started on the bus."""
     keyboard = Keyboard()
     monkeypatch.setattr(teleop_module, "RawTerminal", lambda fd: keyboard)
     return keyboard

@@ -25,7 +25,7 @@ def newest_ns(buffer: Buffer, frame: str) -> int:
 
 
 def test_a_replay_has_the_same_lookups(bus: Bus, tmp_path: Path) -> None:
-    """What a listener looked up live it looks up from the recording, bit by bit."""
+    """The lookups of a listener give the same from the recording as they gave live, to the bit."""
     file = tmp_path / "turtle.mcap"
     live = Buffer()
     with TransformListener(live, bus.node("live")):

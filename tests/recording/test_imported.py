@@ -339,7 +339,7 @@ def test_a_database_that_computes_what_it_holds_is_refused(
 
 
 def test_a_packed_database_is_looked_at_as_any_other(tmp_path: Path) -> None:
-    """What it computes is found once it is unpacked."""
+    """A value that it computes is found once it is unpacked."""
     folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="FILE")
     file, plain = next(folder.glob("*.zstd")), tmp_path / "plain.db3"
     plain.write_bytes(zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read())

@@ -44,7 +44,7 @@ class Ask:
 
     @dataclass
     class Response:
-        """Who answers."""
+        """The process that answers."""
 
         number: int = 0
 
@@ -73,7 +73,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """What a violation calls it."""
+        """Its name in a violation."""
         return f"{self.who}{' by interest' if 'reads' in self.options else ''}"
 
 
@@ -523,7 +523,7 @@ class Run:
 
 
 def violation(plan: Plan) -> str | None:
-    """What a history violates; None for nothing."""
+    """The law that a history violates; None for none."""
     try:
         Run(plan).run()
     except (Violation, SimulationError) as error:

@@ -62,7 +62,7 @@ def _nothing_removed(listing: Listing, epoch_ns: int) -> frozenset[str]:
 
 
 def _hear_nothing(unlisted: UnlistedFrames, stream: str, frames: object) -> None:
-    """What comes again after its removal stays."""
+    """A frame that comes again after its removal stays."""
 
 
 def _by_arrival(starts: Starts, stream: str, description: Any) -> tuple[int, int]:

@@ -124,7 +124,7 @@ class Laws:
         return lambda: self._questions.pop(number, None) and None
 
     def tasks_of(self, process: Process) -> list[str]:
-        """What runs in a process besides its main task and the threads of Zenoh."""
+        """The tasks of a process besides its main one and the threads of Zenoh."""
         tasks = self._run.network.tasks
         return [
             f"{task.name} (waits for {task.waits_for})"

@@ -11,7 +11,7 @@ from tests.simulation.plans import Plan
 
 
 def _histories(*options: str) -> str:
-    """What the command prints; the order of sets, and so a history, is the same in each process."""
+    """The output of the command; the order of sets, and so a history, never changes."""
     command = [sys.executable, "-m", "tests.simulation", *options]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 

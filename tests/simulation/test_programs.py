@@ -116,7 +116,7 @@ def test_ctrl_c_interrupts_what_waits(network: Network) -> None:
 
 
 def test_a_handler_lets_a_wait_go_on(network: Network) -> None:
-    """Where a handler returns, a sleep lasts as long as it was to."""
+    """If a handler returns, a sleep lasts as long as it was to."""
 
     def sleep() -> None:
         signal.signal(signal.SIGHUP, lambda number, frame: print("reload"))

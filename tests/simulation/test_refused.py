@@ -105,7 +105,7 @@ def test_a_wait_takes_virtual_time(network: Network, wait: Callable[[], object])
 
 
 def test_all_is_real_again_after_the_network() -> None:
-    """What a simulation replaces is Python's own before and after it."""
+    """All that a simulation replaces is Python's own before and after it."""
     names = sleep, time.time, asyncio.new_event_loop, threading.Thread.start, os.fork
     with Network():
         assert sleep is not names[0]

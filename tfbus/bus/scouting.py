@@ -32,7 +32,7 @@ class Scouting(NamedTuple):
     connects: bool = True
 
     def marks(self) -> Marks:
-        """What the sockets of such a session look like."""
+        """The marks of the sockets of such a session."""
         ends = [split_endpoint(endpoint) for endpoint in self.listen]
         hosts = {address for _, host, port in ends if port == 0 for address in _addresses(host)}
         return Marks(hosts, self.group, self.ttl, len(self.only or places(())))
@@ -59,7 +59,7 @@ def _is_among(interface: Interface, only: tuple[str, ...]) -> bool:
 
 
 def received(from_socket: socket.socket) -> Iterable[tuple[bytes, tuple[str, int]]]:
-    """What has come by now, at most as much as one turn of the thread takes."""
+    """The news that have come by now, at most as many as one turn of the thread takes."""
     for _ in range(MOST_ANSWERS_A_SECOND):
         try:
             yield from_socket.recvfrom(LARGEST)

@@ -102,7 +102,7 @@ _openings = _Openings()
 
 
 def with_sockets(open_session: Callable[[], T], marks: Marks) -> tuple[T, ZenohSockets]:
-    """What `open_session()` returns, and the sockets that it has opened. Several threads may open
+    """The session of `open_session()`, and the sockets that it has opened. Several threads may open
     sessions at once: none takes the sockets of another, nor waits until that one is open.
     """
     opening = _openings.begin(marks)

@@ -49,7 +49,7 @@ class RosTypes:
             del self._known[key]
 
     def _said(self, node: str) -> dict[str, str]:
-        """What the node says of all types that it publishes, "" of standard ones."""
+        """The definitions of all types that the node publishes, "" for standard ones."""
         key = key_beside(node, node_key, self._session.settings.namespace)
         found: dict[str, str] = {}
         try:

@@ -42,8 +42,9 @@ def field(
 
 
 class _AsDataclass:
-    """What dataclasses keeps in a class, made once when it is asked for: so `dataclasses.fields`,
-    `replace` and `asdict` take a `Struct`, and a dataclass may inherit from one.
+    """The record that dataclasses keeps in a class, made once when it is asked for: so
+    `dataclasses.fields`, `replace` and `asdict` take a `Struct`, and a dataclass may inherit from
+    one.
     """
 
     def __init__(self, name: str) -> None:

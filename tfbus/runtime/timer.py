@@ -61,6 +61,6 @@ class Timer:
 
 
 def timer_name(period_s: float, callback: Callable[[], Any]) -> str:
-    """What a timer is called in the log: `timer of 50 ms (broadcast)`."""
+    """The name of a timer in the log: `timer of 50 ms (broadcast)`."""
     period = f"{period_s:g} s" if period_s >= 1.0 else f"{period_s * 1e3:g} ms"
     return f"timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"

@@ -191,7 +191,7 @@ def _exit_code(said: Any) -> int:
 
 
 class _Written(io.RawIOBase):
-    """What a program has written, as a text and as lines."""
+    """The output of a program, as a text and as lines."""
 
     name = "<stdout>"
 
@@ -222,7 +222,7 @@ class _Written(io.RawIOBase):
 
 
 class _Typed(io.BytesIO):
-    """What a program reads."""
+    """The input of a program."""
 
     name = "<stdin>"
 

@@ -41,7 +41,7 @@ class SimulationOver(BaseException):
 
 
 class Place(Protocol):
-    """What a task belongs to: a process, which may be stopped or killed."""
+    """The place of a task: a process, which may be stopped or killed."""
 
     name: str
     is_stopped: bool

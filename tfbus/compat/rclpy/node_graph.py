@@ -17,7 +17,7 @@ _OURS = ("turtlesim", "std_srvs")
 
 
 class NodeGraph:
-    """What a node finds on the bus; each call asks all nodes."""
+    """The nodes, topics and services on the bus; each call asks all nodes."""
 
     def __init__(self, node: TfbusNode) -> None:
         self._node = node

@@ -62,7 +62,7 @@ def get_message_slot_types(msg: Any) -> "OrderedDict[str, str]":
 
 @dataclass(frozen=True)
 class _Shown:
-    """What of a message is shown."""
+    """The part of a message that is shown."""
 
     most: int | None
     no_arrays: bool

@@ -88,7 +88,7 @@ def _files_of(path: Path, stack: ExitStack) -> Iterator[ForeignFile]:
 
 
 def _compression_mode(folder: Path) -> str:
-    """What rosbag2's metadata says is compressed: "file", "message" or "" for nothing."""
+    """The compression in rosbag2's metadata: by "file", by "message", or "" for none."""
     try:
         mode = str(_metadata(folder)[_INFORMATION].get("compression_mode", "")).lower()
     except (KeyError, TypeError, AttributeError):

@@ -4,7 +4,6 @@ As tests/tf2/test_against_tf2.py does with tfbus's own buffer; what tfbus means 
 differently is left out there, and so here.
 """
 
-import os
 from random import Random
 
 import pytest
@@ -108,9 +107,6 @@ def test_random_trees_are_answered_as_tf2_answers_them(
 ) -> None:
     """By the methods of tf2, with the exceptions that a ported program catches."""
     seed = pytestconfig.getoption("seed")
-    if seed is None:
-        seed = int.from_bytes(os.urandom(4))
-    print(f"--seed {seed}")
     rng, left = Random(seed), LOOKUPS
     while left > 0:
         steps = random_case(rng, LOOKUPS_PER_CASE)

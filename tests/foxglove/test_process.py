@@ -15,6 +15,7 @@ from websockets.exceptions import InvalidStatus
 from tests import needs
 from tests.foxglove.client import Client
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port, send_until
+from tests.recordings import publisher, statics, write
 from tests.simulated_bus import Bus as SimulatedBus
 from tfbus import TransformStamped
 from tfbus.ros.tf_message import TFMessageReader
@@ -77,13 +78,7 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
 @pytest.mark.real
 def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     """It is played with neither the bus of the user nor another; Ctrl-C ends it with 0."""
-    pytest.importorskip("mcap", reason="needs mcap: the extra bag")
-    path = tmp_path / "run.mcap"
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
-    recorder = bus.start("bag", "record", "-a", "-o", str(path))
-    recorder.wait_for_line("Recording to", timeout_s=SLOW_S)
-    eventually(lambda: path.exists() and path.stat().st_size > 0)
-    assert recorder.stop() == 0
+    path = write(tmp_path / "run.mcap", statics(publisher("lamp"), 0.0, ("world", "lamp", 1.5)))
     process = Process(
         [sys.executable, "-m", "tfbus", "foxglove", "--bag", str(path), "--port", str(free_port())],
         {**bus.env, "TFBUS_CONNECT": "tcp/127.0.0.1:1", "TFBUS_MODE": "client"},

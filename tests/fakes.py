@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tests.live_bus import DEADLINE_S
+from tests.buses import DEADLINE_S
 from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.selection import ALL, Selection
 

@@ -15,12 +15,7 @@ from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handle
 from signal import signal as set_handler
 from typing import Any
 
-from tests.buses import DEADLINE_S as DEADLINE_S
-from tests.buses import eventually as eventually
-from tests.buses import keep_sending as keep_sending
-from tests.buses import lookups_wait as lookups_wait
-from tests.buses import send_static as send_static
-from tests.buses import send_until as send_until
+from tests.buses import DEADLINE_S, eventually
 from tfbus import Node, NodeSettings
 from tfbus.bus.session import Session
 

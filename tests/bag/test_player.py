@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from tests.builders import S, at
+from tests.buses import eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
-from tests.live_bus import eventually
 from tfbus import InvalidArgumentException
 from tfbus.bag.player import Pace, Player, Progress
 from tfbus.bag.read_ahead import ReadAhead

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from tests.builders import S, at, description, payload
+from tests.buses import eventually
 from tests.fakes import Lines
-from tests.live_bus import eventually
 from tfbus.bag.keeping import Splits
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.past import Past

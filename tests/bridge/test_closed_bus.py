@@ -11,8 +11,8 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at
+from tests.buses import eventually, send_until
 from tests.fakes import Lines
-from tests.live_bus import eventually, send_until
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.bridge.ros_clock import TOPIC, write_clock
 

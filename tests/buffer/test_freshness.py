@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from tests.builders import S, moved
+from tests.buses import eventually, lookups_wait
 from tests.fakes import Clock
-from tests.live_bus import eventually, lookups_wait
 from tfbus import (
     Buffer,
     Change,

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.buses import eventually
 from tests.fakes import InAThread
-from tests.live_bus import eventually
 from tfbus import Buffer, LookupException, TimeoutException, Transform, TransformStamped
 from tfbus.runtime.clock import SimulatedClock
 

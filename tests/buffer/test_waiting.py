@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from tests.builders import S, moved
+from tests.buses import eventually, lookups_wait
 from tests.fakes import InAThread
-from tests.live_bus import eventually, lookups_wait
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import after_waiting_with, without_advice
 from tfbus.buffer.lookup import Lookup as Question

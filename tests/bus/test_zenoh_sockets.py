@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import DEADLINE_S
+from tests.buses import DEADLINE_S
 from tfbus.bus.zenoh_sockets import Marks, ZenohSockets, with_sockets
 
 pytestmark = pytest.mark.real

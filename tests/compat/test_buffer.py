@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import tfbus
+from tests.buses import eventually
 from tests.fakes import InAThread
-from tests.live_bus import eventually
 from tfbus.compat import tf2_py, tf2_ros
 from tfbus.compat.builtin_interfaces.msg import Time as Stamp
 from tfbus.compat.geometry_msgs.msg import TransformStamped

@@ -14,8 +14,9 @@ import msgpack
 import pytest
 
 from tests import needs
+from tests.buses import eventually, keep_sending, send_static, send_until
 from tests.docs.pages import ROOT
-from tests.live_bus import Bus, Process, eventually, keep_sending, send_static, send_until
+from tests.live_bus import Bus, Process
 from tfbus import (
     Buffer,
     Transform,

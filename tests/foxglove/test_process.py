@@ -13,8 +13,9 @@ pytest.importorskip("websockets", reason="needs websockets: pip install websocke
 from websockets.exceptions import InvalidStatus
 
 from tests import needs
+from tests.buses import DEADLINE_S, eventually, send_until
 from tests.foxglove.client import Client
-from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port, send_until
+from tests.live_bus import Bus, Process, free_port
 from tests.recordings import publisher, statics, write
 from tests.simulated_bus import Bus as SimulatedBus
 from tfbus import TransformStamped

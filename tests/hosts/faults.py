@@ -9,9 +9,10 @@ from pathlib import Path
 from signal import SIGCONT, SIGSTOP
 from typing import Any
 
+from tests.buses import eventually
 from tests.hosts.fault_publisher import STATICS, dynamic_frame, static_frame
 from tests.hosts.network import Hosts
-from tests.live_bus import Bus, Process, eventually
+from tests.live_bus import Bus, Process
 
 ROUTER_HOST = "hub"
 # Those of the desk are clients of the router; the others find each other, and it, by scouting.

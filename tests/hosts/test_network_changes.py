@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import pytest
 
 from tests import needs
+from tests.buses import eventually
 from tests.hosts.fault_witness import PERIOD_S
 from tests.hosts.network import ROUTER_HOST, Hosts, Network, frames
-from tests.live_bus import Bus, Process, eventually
+from tests.live_bus import Bus, Process
 
 REASON = needs.why_no_hosts()
 pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import pytest
 
 from tests import needs
+from tests.buses import eventually
 from tests.hosts.network import Network
-from tests.live_bus import Bus, Process, eventually
+from tests.live_bus import Bus, Process
 
 REASON = needs.why_no_hosts()
 pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]

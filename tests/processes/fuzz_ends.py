@@ -13,7 +13,8 @@ from collections import Counter
 from pathlib import Path
 from signal import SIGINT, SIGTERM
 
-from tests.live_bus import DEADLINE_S, Bus, Process, free_port
+from tests.buses import DEADLINE_S
+from tests.live_bus import Bus, Process, free_port
 
 # A script without `with`, whose timer sends.
 _SCRIPT = """

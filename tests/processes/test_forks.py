@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, Process, keep_sending
+from tests.buses import keep_sending
+from tests.live_bus import Bus, Process
 
 pytestmark = [pytest.mark.real, pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")]
 

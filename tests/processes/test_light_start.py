@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, keep_sending, send_static
+from tests.buses import keep_sending, send_static
+from tests.live_bus import Bus
 
 pytestmark = pytest.mark.real
 

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.buses import DEADLINE_S, eventually
+from tests.live_bus import Bus
 
 pytestmark = pytest.mark.real
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, eventually, free_port, keep_sending, send_static
+from tests.buses import eventually, keep_sending, send_static
+from tests.live_bus import Bus, free_port
 from tfbus import Buffer, TransformListener
 from tfbus.messages import Spawn
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, Bus, Process, eventually, keep_sending
+from tests.buses import DEADLINE_S, eventually, keep_sending
+from tests.live_bus import Bus, Process
 from tfbus.recording.items import TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.ros.tf_message import TFMessageReader

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.runtime.callback_groups import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,

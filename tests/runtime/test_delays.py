@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.buses import eventually
 from tests.fakes import InAThread
-from tests.live_bus import eventually
 from tfbus.runtime import scheduler
 from tfbus.runtime.lazy_exports import exported
 from tfbus.runtime.signals import StopSignals, _Handlers, _Stop

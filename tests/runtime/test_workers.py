@@ -2,7 +2,7 @@
 
 import threading
 
-from tests.live_bus import eventually
+from tests.buses import eventually
 from tfbus.runtime.workers import Workers
 
 

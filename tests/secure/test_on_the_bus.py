@@ -11,7 +11,8 @@ import pytest
 import zenoh
 
 from tests import needs
-from tests.live_bus import eventually, free_port, keep_sending
+from tests.buses import eventually, keep_sending
+from tests.live_bus import free_port
 from tfbus import (
     Buffer,
     Node,

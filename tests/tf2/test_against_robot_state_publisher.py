@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.live_bus import Bus
 from tests.tf2 import ros_robot_frames
 from tfbus import Buffer, TransformListener
 from tfbus.messages import JointState

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, Bus, Process, free_port
+from tests.buses import DEADLINE_S
+from tests.live_bus import Bus, Process, free_port
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import Bus, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 
 

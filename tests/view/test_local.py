@@ -13,7 +13,8 @@ import rich.console
 
 from tests import needs
 from tests.builders import S, moved
-from tests.live_bus import DEADLINE_S, eventually, free_port
+from tests.buses import DEADLINE_S, eventually
+from tests.live_bus import free_port
 from tests.view.pages import PATIENCE_S
 from tests.view.pages import View as Page
 from tfbus import Buffer, InvalidArgumentException, Transform

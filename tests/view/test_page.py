@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.live_bus import Bus
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 from tfbus import StaticTransformBroadcaster, Transform
 from tfbus import TransformStamped as Stamped

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import DEADLINE_S, Bus, free_port
+from tests.buses import DEADLINE_S
+from tests.live_bus import Bus, free_port
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 

@@ -13,7 +13,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, Bus, Process, free_port
+from tests.buses import DEADLINE_S
+from tests.live_bus import Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, Arm, View
 
 pytest.importorskip("viser", reason="needs viser: the extra view")

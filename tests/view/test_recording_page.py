@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, Process, eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, View
 from tests.view.recordings import at, record
 from tfbus import Buffer, InvalidArgumentException, Recording

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.buses import eventually
+from tests.live_bus import Bus
 from tests.view.pages import PATIENCE_S, View, start_view
 from tfbus.messages import JointState
 

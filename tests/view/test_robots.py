@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.live_bus import eventually, free_port
+from tests.buses import eventually
+from tests.live_bus import free_port
 from tfbus import Buffer, InvalidArgumentException, Robot, Transform, TransformStamped
 
 pytest.importorskip("viser", reason="needs viser: the extra view")

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, Process, eventually
+from tests.buses import eventually
+from tests.live_bus import Bus, Process
 from tests.view.pages import PATIENCE_S, View, start_view
 from tfbus import Node
 from tfbus.messages import Field, Pose

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
@@ -89,6 +90,12 @@ def rows_of(batch: TransformBatch) -> list[tuple[str, str, int, tuple[float, ...
 
 
 # For hypothesis
+
+
+def examples(count: int) -> int:
+    """How many examples a test draws that draws `count` in `make test`: fewer in `make quick`."""
+    return max(5, count * settings().max_examples // 100)
+
 
 lengths = st.floats(-10, 10)
 units = st.floats(-1, 1)

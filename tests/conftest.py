@@ -25,6 +25,8 @@ pytest_plugins = [
 # time, so that no draw decides whether a change lands; `--hypothesis-profile fresh` has others.
 hypothesis.settings.register_profile("fresh", deadline=None)
 hypothesis.settings.register_profile("pinned", deadline=None, derandomize=True)
+# `make quick` draws the first quarter of them.
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
 hypothesis.settings.load_profile("pinned")
 
 

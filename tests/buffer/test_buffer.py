@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.builders import S, moved
+from tests.builders import S, examples, moved
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import unknown_frame
@@ -78,7 +78,7 @@ def test_edges_with_equal_counts_are_each_read_between_their_own_samples(stamps:
         assert x_at(buffer, stamp_ns, child="arm") == pytest.approx(2 * stamp_ns)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     st.lists(
         st.tuples(
@@ -127,7 +127,7 @@ def test_a_turn_is_interpolated_at_even_speed(angle, ratio):
     assert buffer.lookup_transform("world", "robot", stamp).transform.is_close(expected, 1e-12)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(st.integers(0, 300), min_size=2, max_size=80), st.randoms())
 def test_the_order_of_arrival_does_not_matter(stamps, random):
     """Whatever the order in which samples came, the answers are the same."""

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.builders import S, moved, transforms
+from tests.builders import S, examples, moved, transforms
 from tfbus import Buffer, DecodeError, LoopException, Sampling, TransformException, TransformStamped
 
 FRAMES = ["map", "odom", "base", "tool"]
@@ -149,7 +149,9 @@ FRAME = st.sampled_from(FRAMES)
     st.lists(st.tuples(FRAME, FRAME, st.integers(1, 12), transforms(), st.booleans()), max_size=25)
 )
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(60),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_any_buffer_answers_after_loading_as_before(tmp_path: Path, rows: list[Any]) -> None:
     """Whatever was inserted, in whatever order, dynamic and static."""

@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from tests.builders import moved
+from tests.builders import examples, moved
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import (
     InvalidArgumentException,
@@ -334,4 +334,4 @@ class TreeMachine(RuleBasedStateMachine):
 
 
 TestTree = TreeMachine.TestCase
-TestTree.settings = settings(deadline=None, max_examples=60, stateful_step_count=30)
+TestTree.settings = settings(deadline=None, max_examples=examples(60), stateful_step_count=30)

@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from tests.builders import S, at, payload
+from tests.builders import S, at, examples, payload
 from tfbus import Buffer
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.transforms import TransformReader
@@ -106,4 +106,4 @@ class Orders(RuleBasedStateMachine):
 
 
 TestOrders = Orders.TestCase
-TestOrders.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestOrders.settings = settings(max_examples=examples(60), stateful_step_count=25, deadline=None)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.builders import examples
 from tfbus import ServiceError
 from tfbus.messages import (
     Color,
@@ -169,7 +170,7 @@ def test_the_wall_is_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> N
 
 
 @given(st.lists(st.tuples(speeds, speeds, speeds, st.integers(1, 20)), max_size=8))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_every_drive_stays_on_the_field(commands: list[tuple[float, float, float, int]]) -> None:
     """However it is driven, a turtle stays on the field with its heading in [-pi, pi)."""
     world = World()
@@ -185,7 +186,7 @@ def test_every_drive_stays_on_the_field(commands: list[tuple[float, float, float
 
 
 @given(forward=numbers, left=numbers, turn=numbers, theta=numbers)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 def test_no_finite_command_breaks_the_world(
     forward: float, left: float, turn: float, theta: float
 ) -> None:
@@ -231,7 +232,7 @@ def test_half_a_turn_is_minus_pi() -> None:
 
 
 @given(commands=st.lists(st.tuples(speeds, speeds), max_size=5))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_the_world_is_deterministic(commands: list[tuple[float, float]]) -> None:
     """Two worlds with the same commands are the same, to the last bit and pixel."""
 
@@ -277,7 +278,7 @@ def test_a_teleport_off_the_field_is_refused(x: float, y: float) -> None:
 
 
 @given(x=places, y=places, theta=angles)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 def test_a_turtle_is_where_it_was_teleported_to(x: float, y: float, theta: float) -> None:
     """Every place on the field can be reached by a teleport."""
     world = World()
@@ -292,7 +293,7 @@ def test_a_turtle_is_where_it_was_teleported_to(x: float, y: float, theta: float
 
 
 @given(theta=st.floats(-10.0, 10.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_a_rotation_goes_the_shorter_way_at_one_rad_a_second(theta: float) -> None:
     """It turns the turtle by 0.016 rad a tick, until at most 0.02 rad are left."""
     world, goal = World(), Goal(RotateAbsolute.Goal(theta))
@@ -519,7 +520,7 @@ def test_snapshots_of_the_same_ink_share_it() -> None:
     end=st.tuples(st.floats(-600, 1100), st.floats(-600, 1100)),
     width=st.integers(1, 255),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 def test_a_stroke_is_the_same_from_both_ends(
     start: tuple[float, float], end: tuple[float, float], width: int
 ) -> None:

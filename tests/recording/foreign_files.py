@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,9 @@ class Sent:
     publisher: str = ""
 
 
+@cache
 def store_of(ros: int) -> Any:
-    """The types of ROS 1 or 2, as rosbags has them."""
+    """The types of ROS 1 or 2, as rosbags has them; made once, as that takes a while."""
     typesys = needs.module("rosbags.typesys")
     stores = typesys.Stores
     store = typesys.get_typestore(stores.ROS1_NOETIC if ros == 1 else stores.ROS2_HUMBLE)

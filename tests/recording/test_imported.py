@@ -24,7 +24,7 @@ from tests.recording.foreign_files import (
     write_rosbag2,
 )
 from tfbus.errors import DecodeError
-from tfbus.recording.foreign import files
+from tfbus.recording.foreign import files, rosbags_file
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
@@ -351,15 +351,17 @@ def test_a_packed_database_is_looked_at_as_any_other(tmp_path: Path) -> None:
         pass
 
 
-ZEROS = 600 * 2**20
+# What is packed, and what of it may be unpacked.
+ZEROS = 24 * 2**20
+MOST = 8 * 2**20
 
 
 def zstd_of_zeros(*, is_sized: bool) -> bytes:
-    """600 MB in 30 kB, with or without a word of their number before them."""
+    """Megabytes in a few kB, with or without a word of their number before them."""
     if is_sized:
         return zstandard.compress(bytes(ZEROS))
     packer = zstandard.ZstdCompressor().compressobj()
-    return b"".join(packer.compress(bytes(2**20)) for _ in range(600)) + packer.flush()
+    return b"".join(packer.compress(bytes(2**20)) for _ in range(ZEROS // 2**20)) + packer.flush()
 
 
 def replaced(database_of: Path, data: bytes) -> None:
@@ -373,7 +375,9 @@ def replaced(database_of: Path, data: bytes) -> None:
 def test_what_unpacks_to_gigabytes_is_refused(
     tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Chunks of .bag and messages of rosbag2 unpack to 256 MiB at the most."""
+    """Chunks of .bag and messages of rosbag2 unpack to 256 MiB at the most; here to less."""
+    assert rosbags_file.MOST_CHUNK_BYTES == 256 * 2**20
+    monkeypatch.setattr(rosbags_file, "MOST_CHUNK_BYTES", MOST)
     if "sized" in kind:
         path = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="MESSAGE")
         replaced(next(path.glob("*.db3")), zstd_of_zeros(is_sized=kind == "sized"))
@@ -408,7 +412,7 @@ def test_a_file_that_unpacks_to_more_than_the_disk_has_is_refused(
 def test_metadata_that_is_nested_too_deeply_is_told(tmp_path: Path) -> None:
     """At once, whichever files are beside it."""
     folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3")
-    (folder / "metadata.yaml").write_text("[" * 20_000)
+    (folder / "metadata.yaml").write_text("[" * 600)
     with pytest.raises(DecodeError, match="nested too deeply"), opened(folder):
         pass
 

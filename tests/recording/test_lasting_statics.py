@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tfbus
+from tests.builders import examples
 from tests.recordings import T0, at, described, publisher, sent, statics, write
 from tfbus import Buffer
 from tfbus.bus.settings import NodeSettings
@@ -51,7 +52,7 @@ def recordings(draw: st.DrawFn) -> list[Item]:
     return sorted(items, key=lambda item: item.log_ns)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(items=recordings(), chunk=st.integers(1, 8))
 def test_lookups_are_those_of_a_buffer_with_all(
     tmp_path_factory: pytest.TempPathFactory, items: list[Item], chunk: int

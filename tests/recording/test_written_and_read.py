@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.builders import S, as_values, at, in_recording
+from tests.builders import S, as_values, at, examples, in_recording
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.recording.index import IndexBuilder
@@ -90,7 +90,7 @@ def read(*paths: Path) -> list[tuple[object, ...]]:
         return [as_values(item) for item in reader.items()]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(st.lists(ITEMS, max_size=12), st.sampled_from(["zstd", "lz4", "none"]))
 def test_what_is_written_comes_back(
     tmp_path_factory: pytest.TempPathFactory, items: list[Item], compression: str

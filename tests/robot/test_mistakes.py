@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.builders import examples
 from tests.robot.robots import ARM, HOVERCRAFT
 from tfbus import InvalidArgumentException, Robot, UrdfError
 
@@ -294,7 +295,7 @@ def mixed(text: str, seed: int) -> bytes:
 
 @pytest.mark.parametrize("spoil", [spoilt, mixed])
 @given(st.integers(0, 2**32), st.sampled_from([ARM, HOVERCRAFT]))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_a_spoilt_urdf_is_a_robot_or_a_sentence(
     spoil: Callable[[str, int], bytes],
     tmp_path_factory: pytest.TempPathFactory,

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tests.builders import examples
 from tfbus import DecodeError, InvalidArgumentException, messages
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import RAW, MessageCodec, MessageCodecs
@@ -111,7 +112,7 @@ def test_any_messages_come_back(all_values: list[dict[str, Any]]) -> None:
         assert same(read_back(codec, data), each)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(maps)
 def test_any_message_is_one_of_ros(each: dict[str, Any]) -> None:
     """Whatever fields a message has, rosbags reads it, and writes the same bytes."""

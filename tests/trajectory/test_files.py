@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests import needs
-from tests.builders import S, transforms
+from tests.builders import S, examples, transforms
 from tests.needs import module
 from tfbus import DecodeError, InvalidArgumentException, Trajectory, TransformArray
 from tfbus.frames.echo_formats import CSV_HEADER, Numbers, csv_line
@@ -38,7 +38,9 @@ def equal(one: Trajectory, other: Trajectory) -> bool:
 
 @given(trajectories().filter(len))
 @settings(
-    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(50),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_what_is_written_is_read_again_exactly(tmp_path: Path, trajectory: Trajectory) -> None:
     """CSV and TUM keep each stamp to the nanosecond and each number to the last bit."""

@@ -17,7 +17,7 @@ from tfbus.runtime import scheduler
 T = TypeVar("T")
 
 # The safety net of all waits, in seconds of the network that the test runs on.
-DEADLINE_S = 40.0
+DEADLINE_S = 120.0
 
 
 def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:

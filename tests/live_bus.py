@@ -8,6 +8,7 @@ import subprocess
 import sys
 import termios
 import threading
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -26,12 +27,19 @@ if getsignal(SIGHUP) == SIG_IGN:
     set_handler(SIGHUP, SIG_DFL)
 
 
+# The last ones, more than a test has. The system gives the port of a bound socket to nobody who
+# takes any port, to listen or to connect; a program that names it may listen there.
+_reserved: deque[socket.socket] = deque(maxlen=64)
+
+
 def free_port() -> int:
-    """A free TCP port of the loopback interface."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A free TCP port of the loopback interface, which stays so until a program listens there."""
+    reservation = socket.socket()
+    reservation.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    reservation.bind(("127.0.0.1", 0))
+    _reserved.append(reservation)
+    port: int = reservation.getsockname()[1]
+    return port
 
 
 class Process:
@@ -178,7 +186,7 @@ class Bus:
             input=stdin,
             capture_output=True,
             text=True,
-            timeout=DEADLINE_S * 3,
+            timeout=DEADLINE_S,
         )
 
     def run_in_terminal(self, *arguments: str, until: str = "", lines: int = 24) -> str:
@@ -197,7 +205,7 @@ class Bus:
         )
         os.close(slave)
         shown = ""
-        deadline = threading.Timer(DEADLINE_S * 3, process.kill)
+        deadline = threading.Timer(DEADLINE_S, process.kill)
         deadline.start()
         try:
             with suppress(OSError):  # the terminal's end

@@ -89,7 +89,7 @@ class Bus:
     ) -> subprocess.CompletedProcess[str]:
         """`tfbus ARGUMENTS`, run to its end."""
         program = self.start_python("tfbus.__main__", *arguments, env=env, stdin=stdin)
-        code = program.wait(timeout_s=DEADLINE_S * 3)
+        code = program.wait(timeout_s=DEADLINE_S)
         return subprocess.CompletedProcess(arguments, code, program.stdout, program.stderr)
 
     def run_in_terminal(self, *arguments: str, until: str = "", lines: int = 24) -> str:
@@ -106,7 +106,7 @@ class Bus:
             eventually(lambda: until in program.stdout or program.exit_code is not None)
             assert until in program.stdout, f"{until!r} is not in {program.stdout!r}"
             program.signal(SIGINT)
-        program.wait(timeout_s=DEADLINE_S * 3)
+        program.wait(timeout_s=DEADLINE_S)
         return program.stdout
 
     def close(self) -> None:

@@ -255,7 +255,7 @@ def test_it_waits_for_the_router_and_for_its_return(
     eventually(lambda: hearing.publishers("/tf_static") == [])
     sender.send(b"while it was gone")
     ros.router.start()
-    eventually(lambda: (b"while it was gone", sender.gid) in heard, within_s=40)
+    eventually(lambda: (b"while it was gone", sender.gid) in heard)
     eventually(lambda: hearing.publishers("/tf_static"))
     lost = f"Lost the Zenoh router of ROS at {endpoint}. Trying on"
     assert caplog.messages.count(lost) == 2

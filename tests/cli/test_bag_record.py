@@ -54,7 +54,7 @@ def children(items: list[Item]) -> set[str]:
 
 def eventually_in(path: Path, condition: Callable[[list[Item]], object]) -> None:
     """Wait until the file that grows holds something."""
-    eventually(lambda: condition(items_of(path)), within_s=2 * DEADLINE_S)
+    eventually(lambda: condition(items_of(path)))
 
 
 def keep_publishing(node: Node, topic: str) -> None:
@@ -64,7 +64,7 @@ def keep_publishing(node: Node, topic: str) -> None:
 
 def recording(bus: Bus, path: Path, *options: str) -> Program:
     process = bus.start("bag", "record", "-o", str(path), *options)
-    process.wait_for_line("Recording to|Holding the last", timeout_s=2 * DEADLINE_S)
+    process.wait_for_line("Recording to|Holding the last")
     return process
 
 
@@ -173,7 +173,7 @@ class TestWhat:
         process = bus.start(
             "bag", "record", "-o", f"{folder}/", "--custom-data", "driver=Ada", "n=1"
         )
-        process.wait_for_line("Recording to", timeout_s=2 * DEADLINE_S)
+        process.wait_for_line("Recording to")
         keep_sending(bus.node("robot"), "odom", "base")
         [file] = folder.iterdir()
         eventually_in(file, transforms)
@@ -425,12 +425,12 @@ class TestTerminal:
         """As when ssh loses its connection."""
         eventually_in(path, transforms)
         terminal.hang_up()
-        assert terminal.process.wait(2 * DEADLINE_S) == 0
+        assert terminal.process.wait(DEADLINE_S) == 0
         with RecordingReader(path) as reader:
             assert reader.is_complete
 
     def test_ctrl_c_ends_it(self, terminal: Terminal, path: Path) -> None:
         """The usual end exits with 0, and prints what was recorded."""
         terminal.process.send_signal(signal.SIGINT)
-        assert terminal.process.wait(2 * DEADLINE_S) == 0
+        assert terminal.process.wait(DEADLINE_S) == 0
         eventually(lambda: "Look into it: tfbus bag info" in terminal.text)

@@ -41,7 +41,7 @@ def test_turtle2_follows_turtle1(bus: Bus) -> None:
     ]
     follower = start(bus, "follower")
     follower.wait_for_line("Spawned turtle2")
-    follower.wait_for_line("Reached it", timeout_s=60)
+    follower.wait_for_line("Reached it")
     simulator.wait_for_line(r"Spawning turtle \[turtle2\] at x=\[4.0")
     for program in (*programs, follower):
         stop(program)

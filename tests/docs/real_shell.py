@@ -65,7 +65,7 @@ class RealShell:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=3 * DEADLINE_S,
+            timeout=DEADLINE_S,
         )
         assert done.returncode == exit_code, (
             f"{command} ended with {done.returncode}: {done.stdout}"

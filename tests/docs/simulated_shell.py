@@ -63,7 +63,7 @@ class SimulatedShell:
             return Path(arguments[0]).read_text()
         env = dict(each.split("=") for each in parts["env"].split())
         program = self._start(name, arguments, env, is_merged=parts["file"] is None)
-        code = program.wait(timeout_s=3 * DEADLINE_S)
+        code = program.wait(timeout_s=DEADLINE_S)
         assert code == exit_code, f"{line} ended with {code}: {program.stdout}{program.stderr}"
         if parts["file"] is None:
             # As the installed command calls itself.

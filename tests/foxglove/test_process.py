@@ -21,13 +21,11 @@ from tests.simulated_bus import Bus as SimulatedBus
 from tfbus import TransformStamped
 from tfbus.ros.tf_message import TFMessageReader
 
-SLOW_S = 3 * DEADLINE_S
-
 
 def foxglove(bus: Bus, *arguments: str) -> tuple[Process, int]:
     """The bridge, and its port once it listens."""
     process = bus.start("foxglove", "--port", str(free_port()), *arguments)
-    line = process.wait_for_line("Foxglove: open https://app.foxglove.dev/", timeout_s=SLOW_S)
+    line = process.wait_for_line("Foxglove: open https://app.foxglove.dev/")
     return process, int(line.rpartition(":")[2])
 
 
@@ -42,14 +40,14 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
     """Its frames follow the turtle, which the teleop panel drives; parameters, services and the
     graph are there; a late client has the static frames.
     """
-    bus.start("simulator").wait_for_line("ready", timeout_s=SLOW_S)
+    bus.start("simulator").wait_for_line("ready")
     bus.start("broadcaster")
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
+    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready")
     process, port = foxglove(bus, "--teleop", "turtle1/cmd_vel")
     with Client(port) as client:
         client.subscribe("/tf")
         client.send("subscribeConnectionGraph")
-        eventually(lambda: transforms_of(client, "turtle1"), within_s=SLOW_S)
+        eventually(lambda: transforms_of(client, "turtle1"))
         start = transforms_of(client, "turtle1")[-1].transform.x
         client.advertise("/cmd_vel", "geometry_msgs/Twist")
         send_until(
@@ -85,7 +83,7 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
         {**bus.env, "TFBUS_CONNECT": "tcp/127.0.0.1:1", "TFBUS_MODE": "client"},
     )
     try:
-        line = process.wait_for_line("Foxglove: open https://", timeout_s=SLOW_S)
+        line = process.wait_for_line("Foxglove: open https://")
         with Client(int(line.rpartition(":")[2])) as client:
             client.subscribe("/tf_static")
             eventually(lambda: client.of("/tf_static"))
@@ -151,13 +149,13 @@ def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
     for library in _LIBRARIES:
         if subprocess.run([node, "-e", f"require('{library}')"], capture_output=True).returncode:
             needs.skip(library, f"npm install {library}")
-    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready", timeout_s=SLOW_S)
+    bus.start("static", "world", "lamp", "--x", "1.5").wait_for_line("ready")
     _, port = foxglove(bus)
     done = subprocess.run(
         [node, "-e", _SCRIPT, f"ws://127.0.0.1:{port}"],
         capture_output=True,
         text=True,
-        timeout=SLOW_S,
+        timeout=DEADLINE_S,
     )
     assert done.stdout, done.stderr
     seen = json.loads(done.stdout)
@@ -174,7 +172,7 @@ def test_others_reach_it_by_a_token_only(bus: Bus) -> None:
     assert done.returncode == 2 and "add --operate for --teleop" in done.stderr
     needs.module("cryptography")
     process = bus.start("foxglove", "--public", "--port", str(free_port()))
-    line = process.wait_for_line("Foxglove: connect to wss://", timeout_s=SLOW_S)
+    line = process.wait_for_line("Foxglove: connect to wss://")
     port, query = re.findall(r":(\d+)(/[^ ]*)", line)[0]
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE

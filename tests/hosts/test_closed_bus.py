@@ -154,7 +154,7 @@ def test_those_it_keeps_out_see_that_it_is_there(closed: Closed) -> None:
 
 def result_of(attacker: Process) -> dict[str, list[str]]:
     """What an attacker has read, of whom it had links, and which answers it got."""
-    eventually(lambda: attacker.popen.poll() is not None, within_s=40.0)
+    eventually(lambda: attacker.popen.poll() is not None)
     attacker.wait()
     assert attacker.out, attacker.err
     found: dict[str, list[str]] = json.loads(attacker.out[-1])

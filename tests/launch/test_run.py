@@ -23,6 +23,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
 from tfbus.launch.run.console import Console, Lines, Stream, safe_line
@@ -35,7 +36,6 @@ from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 pytestmark = pytest.mark.real
 
 NEVER_S = 1000.0
-DEADLINE_S = 20.0
 LONG = Timeouts(NEVER_S, NEVER_S, NEVER_S, NEVER_S)
 
 # Ends as a good node does: at once, with exit code 0, and a word about it.

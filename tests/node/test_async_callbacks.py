@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -28,8 +28,6 @@ from tfbus import (
 from tfbus.bus.session import Session
 from tfbus.messages import RotateAbsolute, Spawn
 from tfbus.runtime.callables import is_async
-
-DEADLINE_S = 10.0
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -26,8 +26,6 @@ from tfbus import (
 from tfbus.messages import RotateAbsolute, Spawn
 from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import parameter_key
-
-DEADLINE_S = 10.0
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -28,8 +28,6 @@ from tfbus import (
 from tfbus.messages import Pose, RotateAbsolute, Spawn, Vector3
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import node_key, node_parameters_key, parameter_key
-
-DEADLINE_S = 10.0
 
 
 @dataclass(frozen=True)

@@ -169,14 +169,14 @@ def test_missing_joints_are_named(bus: Bus, path: Path) -> None:
     process = start(bus, path)
     Asker(bus).move_until_seen("upper", "lower", elbow=1.0)
     missing = "No joint state has named 2 joints so far: shoulder, grip"
-    process.wait_for_line(missing, timeout_s=60.0)
+    process.wait_for_line(missing)
 
 
 def test_without_joint_states_it_says_what_to_start(bus: Bus, path: Path) -> None:
     """With no publisher of joint_states the log says so, and how many frames are missing."""
     process = start(bus, path)
     nothing = "No joint state has come on topic 'joint_states': start the robot's driver, or"
-    process.wait_for_line(nothing, timeout_s=60.0)
+    process.wait_for_line(nothing)
 
 
 def test_a_time_that_goes_back_is_followed(bus: Bus, path: Path) -> None:

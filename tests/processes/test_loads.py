@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests import simulated_bus
-from tests.buses import eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tests.live_bus import Bus, Process, free_port
 from tests.processes.load_roles import Load, Report, batch, heard, memory, x_of
 from tfbus import Buffer, Node, ServiceError, TransformBroadcaster, TransformListener
@@ -17,7 +17,6 @@ from tfbus.node.service import Client
 ROLES = Path(__file__).parent / "load_roles.py"
 
 MB = 10**6
-PATIENCE_S = 60.0
 
 
 def start(bus: Bus, role: str, **env: str) -> Process:
@@ -44,11 +43,11 @@ def answer(client: Client, request: object) -> Any:
 
     def response() -> Any:
         try:
-            return client.call(request, timeout_s=PATIENCE_S)
+            return client.call(request, timeout_s=DEADLINE_S)
         except ServiceError:
             return None
 
-    return eventually(response, within_s=PATIENCE_S)
+    return eventually(response)
 
 
 def load(node: Node, **asked: float) -> Load.Response:
@@ -66,9 +65,7 @@ def not_counted(report: Report.Response) -> float:
 
 def after(listener: TransformListener, number: int) -> Report.Response:
     """What the listener has received by the time it knows of a send after this one."""
-    return eventually(
-        lambda: report if (report := heard(listener)).x > number else None, within_s=PATIENCE_S
-    )
+    return eventually(lambda: report if (report := heard(listener)).x > number else None)
 
 
 def test_ten_thousand_frames_come_in_one_send(bus: simulated_bus.Bus, sender: Node) -> None:
@@ -124,18 +121,17 @@ def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
     slow.signal(signal.SIGSTOP)
     try:
         sent = load(node, sends=2_000, frames=200, static_x=2.0)
-        eventually(lambda: heard(listener).static_x == 2.0, within_s=PATIENCE_S)
+        eventually(lambda: heard(listener).static_x == 2.0)
         assert after(listener, sent.number).messages > before.messages
         assert sent.memory - former < 100 * MB
     finally:
         slow.signal(signal.SIGCONT)
     report = eventually(
         lambda: report if (report := slow_report()).x > sent.number else None,
-        within_s=PATIENCE_S,
     )
     assert not_counted(report) == not_counted(before)
     assert report.missed > 0
-    eventually(lambda: slow_report().static_x == 2.0, within_s=PATIENCE_S)
+    eventually(lambda: slow_report().static_x == 2.0)
 
 
 @pytest.mark.real
@@ -164,11 +160,10 @@ def test_fifteen_thousand_sends_come_or_are_counted_also_where_a_subscriber_is_s
     assert not_counted(report) == not_counted(before)
     slow = eventually(
         lambda: report if (report := slow_report()).x > sent.number else None,
-        within_s=PATIENCE_S,
     )
     assert not_counted(slow) == not_counted(slow_before)
     assert slow.missed > 0
     grown = sent.memory - former, memory() - former_here, slow.memory - slow_before.memory
     assert max(grown) < 50 * MB
-    eventually(lambda: heard(listener).static_x == 3.0, within_s=PATIENCE_S)
-    eventually(lambda: slow_report().static_x == 3.0, within_s=PATIENCE_S)
+    eventually(lambda: heard(listener).static_x == 3.0)
+    eventually(lambda: slow_report().static_x == 3.0)

@@ -34,7 +34,7 @@ class Notebook:
         request = self._client.execute(cell)
         said = ""
         while True:
-            message = self._client.get_iopub_msg(timeout=3 * DEADLINE_S)
+            message = self._client.get_iopub_msg(timeout=DEADLINE_S)
             if message["parent_header"].get("msg_id") != request:
                 continue
             kind, content = message["msg_type"], message["content"]
@@ -58,7 +58,7 @@ def notebook(bus: Bus) -> Iterator[Notebook]:
     client = manager.blocking_client()
     client.start_channels()
     try:
-        client.wait_for_ready(timeout=3 * DEADLINE_S)
+        client.wait_for_ready(timeout=DEADLINE_S)
         yield Notebook(client, manager)
     finally:
         client.stop_channels()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tfbus.runtime.callback_groups import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
@@ -16,7 +16,6 @@ from tfbus.runtime.callback_groups import (
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 
-DEADLINE_S = 10.0
 THREADS = 4
 
 

@@ -7,12 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor
 
-DEADLINE_S = 10.0
 SECOND = 1_000_000_000
 
 

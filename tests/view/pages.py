@@ -14,7 +14,7 @@ from tfbus.view.screenshot import CLOSE_NOTES, FLAGS
 
 # Chromium draws without a graphics card, on a machine with other work to do: a page that takes 5 s
 # alone takes a minute beside four others.
-PATIENCE_S = 6 * DEADLINE_S
+PATIENCE_S = 2 * DEADLINE_S
 
 
 @pytest.fixture(scope="module")

@@ -208,7 +208,7 @@ def test_without_viser_the_remedy_is_named() -> None:
         [sys.executable, "-c", _WITHOUT_VISER],
         capture_output=True,
         text=True,
-        timeout=6 * DEADLINE_S,
+        timeout=2 * DEADLINE_S,
     )
     assert ended.stdout.startswith("viser is not installed")
     assert ended.stdout.rstrip().endswith(install_command("view"))
@@ -233,7 +233,7 @@ def test_a_program_ends_with_its_view_open() -> None:
         [sys.executable, "-c", f"import tfbus; {code}"],
         capture_output=True,
         text=True,
-        timeout=6 * DEADLINE_S,
+        timeout=2 * DEADLINE_S,
     )
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 

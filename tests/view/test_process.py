@@ -31,7 +31,7 @@ def status_of(address: str, **headers: str) -> tuple[int, str]:
 def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
     """A page from elsewhere may not use it, under any name of this machine."""
     view = bus.start("view", "--port", str(free_port()))
-    line = view.wait_for_line("View: http://", timeout_s=3 * DEADLINE_S)
+    line = view.wait_for_line("View: http://")
     address = line.rpartition("View: ")[2]
     host = address.removeprefix("http://")
     assert status_of(address)[0] == 200
@@ -54,7 +54,7 @@ def test_a_port_that_is_taken_is_said(bus: Bus) -> None:
         other.listen()
         taken = other.getsockname()[1]
         view = bus.start("view", "--port", str(taken))
-        line = view.wait_for_line("View: http://127.0.0.1:", timeout_s=3 * DEADLINE_S)
+        line = view.wait_for_line("View: http://127.0.0.1:")
         port = line.rpartition(":")[2]
         assert int(port) > taken
         view.wait_for_line(f"Port {taken} of 127.0.0.1 is taken: using {port}")
@@ -71,7 +71,7 @@ def test_a_view_for_others_must_be_public(bus: Bus) -> None:
 def test_pages_of_other_machines_cannot_frame_it(bus: Bus) -> None:
     """A click on one could be a click on the view; a notebook of this machine can."""
     view = bus.start("view", "--port", str(free_port()))
-    line = view.wait_for_line("View: http://", timeout_s=3 * DEADLINE_S)
+    line = view.wait_for_line("View: http://")
     connection = http.client.HTTPConnection(line.rpartition("//")[2], timeout=DEADLINE_S)
     connection.request("GET", "/")
     assert connection.getresponse().headers["Content-Security-Policy"] == (

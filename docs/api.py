@@ -6,9 +6,10 @@ package is compiled or not.
 
 import ast
 import inspect
+import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -47,7 +48,8 @@ _HEAD = """\
 All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
 from `tfbus.messages`, `tfbus.testing` or `tfbus.view` where that is the heading. Lengths are
 metres, angles radians, quaternions x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since
-the Unix epoch.
+the Unix epoch. A method without an arrow returns None; `Name.method`
+makes a Name. A text that holds for several methods stands at the first.
 """
 
 
@@ -56,17 +58,43 @@ A page of a buffer or a recording, with what a program draws; it needs the extra
 guide](../guide/view.md).
 """
 
-# Methods that the simulated network itself calls.
+# Methods that only other parts of tfbus call, by their class: a listener, the clock's waits, the
+# simulated network, the completion of a shell.
 _INNER = {
-    "Network.tasks",
-    *(
-        f"Process.{name}"
-        for name in ("at_exit", "call_at_exit", "enter", "forget_at_exit", "go_on")
-    ),
-    *(f"Process.{name}" for name in ("handler", "leave", "object_of", "receive", "set_handler")),
-    "Process.urandom",
-    *(f"Program.{name}" for name in ("enter", "leave", "run")),
+    "Buffer": "ask_again count_sent_by expect_no_more expect_past forget interrupt mark_gone"
+    " remove_sent senders_of sent_by tell waiting watch_questions",
+    "Node": "describe describers",
+    "NodeSettings": "check_right named_by_default renamed",
+    "Limits": "mistake_in of",
+    "Parameter": "checked describe",
+    "TransformListener": "where_to_look",
+    "Fleet": "names",
+    "SimulatedClock": "call_at call_when_running cancel limit",
+    "Clock": "call_when_running limit",
+    "SystemClock": "call_when_running limit",
+    "FrameName": "candidates convert shell_complete",
+    "NodeName": "candidates convert shell_complete",
+    "TopicName": "candidates convert shell_complete",
+    "ServiceName": "candidates convert shell_complete",
+    "Number": "convert",
+    "Recording": "of_reader",
+    "Network": "tasks",
+    "Process": "at_exit call_at_exit enter forget_at_exit go_on handler leave object_of receive"
+    " set_handler urandom",
+    "Program": "enter leave run",
 }
+
+# A class whose methods are those of another, row by row or of a file: where both have one, the
+# text stands at the other, but for these.
+_LIKE = {
+    tfbus.TransformArray: (tfbus.Transform, {"apply", "from_matrix", "interpolate", "rotate"}),
+    tfbus.Recording: (tfbus.Buffer, {"frames", "samples", "trajectory"}),
+}
+
+_MESSAGES = """\
+[Messages](messages.md) says what they mean. A value that is not finite or out of range raises
+ValueError; on the bus such a message is dropped and counted.
+"""
 
 _TESTING = """\
 A simulated network for tests, and the fixture `network` of pytest. See [the
@@ -103,12 +131,36 @@ def page() -> str:
         parts.append(_entry(name, value, made=name in ("Network", "Faults")))
     parts += ["## tfbus.view\n", _VIEW]
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
-    parts += ["## tfbus.messages\n", _paragraphs(tfbus.messages.__doc__ or "")]
+    parts += ["## tfbus.messages\n", _MESSAGES]
     parts += [
-        _entry(name, value)
+        _message(name, value)
         for name, value in vars(tfbus.messages).items()
         if inspect.isclass(value) and value.__module__ == "tfbus.messages"
     ]
+    return _each_text_once("\n".join(parts))
+
+
+def _each_text_once(text: str) -> str:
+    """The page without the texts of methods that stand on it already."""
+    seen: set[str] = set()
+
+    def kept(item: re.Match[str]) -> str:
+        if item["text"] in seen:
+            return item["signature"]
+        seen.add(item["text"])
+        return item[0]
+
+    return re.sub(
+        r"^(?P<signature>- `.*`\n)\n(?P<text>(?:    .*\n|\n(?=    ))+)", kept, text, flags=re.M
+    )
+
+
+def _message(name: str, value: type) -> str:
+    """The fields of a message, or of those in a service or action."""
+    parts = [f"### {name}\n"]
+    nested = [each for each in vars(value).values() if inspect.isclass(each)]
+    for each in nested or [value]:
+        parts.append(f"- `{each.__qualname__}({_constructor(each)})`\n")
     return "\n".join(parts)
 
 
@@ -121,7 +173,8 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
     if bases:
         parts.append(f"A {' and '.join(f'`{base}`' for base in bases)}.\n")
     parts.append(_paragraphs(_docstring(value)))
-    if made and (signature := _constructor(value)):
+    is_inherited = issubclass(value, Exception) and "__init__" not in vars(value)
+    if made and not is_inherited and (signature := _constructor(value)):
         parts.append(f"- `{name}({signature})`\n")
     if not made and (fields := _fields(value)):
         parts.append(f"- fields: {', '.join(f'`{field}`' for field in fields)}\n")
@@ -190,15 +243,20 @@ def _members(value: type) -> list[Member]:
     """The methods and properties with a docstring, each as its most derived class says it."""
     found: dict[str, Member] = {}
     inherited: dict[str, Member] = {}
+    inner = _INNER.get(value.__name__, "").split()
+    other, own = _LIKE.get(value, (object, set()))
     for body in _bodies(value):
         for node in body.body:
             if (
                 isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
                 and _is_public(node)
-                and f"{body.name}.{node.name}" not in _INNER
+                and node.name not in inner
             ):
                 into = found if body.name == value.__name__ else inherited
-                into.setdefault(node.name, _function(node, value.__name__))
+                member = _function(node, value.__name__)
+                if node.name not in own and hasattr(other, node.name):
+                    member = replace(member, text="")
+                into.setdefault(node.name, member)
     return [*found.values(), *(member for name, member in inherited.items() if name not in found)]
 
 
@@ -211,11 +269,14 @@ def _is_public(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 def _function(node: ast.AST, owner: str) -> Member:
     assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     kinds = {ast.unparse(decorator) for decorator in node.decorator_list}
-    returns = f" -> {_plain(node.returns)}" if node.returns else ""
+    returned = _plain(node.returns)
+    returns = f" -> {returned}" if returned not in ("", "None") else ""
     text = ast.get_docstring(node) or ""
     if "property" in kinds:
         return Member(node.name, f"{node.name}{returns.replace(' ->', ':')}", text)
     prefix = f"{owner}." if kinds & {"staticmethod", "classmethod"} else ""
+    if prefix and returned in (owner, "Self"):
+        returns = ""
     word = "await " if isinstance(node, ast.AsyncFunctionDef) else ""
     return Member(node.name, f"{word}{prefix}{node.name}({_arguments(node.args)}){returns}", text)
 
@@ -235,7 +296,7 @@ def _fields(value: type) -> list[str]:
     for body in reversed(list(_bodies(value))):
         for node in body.body:
             if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
-                default = f" = {_default(node.value)}" if node.value else ""
+                default = f"={_default(node.value)}" if node.value else ""
                 found.append(f"{ast.unparse(node.target)}: {_plain(node.annotation)}{default}")
     return found
 
@@ -268,11 +329,12 @@ def _arguments(arguments: ast.arguments) -> str:
 
 def _argument(argument: ast.arg, default: ast.expr | None) -> str:
     kind = f": {_plain(argument.annotation)}" if argument.annotation else ""
-    return f"{argument.arg}{kind}{f' = {ast.unparse(default)}' if default else ''}"
+    return f"{argument.arg}{kind}{f'={ast.unparse(default)}' if default else ''}"
 
 
 def _plain(annotation: ast.expr | None) -> str:
-    return ast.unparse(annotation).replace("'", "") if annotation else ""
+    text = ast.unparse(annotation) if annotation else ""
+    return text.replace("'", "").replace(" | ", "|")
 
 
 def _returned() -> set[type]:

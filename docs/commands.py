@@ -22,26 +22,22 @@ _HEAD = """\
 # Commands
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
-`tfbus COMMAND --help` prints the same, but for the options that all have in common, which
-`--help-all` has. Commands exit with 0 where all went well, with 1 where they failed, and with 2
-where the command line was wrong.
+`tfbus COMMAND --help` prints the same, `--help-all` also the options of every node. A command exits
+with 0 on success, 1 if it failed, 2 for a mistake on the command line. A command that [joins the
+bus](#options-of-every-command-that-joins-the-bus) has `[NODE OPTIONS]` in its usage; after *Also*
+stand options that [several commands share](#options-that-several-commands-share).
 """
 
 _OF_NODES = """\
 ## Options of every command that joins the bus
-
-A command below that has `[NODE OPTIONS]` in its usage takes these too.
 """
-
 
 _OF_MANY = """\
-## Options that many commands have
-
-A command that has one of these names it below its own.
+## Options that several commands share
 """
 
-# So many commands have an option that it is described once.
-_SHARED_BY = 4
+# An option of so many commands is described once.
+_SHARED_BY = 2
 
 # The names of an option, and what it means.
 Row = tuple[str, str]
@@ -49,11 +45,7 @@ Row = tuple[str, str]
 
 def page() -> str:
     """The whole page."""
-    parts = [_HEAD, "| command | what it does |\n| --- | --- |"]
-    parts[-1] += "".join(
-        f"\n| [`{name}`](#tfbus-{name}) | {text} |" for name, text in sorted(_texts().items())
-    )
-    parts[-1] += "\n"
+    parts = [_HEAD, ",\n".join(f"[`{name}`](#tfbus-{name})" for name in sorted(_texts())) + ".\n"]
     of_nodes = _rows(_node_parameters())
     root = click.Context(tfbus, info_name="tfbus", max_content_width=100)
     commands = [(each, tfbus.get_command(root, each)) for each in sorted(_texts())]
@@ -62,7 +54,7 @@ def page() -> str:
     often = [row for row, times in count.items() if times >= _SHARED_BY and row not in of_nodes]
     meanings = Counter(names for names, _ in often)
     shared = [row for row in often if meanings[row[0]] == 1]
-    parts += [_OF_NODES, _table(of_nodes), _OF_MANY, _table(sorted(shared))]
+    parts += [_OF_NODES, _list(of_nodes), _OF_MANY, _list(sorted(shared))]
     for name, command in known:
         parts += _sections(command, name, root, of_nodes, shared)
     return "\n".join(parts)
@@ -118,10 +110,10 @@ def _sections(
         pieces = [context.command_path, *_usage(command, context, is_node)]
         yield f"`{' '.join(pieces)}`\n"
     if own:
-        yield _table(own)
+        yield _list(own)
     if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:
         each = ", ".join(f"`{name.rstrip(',')}`" for name in also)
-        yield f"And, [as many do](#options-that-many-commands-have): {each}.\n"
+        yield f"*Also* {each}.\n"
     if command.epilog:
         yield _examples(command.epilog)
     for verb, below in _below(command, context):
@@ -150,18 +142,17 @@ def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:
     return [(_cell(names), _cell(_shown(text))) for names, text in filter(None, records) if text]
 
 
-def _table(rows: Sequence[Row]) -> str:
-    lines = [f"| `{names}` | {text} |" for names, text in rows]
-    return "\n".join(["| option | |", "| --- | --- |", *lines, ""])
+def _list(rows: Sequence[Row]) -> str:
+    return "\n".join([*(f"- `{names}` {text}" for names, text in rows), ""])
 
 
 def _shown(text: str) -> str:
-    """What a table of Markdown would read as its own."""
+    """The text with all that Markdown would read as its own escaped."""
     return re.sub(r"([*_<>\[\]])", r"\\\1", text)
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    return " ".join(text.split())
 
 
 def _paragraphs(text: str) -> str:

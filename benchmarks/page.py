@@ -10,7 +10,7 @@ from benchmarks.processes import INTERPRETED
 _PAGE = """\
 # How fast tfbus is
 
-`make bench` measures and writes this page; [all tables, and how each number was
+`make bench` measures and writes this page; [how each number was
 measured](performance-tables.md). A ratio is what the other takes over what tfbus takes: above one,
 tfbus is faster, or smaller. Numbers differ on other machines, ratios less.
 
@@ -170,7 +170,7 @@ def made() -> str:
         resources=_only(
             resources.tables["processes"],
             [row[0] for row in resources.tables["processes"].rows],
-            ("process", "CPU", "wake-ups", "memory", "threads"),
+            ("process", "CPU", "wake-ups", "memory", "threads", "start"),
         ).as_markdown(),
         resources_place=_elsewhere(resources, buffer),
     )

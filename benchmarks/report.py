@@ -30,7 +30,8 @@ def markdown_table(
 ) -> str:
     """Any table; all but the first columns, of `words`, flush right."""
     rule = ["---" if column < words else "---:" for column in range(len(headings))]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (headings, rule, *table))
+    rows = [f"| {' | '.join(row)} |" for row in (headings, *table)]
+    return "\n".join([rows[0], f"|{'|'.join(rule)}|", *rows[1:]])
 
 
 def left_out(results: Sequence[Result]) -> list[str]:

@@ -192,8 +192,8 @@ def test_a_mistake_has_its_line(tmp_path: Path, text: str, said: str) -> None:
 
 
 def test_the_page_has_this_table() -> None:
-    """docs/guide/ros2-topics.md has each type, its type in ROS, and the names looked for."""
-    page = (Path(__file__).parents[2] / "docs" / "guide" / "ros2-topics.md").read_text()
+    """docs/guide/ros2.md has each type, its type in ROS, and the names looked for."""
+    page = (Path(__file__).parents[2] / "docs" / "guide" / "ros2.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| `([\w/]+)` \| (.*) \|$", page, re.M)
     assert rows == [
         (

@@ -160,7 +160,7 @@ def _frame(publisher: int, row: int) -> str:
 
 
 def table(costs: dict[str, Cost]) -> str:
-    """The costs as rows of docs/guide/interest.md."""
+    """The costs as rows of a table, of which docs/guide/scaling.md has the main columns."""
     everything = costs[EVERYTHING]
     rows = [
         f"| {name} | {cost.messages:,.0f} | {cost.transforms:,.0f} | {cost.bytes:,.0f} "

@@ -12,8 +12,6 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException
 
-pytestmark = pytest.mark.real
-
 
 def stamps_of(buffer: Buffer) -> list[int]:
     """The stamps up to 200 at which there is a sample of the robot."""
@@ -74,6 +72,7 @@ def test_paths_have_one_budget() -> None:
     assert len(buffer.path("f0", "f960")) == 961
 
 
+@pytest.mark.real
 def test_the_end_of_a_long_chain_does_not_need_a_deep_stack() -> None:
     """A buffer of a chain of frames is freed, and so is a tree that was cut, frame by frame."""
     script = """

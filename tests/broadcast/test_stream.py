@@ -179,6 +179,19 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
     assert numbers_of(sent) == expected
 
 
+def test_a_new_epoch_is_due_to_the_first_frame_that_went_back() -> None:
+    """Of a batch it is said which frame went back, and by how much."""
+    sent = Sent()
+    sender = sent.sender()
+    for stamps in ((100, 100, 100), (101, 97, 50)):
+        sender.send(
+            Columns.of_transforms(
+                at(child=child, stamp_ns=s * S) for child, s in zip("abc", stamps, strict=True)
+            )
+        )
+    assert sent.back_ns == [("b", 3 * S)]
+
+
 @settings(deadline=None)
 @given(
     st.lists(
@@ -467,6 +480,16 @@ def test_a_description_has_the_last_parent_of_each_frame(sender: Node, receiver:
     for parent in ("table", "hand", "table", "hand", "table"):
         broadcaster.send_transform(at(child="box", parent=parent))
         wanted = ((parent, "box", False),)
+        eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
+
+
+def test_a_description_has_the_last_kind_of_each_frame(sender: Node, receiver: Node) -> None:
+    """A frame is static or dynamic as it was sent last, however often that changes."""
+    descriptions = describe_to(receiver)
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    for kind in (False, False, True, False, True, False, False):
+        (static if kind else dynamic).send_transform(at(child="box"))
+        wanted = (("world", "box", kind),)
         eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
 
 

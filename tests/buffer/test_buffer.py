@@ -611,6 +611,17 @@ def test_a_batch_and_single_transforms_make_the_same_buffer():
             assert a.transform == at_once.lookup_transform("world", child, stamp).transform
 
 
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-0.6, 0.0, 0.8)])
+def test_a_turn_about_any_axis_is_taken(axis: tuple[float, float, float]) -> None:
+    """It comes out of the buffer as it was, alone or in a batch."""
+    turn = Transform.from_rotvec(tuple(1.3 * each for each in axis), (1, 2, 3))
+    row = TransformStamped(1, "a", "b", turn)
+    for rows in ([row], TransformBatch.from_transforms([row, row])):
+        buffer = Buffer()
+        assert buffer.set_transforms(rows) == len(rows)
+        assert buffer.lookup_transform("a", "b").transform.is_close(turn)
+
+
 def test_a_quaternion_within_tolerance_is_normalised():
     """tf2's tolerance: slightly off is made right, more is refused."""
     edges, stamps = np.array([[0, 1]], np.uint32), np.array([1])

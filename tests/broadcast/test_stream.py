@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, at
-from tests.buses import eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -29,6 +29,7 @@ from tfbus import (
 )
 from tfbus.broadcast import newest_stamps
 from tfbus.broadcast.announcer import FrameAnnouncer
+from tfbus.broadcast.keys import RowsOfKey
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
@@ -36,6 +37,7 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
@@ -49,17 +51,25 @@ class Sent:
         self.messages: list[tuple[str, TransformMessage]] = []
         self.epoch_ns = 0
         self.back_ns: list[tuple[str, int]] = []
+        self.declared: list[Any] = []
 
     def publisher(self, key: str, *, urgent: bool = False) -> Any:
         """A publisher of the key."""
+        self.declared.append(self._publisher(key))
+        return self.declared[-1]
+
+    def _publisher(self, key: str) -> "_Publisher":
         return _Publisher(lambda payload: self.messages.append((key, decode_transforms(payload))))
 
-    def publishers_within(self, expression: str, *, urgent: bool) -> "Sent":
+    def publishers_within(self, expression: str, *, urgent: bool = False) -> Any:
         """Publishers of keys within."""
-        return self
+        self.declared.append(_Publisher(lambda payload: None))
+        self.declared[-1].publisher = self._publisher
+        return self.declared[-1]
 
-    def queryable(self, key: str, callback: object, *, long: bool) -> None:
+    def queryable(self, key: str, callback: object, *, long: bool) -> Any:
         """It gets no queries."""
+        return self.publishers_within(key)
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
         """Nothing happens later."""
@@ -80,8 +90,14 @@ class Sent:
 
 
 class _Publisher:
+    publisher: Any
+    is_closed = False
+
     def __init__(self, put: Callable[[bytes], None]) -> None:
         self.put = put
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
 def numbers_of(sent: Sent) -> list[tuple[str, int, int | None]]:
@@ -119,6 +135,17 @@ def test_a_split_stream_has_a_key_a_frame() -> None:
         [("world", "b/c", 2)],
         [("map", "a", 4)],
     ]
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_closed_stream_leaves_nothing_declared(split: bool) -> None:
+    """Neither what it sends on nor what answers for its history; twice is fine."""
+    sent = Sent()
+    sender = sent.sender(split=split)
+    assert [each.is_closed for each in sent.declared] == [False, False]
+    for _ in range(2):
+        sender.close()
+    assert [each.is_closed for each in sent.declared] == [True, True]
 
 
 @pytest.mark.parametrize("split", [False, True])
@@ -570,6 +597,45 @@ def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer:
     with TransformListener(late, receiver):
         for each in (buffer, late):
             eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
+
+
+def test_sets_of_static_transforms_are_numbered(sender: Node, receiver: Node) -> None:
+    """The later one has the higher number, so that listeners tell them apart in any order."""
+    numbers: list[int | None] = []
+    declare_retained_subscriber(
+        receiver.session,
+        "tf_static/*",
+        lambda key, data: numbers.append(decode_transforms(data).seq),
+    )
+    static = StaticTransformBroadcaster(sender)
+    for number in range(4):
+        static.send_transform(at(number, f"post{number}"))
+        eventually(lambda number=number: numbers == list(range(number + 1)))
+
+
+def test_a_set_without_a_static_frame_follows_its_dynamic_transform(
+    sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long that takes to be sent: the frame is never missing."""
+    heard: list[str] = []
+    session = receiver.session
+    declare_retained_subscriber(session, "tf_static/*", lambda key, data: heard.append("set"))
+    subscriber = session.subscriber("tf/*", lambda key, data: heard.append("dynamic"))
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    static.send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: heard == ["set"])
+    assert sender.session.watch_heard("tf/sender").wait(DEADLINE_S)
+    encode = RowsOfKey.encode
+
+    def encode_slowly(self: RowsOfKey, columns: Columns) -> bytes:
+        scheduler.sleep(1.0)
+        return encode(self, columns)
+
+    monkeypatch.setattr(RowsOfKey, "encode", encode_slowly)
+    dynamic.send_transform(at(3, "arm"))
+    eventually(lambda: len(heard) == 3)
+    assert heard == ["set", "dynamic", "set"]
+    subscriber.close()
 
 
 def test_a_static_frame_that_becomes_dynamic_is_never_missing(

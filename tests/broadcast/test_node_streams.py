@@ -9,7 +9,7 @@ import pytest
 from tests.buses import DEADLINE_S
 from tfbus import Node
 from tfbus.broadcast import node_streams
-from tfbus.broadcast.node_streams import stream_of_node
+from tfbus.broadcast.node_streams import NodeStreams, stream_of_node
 
 
 def node(name: str) -> Node:
@@ -17,6 +17,30 @@ def node(name: str) -> Node:
     unused: Any = None
     given = {"name": name, "full_name": f"/{name}", "started_ns": 1, "describers": []}
     return cast(Node, SimpleNamespace(**given, session=unused, executor=unused, log=unused))
+
+
+def test_a_stream_that_begins_anew_takes_the_place_of_the_former(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """That one is closed, and its name leads to the new one."""
+    closed: list[object] = []
+
+    class Stream:
+        def __init__(self, *_: object, origin: tuple[str, ...] = ()) -> None:
+            self.origin = origin
+
+        def close(self) -> None:
+            closed.append(self)
+
+    monkeypatch.setattr(node_streams, "Stream", Stream)
+    robot = node("robot")
+    former, streams = stream_of_node(robot), NodeStreams.of(robot)
+    again = streams.reopen(robot, "robot", ("gid",))
+    assert again.origin == ("gid",)
+    assert closed == [former]
+    assert stream_of_node(robot) is again
+    streams.close("robot")
+    assert closed == [former, again]
 
 
 def test_nodes_do_not_wait_for_the_streams_of_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,11 +8,11 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, at
-from tests.buses import eventually, send_until
+from tests.buses import DEADLINE_S, eventually, send_until
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -29,6 +29,7 @@ from tfbus import (
 )
 from tfbus.broadcast import newest_stamps
 from tfbus.broadcast.announcer import FrameAnnouncer
+from tfbus.broadcast.keys import RowsOfKey
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
@@ -36,10 +37,14 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # Without a bus
+
+# How a transform is sent.
+ALONE, BATCH = "as it is", "in a batch"
 
 
 class Sent:
@@ -49,17 +54,25 @@ class Sent:
         self.messages: list[tuple[str, TransformMessage]] = []
         self.epoch_ns = 0
         self.back_ns: list[tuple[str, int]] = []
+        self.declared: list[Any] = []
 
     def publisher(self, key: str, *, urgent: bool = False) -> Any:
         """A publisher of the key."""
+        self.declared.append(self._publisher(key))
+        return self.declared[-1]
+
+    def _publisher(self, key: str) -> "_Publisher":
         return _Publisher(lambda payload: self.messages.append((key, decode_transforms(payload))))
 
-    def publishers_within(self, expression: str, *, urgent: bool) -> "Sent":
+    def publishers_within(self, expression: str, *, urgent: bool = False) -> Any:
         """Publishers of keys within."""
-        return self
+        self.declared.append(_Publisher(lambda payload: None))
+        self.declared[-1].publisher = self._publisher
+        return self.declared[-1]
 
-    def queryable(self, key: str, callback: object, *, long: bool) -> None:
+    def queryable(self, key: str, callback: object, *, long: bool) -> Any:
         """It gets no queries."""
+        return self.publishers_within(key)
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
         """Nothing happens later."""
@@ -80,8 +93,14 @@ class Sent:
 
 
 class _Publisher:
+    publisher: Any
+    is_closed = False
+
     def __init__(self, put: Callable[[bytes], None]) -> None:
         self.put = put
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
 def numbers_of(sent: Sent) -> list[tuple[str, int, int | None]]:
@@ -119,6 +138,17 @@ def test_a_split_stream_has_a_key_a_frame() -> None:
         [("world", "b/c", 2)],
         [("map", "a", 4)],
     ]
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_closed_stream_leaves_nothing_declared(split: bool) -> None:
+    """Neither what it sends on nor what answers for its history; twice is fine."""
+    sent = Sent()
+    sender = sent.sender(split=split)
+    assert [each.is_closed for each in sent.declared] == [False, False]
+    for _ in range(2):
+        sender.close()
+    assert [each.is_closed for each in sent.declared] == [True, True]
 
 
 @pytest.mark.parametrize("split", [False, True])
@@ -179,11 +209,24 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
     assert numbers_of(sent) == expected
 
 
+def test_a_new_epoch_is_due_to_the_first_frame_that_went_back() -> None:
+    """Of a batch it is said which frame went back, and by how much."""
+    sent = Sent()
+    sender = sent.sender()
+    for stamps in ((100, 100, 100), (101, 97, 50)):
+        sender.send(
+            Columns.of_transforms(
+                at(child=child, stamp_ns=s * S) for child, s in zip("abc", stamps, strict=True)
+            )
+        )
+    assert sent.back_ns == [("b", 3 * S)]
+
+
 @settings(deadline=None)
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(["as it is", "by its pose", "in a batch"]),
+            st.sampled_from([ALONE, "by its pose", BATCH]),
             st.sampled_from(["a", "b"]),
             st.sampled_from(["world", "map"]),
             st.integers(0, 5).map(lambda s: s * S // 2),
@@ -191,6 +234,13 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
         max_size=12,
     ),
     st.booleans(),
+)
+# A batch is later than what was sent alone before it; another frame begins an epoch.
+@example([(ALONE, "a", "world", 0), (BATCH, "a", "world", 2 * S), (ALONE, "a", "world", 0)], False)
+@example(
+    [(ALONE, "a", "world", S), (BATCH, "b", "world", 2 * S), (BATCH, "b", "world", 0)]
+    + [(ALONE, "a", "world", S)],
+    False,
 )
 def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
     sends: list[tuple[str, str, str, int]], split: bool
@@ -201,7 +251,7 @@ def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
     for number, (how, child, parent, stamp_ns) in enumerate(sends):
         transform = at(number, child, parent=parent, stamp_ns=stamp_ns)
         columns = Columns.of_transforms([transform])
-        if how == "as it is":
+        if how == ALONE:
             senders[0].send_one(transform)
         elif how == "by its pose":
             senders[0].send_pose((parent, child), stamp_ns, columns.poses_bytes())
@@ -470,6 +520,16 @@ def test_a_description_has_the_last_parent_of_each_frame(sender: Node, receiver:
         eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
 
 
+def test_a_description_has_the_last_kind_of_each_frame(sender: Node, receiver: Node) -> None:
+    """A frame is static or dynamic as it was sent last, however often that changes."""
+    descriptions = describe_to(receiver)
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    for kind in (False, False, True, False, True, False, False):
+        (static if kind else dynamic).send_transform(at(child="box"))
+        wanted = (("world", "box", kind),)
+        eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
+
+
 def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node) -> None:
     """A stream without dynamic transforms has no history."""
     descriptions = describe_to(receiver)
@@ -547,6 +607,45 @@ def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer:
     with TransformListener(late, receiver):
         for each in (buffer, late):
             eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
+
+
+def test_sets_of_static_transforms_are_numbered(sender: Node, receiver: Node) -> None:
+    """The later one has the higher number, so that listeners tell them apart in any order."""
+    numbers: list[int | None] = []
+    declare_retained_subscriber(
+        receiver.session,
+        "tf_static/*",
+        lambda key, data: numbers.append(decode_transforms(data).seq),
+    )
+    static = StaticTransformBroadcaster(sender)
+    for number in range(4):
+        static.send_transform(at(number, f"post{number}"))
+        eventually(lambda number=number: numbers == list(range(number + 1)))
+
+
+def test_a_set_without_a_static_frame_follows_its_dynamic_transform(
+    sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long that takes to be sent: the frame is never missing."""
+    heard: list[str] = []
+    session = receiver.session
+    declare_retained_subscriber(session, "tf_static/*", lambda key, data: heard.append("set"))
+    subscriber = session.subscriber("tf/*", lambda key, data: heard.append("dynamic"))
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    static.send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: heard == ["set"])
+    assert sender.session.watch_heard("tf/sender").wait(DEADLINE_S)
+    encode = RowsOfKey.encode
+
+    def encode_slowly(self: RowsOfKey, columns: Columns) -> bytes:
+        scheduler.sleep(1.0)
+        return encode(self, columns)
+
+    monkeypatch.setattr(RowsOfKey, "encode", encode_slowly)
+    dynamic.send_transform(at(3, "arm"))
+    eventually(lambda: len(heard) == 3)
+    assert heard == ["set", "dynamic", "set"]
+    subscriber.close()
 
 
 def test_a_static_frame_that_becomes_dynamic_is_never_missing(

@@ -475,6 +475,20 @@ def test_can_transform_answers_yes_or_no():
 # Sampling
 
 
+def test_an_answer_by_former_parents_says_how_far_it_is_extrapolated():
+    """Not at all between samples, also where the frame has another parent by now."""
+    bold = Sampling(extrapolation_s=2.0)
+    buffer = filled(
+        *(moved(i * S, "map", "base", float(i)) for i in (0, 1, 2)),
+        *(moved(i * S, "odom", "base", float(i)) for i in (5, 6)),
+        *(moved(i * S, "base", "arm", 1.0) for i in (0, 1, 2, 5, 6)),
+    )
+    for stamp_ns, extrapolated_ns in ((S, 0), (-S, S)):
+        answer = buffer.lookup_transform("map", "arm", stamp_ns, sampling=bold)
+        assert answer.transform.x == pytest.approx(stamp_ns / S + 1)
+        assert answer.extrapolated_ns == extrapolated_ns
+
+
 def test_extrapolation_is_bounded_and_marked():
     """Beyond the last samples a frame goes on at their twist, as far as was allowed."""
     circle = [
@@ -550,6 +564,16 @@ def test_sampling_is_checked_when_made():
 # Changes
 
 
+def test_a_frame_that_was_never_dynamic_does_not_become_static():
+    """It is added, and sent again nothing changes."""
+    kinds: list[str] = []
+    buffer = Buffer()
+    buffer.on_change(lambda change: kinds.append(change.kind))
+    for _ in range(2):
+        buffer.set_transform(moved(S, "world", "lamp"), static=True)
+    assert kinds == ["added", "added"]
+
+
 def test_listeners_are_told_of_every_change():
     """Added, reparented, static, dynamic, conflict, too old, removed: each with who did it; a
     new parent before the frames that move to it.
@@ -609,6 +633,17 @@ def test_a_batch_and_single_transforms_make_the_same_buffer():
         for child in ("r0", "r1", "r2"):
             a = one_by_one.lookup_transform("world", child, stamp)
             assert a.transform == at_once.lookup_transform("world", child, stamp).transform
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-0.6, 0.0, 0.8)])
+def test_a_turn_about_any_axis_is_taken(axis: tuple[float, float, float]) -> None:
+    """It comes out of the buffer as it was, alone or in a batch."""
+    turn = Transform.from_rotvec(tuple(1.3 * each for each in axis), (1, 2, 3))
+    row = TransformStamped(1, "a", "b", turn)
+    for rows in ([row], TransformBatch.from_transforms([row, row])):
+        buffer = Buffer()
+        assert buffer.set_transforms(rows) == len(rows)
+        assert buffer.lookup_transform("a", "b").transform.is_close(turn)
 
 
 def test_a_quaternion_within_tolerance_is_normalised():

@@ -25,8 +25,6 @@ from tfbus import (
     TransformException,
 )
 
-pytestmark = pytest.mark.real
-
 HALF = Sampling(max_gap_s=0.5)
 ROOT = Path(__file__).parents[2]
 # Of `map` -> `base` in tenths of a second: a hole from 4 to 20.
@@ -284,6 +282,7 @@ for _ in range(40):
 """
 
 
+@pytest.mark.real
 def test_the_interpreted_kernel_says_the_same(tmp_path: Path) -> None:
     """Answers and errors, of parents that change, with and without extrapolation."""
     compiled = shutil.ignore_patterns("*.so", "__pycache__")

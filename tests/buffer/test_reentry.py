@@ -14,8 +14,6 @@ from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.errors import FutureExtrapolationException, LookupException
 from tfbus.runtime.bell import Bell
 
-pytestmark = pytest.mark.real
-
 _BEGIN = """
 import gc, signal, weakref
 from tests.builders import S, moved
@@ -40,6 +38,7 @@ def run(program: str) -> str:
     return done.stdout
 
 
+@pytest.mark.real
 def test_a_finalizer_may_remove_frames():
     """The collector may call it in the middle of a lookup."""
     program = """
@@ -61,6 +60,7 @@ def test_a_finalizer_may_remove_frames():
     assert run(program) == "['robot', 'world']\n"
 
 
+@pytest.mark.real
 def test_a_signal_handler_may_use_it():
     """It reads, stores and removes, and is done within the thread that it interrupts."""
     program = """
@@ -93,6 +93,7 @@ def test_a_signal_handler_may_use_it():
     assert run(program) == "100\n"
 
 
+@pytest.mark.real
 def test_its_clock_may_read_it():
     """The clock is asked while nothing is locked."""
     program = """
@@ -227,6 +228,7 @@ def test_an_interrupt_right_after_the_lock_is_taken_frees_it():
     assert InAThread(buffer.frames).result() == ["robot", "world"]
 
 
+@pytest.mark.real
 def test_one_thread_stores_while_others_look_up_many():
     """The lock is passed on between the parts of a long lookup."""
     program = """
@@ -254,6 +256,7 @@ def test_one_thread_stores_while_others_look_up_many():
     assert run(program) == "20\n"
 
 
+@pytest.mark.real
 def test_an_interrupt_between_the_rows_of_a_batch_leaves_the_buffer_usable():
     """What a finalizer left for later may raise where the lock is let go in the middle."""
     program = """

@@ -25,12 +25,12 @@ def minutes(count: int) -> Trajectory:
 
 
 def mounted() -> Buffer:
-    """That base with a camera, and with an odometry that begins and ends a second later."""
+    """That base with a camera, and with an odometry that begins and ends half a second later."""
     buffer = Buffer(math.inf)
     buffer.set_trajectory(minutes(1)[:5], authority="slam")
     buffer.set_transform(moved(S, "base", "camera", 0.5), static=True)
-    for second in range(2, 7):
-        buffer.set_transform(moved(second * S, "world", "map", 100.0))
+    for second in range(1, 6):
+        buffer.set_transform(moved(second * S + S // 2, "world", "map", 100.0))
     return buffer
 
 

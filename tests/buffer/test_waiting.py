@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from typing import Any
 
 import pytest
 
@@ -101,23 +102,66 @@ def test_a_waiter_fails_as_soon_as_its_time_has_fallen_out():
     assert isinstance(lookup.result(), PastExtrapolationException)
 
 
+def watched(buffer: Buffer, *question: Any) -> list[int]:
+    """Gets a number whenever a waiter with this question is woken."""
+    woken: list[int] = []
+    waiter = Waiter(lambda: woken.append(1))
+    buffer._store.waiters.add(waiter)
+    Question(buffer._store, (question,)).watch(waiter)
+    return woken
+
+
 def test_only_edges_of_the_path_wake_a_waiter():
     """Samples of other edges, and of a time before its own, leave it asleep."""
     buffer = Buffer()
     for child in ("robot", "other"):
         buffer.set_transform(moved(0, "world", child))
         buffer.set_transform(moved(S, "world", child))
-    woken: list[int] = []
-    waiter = Waiter(lambda: woken.append(1))
-    buffer._store.waiters.add(waiter)
-    Question(buffer._store, (("world", "robot", 5 * S),)).watch(waiter)
+    woken = watched(buffer, "world", "robot", 5 * S)
     buffer.set_transform(moved(6 * S, "world", "other"))
     buffer.set_transform(moved(4 * S, "world", "robot"))
     buffer.set_transform(moved(6 * S, "robot", "new"))
     assert woken == []
     buffer.set_transform(moved(5 * S, "world", "robot"))
     assert woken == [1]
-    buffer._store.waiters.discard(waiter)
+
+
+def test_a_frame_that_comes_as_a_parent_wakes_a_waiter():
+    """It was unknown, and is above the frame that was known."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "base", "arm"))
+    woken = watched(buffer, "map", "arm", None)
+    buffer.set_transform(moved(0, "map", "base"))
+    assert woken == [1]
+
+
+def test_a_sample_wakes_whoever_waits_after_it_no_more():
+    """Neither later changes bring it up again, nor is it kept while nobody waits."""
+    buffer = Buffer()
+    for stamp in (0, S):
+        buffer.set_transform(moved(stamp, "world", "robot"))
+    assert watched(buffer, "world", "robot", 5 * S) == []
+    buffer.set_transform(moved(4 * S, "world", "robot"))
+    assert buffer._store.tree.touched == []
+    buffer._store.waiters.discard(next(iter(buffer._store.waiters._places)))
+    buffer.set_transform(moved(5 * S, "world", "robot"))
+    assert buffer._store.tree.touched is None
+
+
+def test_the_past_is_waited_for_until_all_who_expect_it_have_it():
+    """Two listeners may fill one buffer."""
+    buffer = Buffer()
+    for stamp_ns in (5 * S, 6 * S):
+        buffer.set_transform(moved(stamp_ns, "world", "robot", 1.0), authority="sim")
+    ends = [buffer.expect_past("sim") for _ in range(2)]
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", S, timeout_s=600.0))
+    waiting(buffer)
+    ends[0]()
+    assert buffer._store.expected_pasts == {"sim": 1}
+    buffer.set_transform(moved(S, "world", "robot", 7.0), authority="sim")
+    ends[1]()
+    assert lookup.result().transform.x == 7.0
+    assert buffer._store.expected_pasts == {}
 
 
 def test_a_new_parent_on_the_path_wakes_a_waiter():

@@ -49,6 +49,21 @@ def test_a_table_of_names_is_made_once() -> None:
     assert names.all_outside(("map", "base")) == first
 
 
+def test_long_tables_of_names_make_room_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of at most so many names together tables are kept; one that is longer alone is not."""
+    monkeypatch.setattr("tfbus.wire.fleet._MOST_NAMES", 10)
+    names = FrameNames("robot7")
+    tables = [tuple(f"{table}{number}" for number in range(4)) for table in "abc"]
+    for table in tables:
+        kept = names.all_outside(table)
+    assert names._tables.keys() == {tables[2]}
+    assert names.all_outside(tables[2]) is kept
+    assert names.all_outside(tables[1]) is names.all_outside(tables[1])
+    assert names.all_outside(tables[2]) is kept
+    long = tuple(map(str, range(11)))
+    assert names.all_outside(long) is not names.all_outside(long)
+
+
 def test_a_description_is_seen_from_outside() -> None:
     """The frames in a description are called as those of its transforms."""
     report = StreamDescription(1, "/robot7/sim", 1, (("map", "base", False), ("base", "arm", True)))

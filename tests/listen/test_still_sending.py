@@ -5,6 +5,7 @@ import pytest
 from tests.buses import eventually, keep_sending
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import stream_key
 
@@ -24,6 +25,38 @@ def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:
         # And it is gone for good once it no longer sends.
         publisher.close()
         eventually(lambda: buffer.frame("robot").gone)
+
+
+def test_messages_under_way_bring_no_publisher_back(bus: Bus) -> None:
+    """What comes within two seconds of the end of a token may be the last of a process that was
+    killed.
+    """
+    buffer, changes = Buffer(), list[tuple[str, float]]()
+    buffer.on_change(lambda change: changes.append((change.kind, scheduler.monotonic())))
+    keep_sending(bus.node("sim"), "world", "robot")
+    with TransformListener(buffer, bus.node("listener")) as listener:
+        eventually(lambda: [each.alive for each in listener.streams()] == [True])
+        eventually(lambda: "robot" in buffer.frames())
+        changes.clear()
+        listener._watch._on_token(stream_key("sim"), False)
+        eventually(lambda: len(changes) == 2)
+    (gone, gone_s), (back, back_s) = changes
+    assert (gone, back) == ("publisher gone", "publisher back")
+    assert back_s - gone_s > 2.0
+
+
+def test_a_publisher_whose_token_is_back_is_no_longer_looked_at(bus: Bus) -> None:
+    """Its token says when it is gone: it may be silent."""
+    publisher, buffer = bus.node("sim"), Buffer()
+    keep_sending(publisher, "world", "robot")
+    with TransformListener(buffer, bus.node("listener")) as listener:
+        eventually(lambda: [each.alive for each in listener.streams()] == [True])
+        eventually(lambda: "robot" in buffer.frames())
+        listener._watch._on_token(stream_key("sim"), False)
+        eventually(lambda: list(listener._still_sending._back) == ["sim"])
+        listener._watch._on_token(stream_key("sim"), True)
+        eventually(lambda: not listener._still_sending._back)
+        assert not buffer.frame("robot").gone
 
 
 def test_a_publisher_that_is_gone_costs_no_wake_ups(

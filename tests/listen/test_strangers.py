@@ -136,6 +136,10 @@ def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, 
     for x in range(4, 7):
         before = scene.listener._watch.rejected["sim"]
 
+        # Though it describes itself anew.
+        scene.dynamic.send_transform(at(x, f"frame{x}", time.time_ns()))
+        eventually(lambda x=x: f"frame{x}" in {child for _, child, _ in scene.stream().frames})
+
         def is_refused(before: int = before, x: int = x) -> bool:
             claim()
             owners.add(owner())

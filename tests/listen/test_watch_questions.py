@@ -13,6 +13,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.listen import watch
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.structs import replace
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription
 
@@ -56,7 +57,7 @@ class Questions:
             on_answer(Answer(key, answer))
         self.after(self.takes_s, on_end)
 
-    def submit(self, what: str, job: Callable[[], None]) -> None:
+    def submit(self, what: str, job: Callable[[], None], *, limit: int = 0) -> None:
         self.after(0.0, job)
 
     def after(self, delay_s: float, job: Callable[[], None]) -> None:
@@ -100,6 +101,44 @@ def test_an_answer_of_another_epoch_does_not_settle_the_wanted_one(questions: Qu
     asked = len(questions.asked_at_s)
     questions.run(100.0)
     assert len(questions.asked_at_s) == asked
+
+
+def test_descriptions_that_come_together_are_all_read(questions: Questions) -> None:
+    """Those that come while one waits to be read begin no other reading, and wait for none."""
+    for number in range(5):
+        key = f"@tfbus/stream/s{number}"
+        questions.describe(key, encode_message(description(number)))
+    questions.run(0.0)
+    found = questions.watch.streams()
+    assert [state.description and state.description.epoch for state in found.values()] == [
+        7,
+        *range(5),
+    ]
+
+
+def test_an_answer_of_another_session_confirms_no_epoch(questions: Questions) -> None:
+    """Nor does one that cannot be read: the publisher's own word is waited for."""
+    other = replace(description(9), session="another session")
+    questions.run(50.0)
+    questions.answers = [b"no description", encode_message(other)]
+    questions.watch.ask_for_epoch("sim", 9)
+    questions.run(100.0)
+    assert questions.epoch_ns() == 7
+    questions.answers.append(encode_message(description(9)))
+    questions.watch.ask_for_epoch("sim", 9)
+    questions.run(200.0)
+    assert questions.epoch_ns() == 9
+
+
+def test_a_description_that_comes_after_the_token_is_gone_brings_nothing_back(
+    questions: Questions,
+) -> None:
+    """Though the token was back in between, and the description was waited for."""
+    for alive in (False, True, False):
+        questions.token(KEY, alive)
+    questions.describe(KEY, encode_message(description(8)))
+    questions.run(0.0)
+    assert (questions.is_alive(), questions.epoch_ns()) == (False, 8)
 
 
 @pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])

@@ -15,6 +15,7 @@ Bus = live_bus.Bus | simulated_bus.Bus
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
 pytest_plugins = [
     "tests.real_tests",
+    "tests.order",
     "tests.tf2.versus",
     "tests.hosts.fault_options",
     "tests.buffer.stress_options",

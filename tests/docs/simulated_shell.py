@@ -14,14 +14,11 @@ from tests.simulated_bus import Bus
 from tfbus.testing.programs import Program
 
 # Tools with a window, a page, files of their own or routers, and programs that see the network.
-_REAL_TOOLS = re.compile(
-    r"tfbus (view|foxglove|router|create|completion|keys|ros1|ros2)\b|view:="
-    r"|tfbus doctor(?! --bag| --list)"
-)
+_REAL_TOOLS = re.compile(r"tfbus (view|foxglove|router|create|completion|keys|ros1|ros2)\b|view:=")
 _REAL_PROGRAMS = re.compile(r"^\s*(import|from) (zenoh|http|subprocess|tfbus\.view)\b", re.M)
 # A setting of tfbus in front of a command, and a file behind it that takes the output.
 _COMMAND = re.compile(r"(?P<env>(TFBUS_\w+=\S+ )*)(?P<command>[^|<>&;]+)(> (?P<file>[\w.]+))?")
-_PROGRAMS = ("tfbus", "python", "sleep", "cat")
+_PROGRAMS = ("tfbus", "python", "sleep", "cat", "head")
 
 
 def can_follow(section: Section) -> bool:
@@ -61,6 +58,9 @@ class SimulatedShell:
             return ""
         if name == "cat":
             return Path(arguments[0]).read_text()
+        if name == "head":
+            count, path = arguments
+            return "".join(Path(path).read_text().splitlines(keepends=True)[: -int(count)])
         env = dict(each.split("=") for each in parts["env"].split())
         program = self._start(name, arguments, env, is_merged=parts["file"] is None)
         code = program.wait(timeout_s=DEADLINE_S)

@@ -1,6 +1,10 @@
 """A running `tfbus view` and its page in a real headless Chromium, for tests."""
 
+import os
+import subprocess
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from signal import SIGKILL
 from typing import Any
 
 import pytest
@@ -10,28 +14,55 @@ from tests.buses import DEADLINE_S
 from tests.live_bus import Bus, Process, free_port
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
-from tfbus.view.screenshot import CLOSE_NOTES, FLAGS
+from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, devtools_of
 
 # Chromium draws without a graphics card, on a machine with other work to do: a page that takes 5 s
 # alone takes a minute beside four others.
 PATIENCE_S = 2 * DEADLINE_S
 
 
+# Pages in the background go on as those that somebody sees.
+_AWAKE = (
+    "--disable-background-timer-throttling",
+    "--disable-backgrounding-occluded-windows",
+    "--disable-renderer-backgrounding",
+)
+
+
+@pytest.fixture(scope="session")
+def chromium(real: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """One Chromium for all tests of this process, whose start takes longer than most of them: the
+    address by which it is driven.
+    """
+    profile = tmp_path_factory.mktemp("chromium")
+    started = subprocess.Popen(
+        [
+            *(needs.program("chromium"), *FLAGS, *_AWAKE, "--no-sandbox"),
+            *("--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"),
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        yield f"http://{devtools_of(started)}"
+    finally:
+        os.killpg(started.pid, SIGKILL)
+        started.communicate()
+
+
 @pytest.fixture(scope="module")
-def browser(real: None) -> Iterator[Any]:
-    """One Chromium for all tests of a file; each has pages of its own."""
+def browser(request: pytest.FixtureRequest, real: None) -> Iterator[Any]:
+    """The Chromium as the tests of a file drive it; each has pages of its own."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="needs playwright: the extra dev"
     )
-    chromium = needs.program("chromium")
+    # Not for longer: no test can run an event loop of its own in the meantime.
     with playwright.sync_playwright() as driver:
-        flags = [flag for flag in FLAGS if not flag.startswith("--headless")]
-        browser = driver.chromium.launch(
-            executable_path=chromium, args=[*flags, "--no-sandbox"], timeout=PATIENCE_S * 1e3
-        )
-        yield browser
-        browser.close()
+        address = request.getfixturevalue("chromium")
+        yield driver.chromium.connect_over_cdp(address, timeout=PATIENCE_S * 1e3)
 
 
 class View:
@@ -40,7 +71,6 @@ class View:
     def __init__(self, page: Any, address: str) -> None:
         self.page = page
         self.errors: list[str] = []
-        page.set_default_timeout(PATIENCE_S * 1e3)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(address)
         self.headline("")
@@ -112,12 +142,31 @@ def start_view(bus: Bus, *options: str) -> tuple[Process, str]:
     return process, line.rpartition("View: ")[2]
 
 
+# Without a graphics card the processor draws, and sixty pictures a second take all of it: five are
+# as many as the page has news, and a sixteenth of the pixels shows them.
+_DRAW_SELDOM = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
+
+
+@contextmanager
+def window_of(browser: Any, **options: Any) -> Iterator[Any]:
+    """A window of the browser, with pages and cookies of its own."""
+    context = browser.new_context(
+        viewport={"width": 720, "height": 330}, device_scale_factor=0.25, **options
+    )
+    context.set_default_timeout(PATIENCE_S * 1e3)
+    context.add_init_script(_DRAW_SELDOM)
+    with closing(context):
+        yield context
+
+
 @pytest.fixture
 def pages(browser: Any) -> Iterator[Any]:
     """A window of the browser, closed after the test."""
-    context = browser.new_context(viewport={"width": 720, "height": 330})
-    yield context
-    context.close()
+    with window_of(browser) as window:
+        yield window
 
 
 class Arm:

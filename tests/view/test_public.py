@@ -15,7 +15,7 @@ import pytest
 from tests import needs
 from tests.buses import DEADLINE_S
 from tests.live_bus import Bus, Process, free_port
-from tests.view.pages import PATIENCE_S, Arm, View
+from tests.view.pages import PATIENCE_S, Arm, View, window_of
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
@@ -103,10 +103,8 @@ def served(text: str) -> Iterator[str]:
 @pytest.fixture
 def strangers(browser: Any) -> Iterator[Any]:
     """A window of a browser that takes certificates of unknown authorities."""
-    context = browser.new_context(viewport={"width": 720, "height": 330}, ignore_https_errors=True)
-    context.set_default_timeout(PATIENCE_S * 1e3)
-    yield context
-    context.close()
+    with window_of(browser, ignore_https_errors=True) as window:
+        yield window
 
 
 def test_a_browser_needs_the_token(bus: Bus, strangers: Any) -> None:

@@ -125,7 +125,7 @@ class Screenshot:
     def _take(self, address: str, hold: Callable[[], object]) -> bytes:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
             try:
-                return self._picture(_debugger(self._start_browser(address, profile)), hold)
+                return self._picture(devtools_of(self._start_browser(address, profile)), hold)
             finally:
                 self._end_browser()
 
@@ -198,8 +198,8 @@ class Screenshot:
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
 
 
-def _debugger(browser: "subprocess.Popen[str]") -> str:
-    """Host and port of the DevTools of a starting Chromium."""
+def devtools_of(browser: "subprocess.Popen[str]") -> str:
+    """Host and port of the DevTools of a starting Chromium. Raises BrowserError if it ends."""
     assert browser.stderr is not None
     said = []
     for line in browser.stderr:

@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, at
@@ -42,6 +42,9 @@ from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # Without a bus
+
+# How a transform is sent.
+ALONE, BATCH = "as it is", "in a batch"
 
 
 class Sent:
@@ -223,7 +226,7 @@ def test_a_new_epoch_is_due_to_the_first_frame_that_went_back() -> None:
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(["as it is", "by its pose", "in a batch"]),
+            st.sampled_from([ALONE, "by its pose", BATCH]),
             st.sampled_from(["a", "b"]),
             st.sampled_from(["world", "map"]),
             st.integers(0, 5).map(lambda s: s * S // 2),
@@ -231,6 +234,17 @@ def test_a_new_epoch_is_due_to_the_first_frame_that_went_back() -> None:
         max_size=12,
     ),
     st.booleans(),
+)
+# A batch is later than what was sent alone before it; another frame begins an epoch.
+@example([(ALONE, "a", "world", 0), (BATCH, "a", "world", 2 * S), (ALONE, "a", "world", 0)], False)
+@example(
+    [
+        (ALONE, "a", "world", S),
+        (BATCH, "b", "world", 2 * S),
+        (BATCH, "b", "world", 0),
+        (ALONE, "a", "world", S),
+    ],
+    False,
 )
 def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
     sends: list[tuple[str, str, str, int]], split: bool
@@ -241,7 +255,7 @@ def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
     for number, (how, child, parent, stamp_ns) in enumerate(sends):
         transform = at(number, child, parent=parent, stamp_ns=stamp_ns)
         columns = Columns.of_transforms([transform])
-        if how == "as it is":
+        if how == ALONE:
             senders[0].send_one(transform)
         elif how == "by its pose":
             senders[0].send_pose((parent, child), stamp_ns, columns.poses_bytes())

@@ -475,6 +475,20 @@ def test_can_transform_answers_yes_or_no():
 # Sampling
 
 
+def test_an_answer_by_former_parents_says_how_far_it_is_extrapolated():
+    """Not at all between samples, also where the frame has another parent by now."""
+    bold = Sampling(extrapolation_s=2.0)
+    buffer = filled(
+        *(moved(i * S, "map", "base", float(i)) for i in (0, 1, 2)),
+        *(moved(i * S, "odom", "base", float(i)) for i in (5, 6)),
+        *(moved(i * S, "base", "arm", 1.0) for i in (0, 1, 2, 5, 6)),
+    )
+    for stamp_ns, extrapolated_ns in ((S, 0), (-S, S)):
+        answer = buffer.lookup_transform("map", "arm", stamp_ns, sampling=bold)
+        assert answer.transform.x == pytest.approx(stamp_ns / S + 1)
+        assert answer.extrapolated_ns == extrapolated_ns
+
+
 def test_extrapolation_is_bounded_and_marked():
     """Beyond the last samples a frame goes on at their twist, as far as was allowed."""
     circle = [
@@ -548,6 +562,16 @@ def test_sampling_is_checked_when_made():
 
 
 # Changes
+
+
+def test_a_frame_that_was_never_dynamic_does_not_become_static():
+    """It is added, and sent again nothing changes."""
+    kinds: list[str] = []
+    buffer = Buffer()
+    buffer.on_change(lambda change: kinds.append(change.kind))
+    for _ in range(2):
+        buffer.set_transform(moved(S, "world", "lamp"), static=True)
+    assert kinds == ["added", "added"]
 
 
 def test_listeners_are_told_of_every_change():

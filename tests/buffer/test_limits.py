@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from tests.builders import moved
+from tests.builders import S, moved
 from tests.fakes import Lines
 from tfbus.buffer import store
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
-from tfbus.errors import ExtrapolationException, InvalidArgumentException
+from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
 
 
 def stamps_of(buffer: Buffer) -> list[int]:
@@ -47,6 +47,28 @@ def test_a_late_sample_takes_the_place_of_the_oldest() -> None:
     assert stamps_of(buffer) == [30, 40, 50]
     assert buffer.frame("robot").crowded_out == 3
     assert buffer.lookup_transform("world", "robot", 35).transform.x == 35.0
+
+
+def test_lookups_that_a_longer_cache_would_answer_are_counted() -> None:
+    """Those before the oldest sample of a frame that has filled the cache, with the furthest."""
+    buffer = Buffer(1.0)
+
+    def ask(stamp_ns: int | None, source: str = "robot") -> tuple[int, int]:
+        assert not buffer.can_transform("world", source, stamp_ns)
+        with pytest.raises(TransformException):
+            buffer.lookup_transform("world", source, stamp_ns)
+        expired = buffer.expired_lookups
+        return expired.count, expired.missed_by_ns
+
+    buffer.set_transforms([moved(50 * S, "world", "robot"), moved(50 * S + 1, "world", "robot")])
+    # It is younger than the cache.
+    assert ask(48 * S) == (0, 0)
+    buffer.set_transform(moved(51 * S, "world", "robot"))
+    assert ask(49 * S) == (1, 1 * S)
+    assert ask(47 * S) == (2, 3 * S)
+    assert ask(48 * S) == (3, 3 * S)
+    for stamp_ns, source in ((52 * S, "robot"), (48 * S, "nowhere"), (None, "nowhere")):
+        assert ask(stamp_ns, source) == (3, 3 * S)
 
 
 def test_the_limit_grows_with_the_cache() -> None:

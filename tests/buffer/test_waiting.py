@@ -148,6 +148,22 @@ def test_a_sample_wakes_whoever_waits_after_it_no_more():
     assert buffer._store.tree.touched is None
 
 
+def test_the_past_is_waited_for_until_all_who_expect_it_have_it():
+    """Two listeners may fill one buffer."""
+    buffer = Buffer()
+    for stamp_ns in (5 * S, 6 * S):
+        buffer.set_transform(moved(stamp_ns, "world", "robot", 1.0), authority="sim")
+    ends = [buffer.expect_past("sim") for _ in range(2)]
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", S, timeout_s=600.0))
+    waiting(buffer)
+    ends[0]()
+    assert buffer._store.expected_pasts == {"sim": 1}
+    buffer.set_transform(moved(S, "world", "robot", 7.0), authority="sim")
+    ends[1]()
+    assert lookup.result().transform.x == 7.0
+    assert buffer._store.expected_pasts == {}
+
+
 def test_a_new_parent_on_the_path_wakes_a_waiter():
     """A path may become another one: who waits looks again."""
     buffer = Buffer()

@@ -8,7 +8,7 @@ from tests.builders import at, payload, x_of
 from tests.buses import eventually, send_until
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
-from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
+from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
 from tfbus.listen.budget import Budget
 from tfbus.listen.stream_state import StreamState
@@ -88,6 +88,29 @@ def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus) -> None:
         assert x_of(buffer, "world", "post") == 2
         lines = [line for line in log.lines if line.startswith("Forgot stream")]
         assert len(lines) == 1
+
+
+def test_who_takes_all_keys_makes_room_for_another(bus: Bus) -> None:
+    """From the limit of keys on, the stream of the peer that takes most goes for a new one."""
+    receiver, buffer = bus.node("receiver"), Buffer()
+    log = Lines(receiver.log)
+    with TransformListener(buffer, receiver) as listener:
+        listener._registry.most_keys = 5
+        for number in range(6):
+            rows = [at(1, f"frame{number}")]
+            listener._on_message(f"tf/stranger/frame{number}", payload(rows))
+        # A stream makes no room for itself.
+        assert sorted(listener._registry.receptions) == [
+            f"tf/stranger/frame{number}" for number in range(5)
+        ]
+        assert "on more than 5 keys, the limit" in log.lines[-1]
+        sim = bus.node("sim")
+        broadcaster = TransformBroadcaster(sim)
+        send_until(
+            lambda: broadcaster.send_transform(at(2, "robot", sim.now_ns())),
+            lambda: x_of(buffer, "world", "robot") == 2,
+        )
+        assert buffer.frames() == ["robot", "world"]
 
 
 @pytest.mark.usefixtures("narrow")

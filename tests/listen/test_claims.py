@@ -28,6 +28,7 @@ def rejected(claims: Claims, *updates: tuple[str, StreamDescription | None]) -> 
     for stream, listed in updates:
         contested = claims.update(stream, listed)
         for name, resolution in claims.resolutions(stream, contested).items():
+            assert resolution.accepted.isdisjoint(resolution.rejected)
             excluded[name] = (excluded.get(name, set()) - resolution.accepted) | resolution.rejected
     return {name: frames for name, frames in excluded.items() if frames}
 

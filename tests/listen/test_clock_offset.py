@@ -20,6 +20,7 @@ from tfbus import (
 from tfbus.bus.settings import NodeSettings
 from tfbus.listen.clock_offset import ClockOffset, ClockOffsets, measured
 from tfbus.listen.info import StreamInfo
+from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key
 
@@ -147,6 +148,23 @@ def test_a_stream_of_a_new_process_has_its_clock(bus: Bus) -> None:
     assert offsets.of(former.session.id) is None
     offsets.forget("robot")
     assert offsets.of(later.session.id) is None
+    offsets.close()
+
+
+def test_a_node_that_joins_is_measured_at_once(bus: Bus) -> None:
+    """Though the nodes before it are due in half a minute only."""
+    node = bus.node("listener")
+    offsets = ClockOffsets(node.session, node.log)
+    for robot in (bus.node("first"), bus.node("second")):
+        key, session = clock_key(robot.name), robot.session.id
+        eventually(lambda key=key: list(node.session.ask(key)))
+        begun_s = scheduler.monotonic()
+        offsets.watch(robot.name, StreamDescription(1, robot.full_name, 1, (), session=session))
+        eventually(lambda session=session: offsets.of(session))
+        assert scheduler.monotonic() - begun_s < 10.0
+        # It rests from here on.
+        due_s = begun_s + 20.0
+        eventually(lambda session=session, due_s=due_s: offsets._publishers[session].due_s > due_s)
     offsets.close()
 
 

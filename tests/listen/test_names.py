@@ -56,6 +56,7 @@ def test_long_tables_of_names_make_room_for_others(monkeypatch: pytest.MonkeyPat
     tables = [tuple(f"{table}{number}" for number in range(4)) for table in "abc"]
     for table in tables:
         kept = names.all_outside(table)
+    assert names._tables.keys() == {tables[2]}
     assert names.all_outside(tables[2]) is kept
     assert names.all_outside(tables[1]) is names.all_outside(tables[1])
     assert names.all_outside(tables[2]) is kept

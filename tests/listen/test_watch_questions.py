@@ -103,6 +103,19 @@ def test_an_answer_of_another_epoch_does_not_settle_the_wanted_one(questions: Qu
     assert len(questions.asked_at_s) == asked
 
 
+def test_descriptions_that_come_together_are_all_read(questions: Questions) -> None:
+    """Those that come while one waits to be read begin no other reading, and wait for none."""
+    for number in range(5):
+        key = f"@tfbus/stream/s{number}"
+        questions.describe(key, encode_message(description(number)))
+    questions.run(0.0)
+    found = questions.watch.streams()
+    assert [state.description and state.description.epoch for state in found.values()] == [
+        7,
+        *range(5),
+    ]
+
+
 def test_an_answer_of_another_session_confirms_no_epoch(questions: Questions) -> None:
     """Nor does one that cannot be read: the publisher's own word is waited for."""
     other = replace(description(9), session="another session")

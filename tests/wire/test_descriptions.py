@@ -6,7 +6,7 @@ import pytest
 from tests.builders import description
 from tfbus import DecodeError
 from tfbus.wire.codec import encode_message
-from tfbus.wire.descriptions import read_description
+from tfbus.wire.descriptions import DelayDescription, ParameterDescription, read_description
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,15 @@ def test_a_description_without_mistakes_is_as_it_was_sent() -> None:
     """All its frames are there."""
     sent = description([("world", "wörld \N{TURTLE}", False)], session="ab12")
     assert read_description(encode_message(sent)) == (sent, "")
+
+
+def test_names_in_a_node_s_description_come_as_they_can_be_shown() -> None:
+    """Of its parameters and of what held its callbacks up, too."""
+    evil, shown = "a\x1b[31m", "a\\x1b[31m"
+    parameter = ParameterDescription(evil, 1, evil, evil)
+    assert (parameter.name, parameter.type, parameter.description) == (shown, shown, shown)
+    delay = DelayDescription(evil, 2, evil, 0.5)
+    assert (delay.what, delay.by) == (shown, shown)
 
 
 @pytest.mark.parametrize("field", ["host", "session"])

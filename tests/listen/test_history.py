@@ -1,0 +1,175 @@
+"""What streams sent before a listener met them: how long lookups of the past wait for it."""
+
+import heapq
+import itertools
+from collections.abc import Callable
+from typing import Any, cast
+
+import pytest
+
+from tests.builders import at
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
+from tfbus import Buffer, TransformBroadcaster, TransformListener
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.listen.history import AskedHistory
+from tfbus.listen.reception import StreamReception
+from tfbus.runtime import scheduler
+from tfbus.runtime.executor import Executor
+
+
+class Past:
+    """A history of ten seconds, and in the place of the bus questions that the test answers."""
+
+    name = "sim"
+
+    def __init__(self, history_s: float = 10.0) -> None:
+        self.buffer = Buffer()
+        self.questions: list[tuple[str, Callable[[Answer], None], Callable[[], None]]] = []
+        self.kept: list[bytes] = []
+        self._now_s = 0.0
+        self._order = itertools.count()
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        here: Any = self
+        self.history = AskedHistory(
+            cast(Session, here), self.buffer, cast(Executor, here), history_s
+        )
+
+    def ask(self, key: str = "tf/sim") -> None:
+        self.history.ask(key, cast(StreamReception, self))
+
+    def ask_later(self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float) -> None:
+        self.questions.append((key, answer, end))
+
+    def receive_kept(self, payload: bytes) -> None:
+        self.kept.append(payload)
+
+    def submit(self, what: str, job: Callable[[], None]) -> None:
+        self.after(0.0, job)
+
+    def after(self, delay_s: float, job: Callable[[], None]) -> None:
+        heapq.heappush(self._due, (self._now_s + delay_s, next(self._order), job))
+
+    def run(self, end_s: float) -> None:
+        while self._due and self._due[0][0] <= end_s:
+            self._now_s, _, job = heapq.heappop(self._due)
+            job()
+        self._now_s = end_s
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether lookups of the past wait."""
+        return bool(self.buffer._store.expected_pasts)
+
+
+def test_the_past_is_expected_from_the_first_message_until_it_has_come() -> None:
+    """It is asked for once, and comes in any number of answers."""
+    past = Past()
+    past.history.meet("sim")
+    assert past.is_expected
+    past.ask()
+    past.ask()
+    ((selector, answer, end),) = past.questions
+    assert selector == "tf/sim?last_s=10"
+    answer(Answer("tf/sim", b"first"))
+    answer(Answer("tf/sim", b"second"))
+    past.run(1.0)
+    assert past.is_expected
+    end()
+    past.run(1.0)
+    assert not past.is_expected
+    assert past.kept == [b"first", b"second"]
+
+
+def test_all_questions_to_a_stream_have_to_end() -> None:
+    """As those for the keys of a split one; and what is not answered is asked again."""
+    past = Past()
+    for key in ("tf/sim/a", "tf/sim/b"):
+        past.ask(key)
+    (_, answer, end), (_, _, end_unanswered) = past.questions
+    answer(Answer("tf/sim/a", b"first"))
+    end()
+    end_unanswered()
+    past.run(1.0)
+    assert past.is_expected
+    (again,) = past.questions[2:]
+    assert again[0].startswith("tf/sim/b")
+    again[1](Answer("tf/sim/b", b"second"))
+    again[2]()
+    past.run(1.0)
+    assert not past.is_expected
+
+
+def test_the_past_is_expected_for_five_seconds() -> None:
+    """Where no description comes, and so no question is asked."""
+    past = Past()
+    past.history.meet("sim")
+    past.run(4.9)
+    assert past.is_expected
+    past.run(5.1)
+    assert not past.is_expected
+
+
+def test_a_question_that_is_open_for_longer_still_has_its_answer() -> None:
+    """Lookups no longer wait for it."""
+    past = Past()
+    past.ask()
+    past.run(6.0)
+    assert not past.is_expected
+    past.questions[0][1](Answer("tf/sim", b"late"))
+    past.questions[0][2]()
+    past.run(7.0)
+    assert past.kept == [b"late"]
+
+
+def test_nothing_is_expected_of_a_stream_that_keeps_nothing() -> None:
+    """Unless it is asked all the same, as for a stream of before."""
+    past = Past()
+    past.history.meet("sim")
+    past.history.keeps_nothing("sim")
+    assert not past.is_expected
+    past.ask()
+    past.history.keeps_nothing("sim")
+    assert past.is_expected
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_without_a_history_and_after_the_end_nothing_is_expected(is_closed: bool) -> None:
+    """Nor is anything asked where no history is wanted."""
+    past = Past(10.0 if is_closed else 0.0)
+    if is_closed:
+        past.history.meet("other")
+        past.history.close()
+    past.history.meet("sim")
+    if not is_closed:
+        past.ask()
+    assert not past.is_expected
+    assert past.questions == []
+
+
+def test_a_stream_that_is_back_is_asked_again() -> None:
+    """Answers to the former question are no longer taken."""
+    past = Past()
+    past.ask()
+    past.history.leave(["tf/sim", "tf/unknown"], "sim")
+    past.ask()
+    (_, former, _), (_, present, _) = past.questions
+    former(Answer("tf/sim", b"former"))
+    present(Answer("tf/sim", b"present"))
+    assert past.kept == [b"present"]
+
+
+def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
+    """They wait until it has described itself, not for the five seconds of others."""
+    broadcaster = TransformBroadcaster(bus.node("sim"), history_s=0.0)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener"), history_s=10.0) as listener:
+        send_until(
+            lambda: broadcaster.send_transform(at(1, "robot")),
+            lambda: bool(buffer._store.expected_pasts),
+        )
+        begun_s = scheduler.monotonic()
+        eventually(lambda: not buffer._store.expected_pasts)
+        assert scheduler.monotonic() - begun_s < 4.0
+        assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]

@@ -238,8 +238,12 @@ def test_a_new_epoch_is_due_to_the_first_frame_that_went_back() -> None:
 # A batch is later than what was sent alone before it; another frame begins an epoch.
 @example([(ALONE, "a", "world", 0), (BATCH, "a", "world", 2 * S), (ALONE, "a", "world", 0)], False)
 @example(
-    [(ALONE, "a", "world", S), (BATCH, "b", "world", 2 * S), (BATCH, "b", "world", 0)]
-    + [(ALONE, "a", "world", S)],
+    [
+        (ALONE, "a", "world", S),
+        (BATCH, "b", "world", 2 * S),
+        (BATCH, "b", "world", 0),
+        (ALONE, "a", "world", S),
+    ],
     False,
 )
 def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(

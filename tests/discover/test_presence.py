@@ -7,6 +7,7 @@ import pytest
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
+from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
     NodeWatch,
@@ -93,6 +94,17 @@ def test_an_unknown_node_is_refused_with_the_nearest_name(bus: Bus) -> None:
     with pytest.raises(BusError) as caught:
         describe_nodes(session, "xyz")
     assert str(caught.value) == "there is no node 'xyz'; available: /looker, /simulator"
+
+
+def test_a_node_that_does_not_answer_is_not_taken_for_absent(bus: Bus) -> None:
+    """The error says that it is there, and proposes no other name."""
+    held: list[Query] = []
+    bus.node("stranger").session.queryable(node_key("busy"), held.append)
+    session = look(bus)
+    eventually(lambda: "/stranger" in list_nodes(session))
+    with pytest.raises(BusError) as caught:
+        describe_nodes(session, "busy")
+    assert str(caught.value) == "node 'busy' did not answer in time"
 
 
 def test_an_empty_bus_is_reported(bus: Bus) -> None:

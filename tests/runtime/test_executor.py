@@ -10,12 +10,13 @@ import pytest
 from tests.buses import DEADLINE_S, eventually
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
+from tfbus.testing.network import Network
 
 SECOND = 1_000_000_000
 
 
 @pytest.fixture
-def executor() -> Iterator[Executor]:
+def executor(network: Network) -> Iterator[Executor]:
     executor = Executor("test", logging.getLogger("test"))
     yield executor
     executor.close()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.discover.presence import describe_nodes, key_beside
+from tfbus.discover.presence import PATIENCE_S, describe_nodes, key_beside
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
@@ -20,9 +20,6 @@ from tfbus.wire.keys import (
 )
 
 Warn = Callable[[str], object]
-
-# A busy node may take longer.
-_PATIENCE_S = 2.0
 
 
 def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
@@ -82,7 +79,7 @@ def _ask(
 
     key = key_beside(node, key_of, session.settings.namespace)
     described = []
-    for answer in session.ask(key, payload, timeout_s=_PATIENCE_S):
+    for answer in session.ask(key, payload, timeout_s=PATIENCE_S):
         if answer.refusal is not None:
             raise ParameterError(answer.refusal or f"node {node!r} did not answer in time")
         described.append(_read(node, answer))

@@ -21,6 +21,9 @@ from tfbus.wire.keys import (
 )
 from tfbus.wording import did_you_mean, printable
 
+# A process that is busy, or on a busy host, may take that long to answer; all others at once.
+PATIENCE_S = 5.0
+
 
 def list_nodes(session: Session) -> list[str]:
     """The full names of the nodes that are alive, sorted: `/sim`, `/robot7/sim`."""
@@ -32,14 +35,16 @@ def list_nodes(session: Session) -> list[str]:
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     """The descriptions of the nodes of a full name: several where nodes share the name.
 
-    Raises BusError with the nearest name where there is none, DecodeError where a description is
-    unreadable.
+    Raises BusError with the nearest name where there is none, or where none answers in time;
+    DecodeError where a description is unreadable.
     """
     key = key_beside(name, node_key, session.settings.namespace)
-    answers = session.ask(key, timeout_s=2.0)
+    answers = [*session.ask(key, timeout_s=PATIENCE_S)]
     described = [_read(session, answer) for answer in answers if answer.refusal is None]
     if not described:
-        raise BusError(_absent(name, session))
+        raise BusError(
+            f"node {name!r} did not answer in time" if answers else _absent(name, session)
+        )
     return described
 
 

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from tests.builders import S, moved
-from tests.buses import eventually, lookups_wait
+from tests.buses import DEADLINE_S, eventually, lookups_wait
 from tests.fakes import Clock
 from tfbus import (
     Buffer,
@@ -109,13 +109,15 @@ def test_waiting_goes_on_until_the_data_is_fresh(buffer: Buffer) -> None:
     answers: list[TransformStamped] = []
 
     def look_up() -> None:
-        answers.append(buffer.lookup_transform("world", "camera", max_age_s=0.5, timeout_s=60.0))
+        answers.append(
+            buffer.lookup_transform("world", "camera", max_age_s=0.5, timeout_s=DEADLINE_S)
+        )
 
     thread = threading.Thread(target=look_up)
     thread.start()
     eventually(lambda: buffer.waiting == 1)
     buffer.set_transform(moved(10 * S, "world", "robot", 4), authority="sim")
-    thread.join(20.0)
+    thread.join(DEADLINE_S)
     assert [answer.stamp_ns for answer in answers] == [10 * S]
 
 
@@ -126,7 +128,7 @@ def test_waiting_goes_on_until_the_publisher_is_back(buffer: Buffer, authority: 
 
     async def look_up() -> TransformStamped:
         waiting = asyncio.create_task(
-            buffer.wait_for_transform("robot", "camera", living=True, timeout_s=60.0)
+            buffer.wait_for_transform("robot", "camera", living=True, timeout_s=DEADLINE_S)
         )
         await lookups_wait(buffer)
         if authority == "mount":

@@ -20,8 +20,9 @@ def at(second: int, x: float = 0.0, *, parent: str = "a", child: str = "b") -> T
 
 
 def waiting(buffer: Buffer) -> bool:
-    """Whether a lookup waits in the buffer."""
-    return len(buffer._store.waiters) > 0
+    """Whether a lookup waits in the buffer, with its limit by the buffer's clock."""
+    clock = buffer.clock
+    return buffer.waiting > 0 and isinstance(clock, SimulatedClock) and bool(clock._alarms)
 
 
 def test_a_timeout_is_in_simulated_seconds() -> None:

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from tests.builders import S, moved
-from tests.buses import eventually, lookups_wait
+from tests.buses import DEADLINE_S, eventually, lookups_wait
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import after_waiting_with, without_advice
@@ -30,7 +30,7 @@ def test_a_lookup_waits_for_the_future():
     """It returns when the edges of its path have come to its time."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
-    lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", 10, timeout_s=10.0))
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", 10, timeout_s=DEADLINE_S))
     waiting(buffer)
     buffer.set_transform(moved(5, "world", "robot"))
     buffer.set_transform(moved(15, "world", "robot", 2.0))
@@ -40,7 +40,7 @@ def test_a_lookup_waits_for_the_future():
 def test_a_lookup_waits_for_unknown_frames():
     """Unknown frames, and trees that are not joined, may come."""
     buffer = Buffer()
-    lookup = InAThread(lambda: buffer.lookup_transform("world", "hand", timeout_s=10.0))
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "hand", timeout_s=DEADLINE_S))
     waiting(buffer)
     buffer.set_transform(moved(1, "robot", "hand", 1.0))
     buffer.set_transform(moved(1, "world", "map", 1.0))
@@ -56,14 +56,14 @@ def test_time_travel_waits_too():
     answers: list[float] = []
 
     def ask() -> None:
-        answer = buffer.lookup_transform_full("robot", 5, "robot", 1, "world", timeout_s=10.0)
+        answer = buffer.lookup_transform_full("robot", 5, "robot", 1, "world", timeout_s=DEADLINE_S)
         answers.append(answer.transform.x)
 
     thread = threading.Thread(target=ask)
     thread.start()
     waiting(buffer)
     buffer.set_transform(moved(5, "world", "robot", 5.0))
-    thread.join(10.0)
+    thread.join(DEADLINE_S)
     assert answers == [-4.0]
 
 
@@ -125,7 +125,7 @@ def test_a_new_parent_on_the_path_wakes_a_waiter():
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
     buffer.set_transform(moved(0, "map", "table", 7.0))
-    lookup = InAThread(lambda: buffer.lookup_transform("map", "robot", 10, timeout_s=10.0))
+    lookup = InAThread(lambda: buffer.lookup_transform("map", "robot", 10, timeout_s=DEADLINE_S))
     waiting(buffer)
     buffer.set_transform(moved(0, "table", "robot", 1.0), static=True)
     waiting(buffer)
@@ -175,7 +175,9 @@ def test_an_insert_in_another_thread_wakes_the_event_loop():
     buffer = Buffer()
 
     async def ask() -> float:
-        task = asyncio.create_task(buffer.wait_for_transform("world", "robot", timeout_s=10.0))
+        task = asyncio.create_task(
+            buffer.wait_for_transform("world", "robot", timeout_s=DEADLINE_S)
+        )
         await lookups_wait(buffer)
         thread = threading.Thread(
             target=lambda: buffer.set_transform(moved(1, "world", "robot", 4.0))
@@ -195,7 +197,7 @@ def test_time_travel_waits_in_asyncio():
 
     async def ask() -> float:
         task = asyncio.create_task(
-            buffer.wait_for_transform_full("robot", 5, "robot", 1, "world", timeout_s=10.0)
+            buffer.wait_for_transform_full("robot", 5, "robot", 1, "world", timeout_s=DEADLINE_S)
         )
         await asyncio.sleep(0)
         assert not task.done()

@@ -2,7 +2,7 @@
 
 import threading
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tfbus.runtime.workers import Workers
 
 
@@ -47,10 +47,10 @@ def test_close_waits_for_the_jobs_that_run_and_drops_the_others() -> None:
 
     assert workers.do(first)
     assert workers.do(lambda: done.append("second"))
-    assert begun.wait(10.0)
+    assert begun.wait(DEADLINE_S)
     workers.close(0.01)
     assert done == []
     go_on.set()
-    workers.close(10.0)
+    workers.close(DEADLINE_S)
     assert done == ["first"]
     assert not workers.do(lambda: done.append("third"))

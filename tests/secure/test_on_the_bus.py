@@ -11,7 +11,8 @@ import pytest
 import zenoh
 
 from tests import needs
-from tests.live_bus import DEADLINE_S, eventually, free_port, keep_sending
+from tests.buses import DEADLINE_S, eventually, keep_sending
+from tests.live_bus import free_port
 from tfbus import (
     Buffer,
     Node,
@@ -357,7 +358,7 @@ def test_a_topic_of_an_operator_is_retained(bus: ClosedBus) -> None:
 def test_recorded_bytes_sent_again_open_no_link(bus: ClosedBus) -> None:
     """What was caught on the network between two members does nothing when it is sent again."""
     witness = Witness(bus)
-    links = sorted(witness.node.session.identities())
+    links = eventually(lambda: sorted(witness.node.session.identities()))
     with Tap(int(bus.endpoint.rpartition(":")[2])) as tap:
         leg = bus.raw(
             bus.path("leg"),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.builders import S, at
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
 from tfbus import InvalidArgumentException
 from tfbus.bag.player import Pace, Player, Progress
@@ -370,7 +370,7 @@ def test_reading_ahead_stops_where_memory_is_used() -> None:
     changed = threading.Condition()
     with ReadAhead(items(), changed) as ahead:
         with changed:
-            assert changed.wait_for(lambda: ahead.first() is not None, 20.0)
+            assert changed.wait_for(lambda: ahead.first() is not None, DEADLINE_S)
         eventually(lambda: len(read) >= 4)
         with changed:
             assert ahead.take().log_ns == 0
@@ -412,7 +412,7 @@ def test_what_was_read_before_a_mistake_is_played() -> None:
     with ReadAhead(items(), changed) as ahead, changed, damaged:
         while not ahead.is_at_end:
             if ahead.first() is None:
-                assert changed.wait(20.0)
+                assert changed.wait(DEADLINE_S)
             else:
                 taken.append(ahead.take().log_ns)
     assert taken == [*range(1000)]

@@ -350,7 +350,7 @@ def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool
 
     def on_message(payload: bytes, gid: str) -> None:
         came[0] += 1
-        assert goes_on.wait(60)
+        assert goes_on.wait(DEADLINE_S)
 
     reader.subscribe(topic, on_message)
     sender = writer.publisher(many)

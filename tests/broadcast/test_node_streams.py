@@ -63,7 +63,7 @@ def test_nodes_do_not_wait_for_the_streams_of_others(monkeypatch: pytest.MonkeyP
     assert has_begun.wait(DEADLINE_S)
     other = threading.Thread(target=stream_of_node, args=(node("other"),))
     other.start()
-    other.join(2.0)
+    other.join(DEADLINE_S)
     assert made == ["other"]
     may_end.set()
     for thread in [*threads, other]:

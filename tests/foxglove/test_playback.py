@@ -11,7 +11,7 @@ pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests.builders import S, moved
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
 from tfbus import Fleet, TransformStamped
 from tfbus.foxglove.playback import PlaybackBridge
@@ -95,7 +95,7 @@ def watching(bridge: PlaybackBridge) -> Iterator[Client]:
             yield client
     finally:
         bridge.stop()
-        player.join(20.0)
+        player.join(DEADLINE_S)
         bridge.close()
 
 

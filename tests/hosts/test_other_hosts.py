@@ -15,7 +15,6 @@ pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON o
 
 # Links to one host: as many as block all of Zenoh's own threads, which are two.
 LOST = ("arm", "base")
-NOTICED_WITHIN_S = 20.0
 # Reports of the witness, five a second: longer than a thread is blocked.
 REPORTS = 60
 # Zenoh's own threads stood still for 10 s.
@@ -60,9 +59,9 @@ def test_the_frames_of_other_hosts_go_on_while_one_is_lost(
             known[name]["gone"] is gone for name in LOST
         )
 
-    eventually(lambda: are_lost_gone(False), within_s=NOTICED_WITHIN_S)
+    eventually(lambda: are_lost_gone(False))
     before = len(witness.out)
     FAULTS[fault](network.hosts)
-    eventually(lambda: are_lost_gone(True), within_s=NOTICED_WITHIN_S)
-    eventually(lambda: len(witness.out) >= before + REPORTS, within_s=3 * NOTICED_WITHIN_S)
+    eventually(lambda: are_lost_gone(True))
+    eventually(lambda: len(witness.out) >= before + REPORTS)
     assert max(crane_ages_s(witness, before)) < MOST_AGE_S

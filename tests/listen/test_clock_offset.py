@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -186,6 +186,6 @@ def test_the_end_of_measuring_leaves_no_thread() -> None:
     session = SilentSession()
     offsets = ClockOffsets(session, logging.getLogger("test"))  # type: ignore[arg-type]
     offsets.watch("sim", StreamDescription(1, "/sim", 1, (), session="theirs"))
-    assert session.is_asked.wait(10.0)
+    assert session.is_asked.wait(DEADLINE_S)
     offsets.close()
     assert all(thread.name != "clock offsets" for thread in threading.enumerate())

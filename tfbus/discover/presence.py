@@ -30,9 +30,9 @@ def list_nodes(session: Session) -> list[str]:
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
-    """The descriptions of the nodes of a full name: several where nodes share the name.
+    """The descriptions of the nodes of a full name: several if nodes share the name.
 
-    Raises BusError with the nearest name where there is none, DecodeError where a description is
+    Raises BusError with the nearest name if there is none, DecodeError if a description is
     unreadable.
     """
     key = key_beside(name, node_key, session.settings.namespace)

@@ -29,7 +29,7 @@ TURN = Twist(angular=Vector3(z=TURN_RAD_S))
 
 
 class State(Enum):
-    """What the turtle does, and the command for it."""
+    """The turtle's move, and the command for it."""
 
     FORWARD = 0
     STOP_FORWARD = 1
@@ -49,7 +49,7 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class Target:
-    """Where a side or a corner ends."""
+    """The end of a side or a corner."""
 
     x: float
     y: float

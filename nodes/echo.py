@@ -233,7 +233,7 @@ def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:
 def _print_all(blocks: Iterator[str], header: str, limit: int | None) -> bool:
     """Print each block at once; end quietly when the reader of stdout is gone.
 
-    Returns whether that was all: as many blocks as the limit, or any number where it is None.
+    Returns whether that was all: as many blocks as the limit, or any number if it is None.
     """
     printed = 0
     try:

@@ -239,7 +239,7 @@ def _gap_s(reason: TransformException) -> float:
 
 
 def _reason(error: TransformException) -> TransformException:
-    """What is missing, without the timeout around it."""
+    """The missing part, without the timeout around it."""
     return (error.reason or error) if isinstance(error, TimeoutException) else error
 
 

@@ -149,7 +149,7 @@ class Joints:
             self._node.log.info("The last row is published; its positions stay")
 
     def _seconds(self, now_ns: int) -> float:
-        """How long ago the motion began; where the time goes back, it goes on as it was."""
+        """How long ago the motion began; if the time goes back, it goes on as it was."""
         if self._began_ns is None or now_ns < self._began_ns + self._elapsed_ns:
             self._began_ns = now_ns - self._elapsed_ns
         self._elapsed_ns = now_ns - self._began_ns
@@ -203,7 +203,7 @@ class Joints:
 
 
 def _in_order(names: tuple[str, ...], numbers: Mapping[str, float]) -> tuple[float, ...]:
-    """The numbers in the order of names, NaN where one is missing; empty where there is none."""
+    """The numbers in the order of names, NaN if one is missing; empty if there is none."""
     return tuple(numbers.get(name, float("nan")) for name in names) if numbers else ()
 
 
@@ -422,7 +422,7 @@ def main(
 def _table(
     csv_path: Path | None, bags: tuple[Path, ...], topic: str, rate: float, *, loops: bool
 ) -> Callable[[Robot], list[Row]] | None:
-    """What reads the rows to play, for a robot."""
+    """The reader of the rows to play, for a robot."""
     check = check_loop if loops else list
     if csv_path is not None:
         return lambda robot: check(rows_of_csv(csv_path, robot, rate))

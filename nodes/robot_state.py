@@ -90,7 +90,7 @@ class RobotState:
         return self._frames.robot
 
     def replace(self, robot: Robot, source: str) -> None:
-        """Publish another robot, and take the frames of the former out. Raises UrdfError where its
+        """Publish another robot, and take the frames of the former out. Raises UrdfError if its
         links are no frames with the prefix.
         """
         self._change(JointFrames(robot, self._frames.prefix), source)
@@ -337,7 +337,7 @@ def main(
     """Publish the frames of a robot from its URDF and from joint states.
 
     FILE is a URDF, or a xacro file, whose name ends in .xacro and which takes arguments. It may be
-    omitted where the parameter robot_description has the text.
+    omitted if the parameter robot_description has the text.
     """
     try:
         arguments = xacro_arguments((*xacro_args, *more_arguments))

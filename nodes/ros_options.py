@@ -1,4 +1,4 @@
-"""What `tfbus ros2` and `tfbus ros1` share: options, and how they run."""
+"""The part that `tfbus ros2` and `tfbus ros1` share: options, and how they run."""
 
 import functools
 import re
@@ -29,8 +29,8 @@ _CLOCKS = ("auto", "to-ros", "from-ros", "off")
 
 @dataclass(frozen=True)
 class Crossing:
-    """What crosses, as the command line has it; `topics_file` and `topics` are topics other than
-    transforms.
+    """The selection that crosses, as the command line has it; `topics_file` and `topics` are topics
+    other than transforms.
     """
 
     options: BridgeOptions
@@ -106,7 +106,7 @@ def run_bridge(
     settings: NodeSettings, crossing: Crossing, via: str, leg: LegSettings, note: str = ""
 ) -> None:
     """Join the bus and ROS until a signal; `note` ends the line that says so. Raises TfbusError
-    where ROS cannot be joined, or the topics are not clear.
+    if ROS cannot be joined, or the topics are not clear.
     """
     table = TopicTable.of_file(crossing.topics_file, crossing.topics)
     _check_directions(crossing.options, table)

@@ -288,7 +288,7 @@ def announce(node: Node, page: "Page", port: int, host: str) -> None:
 
 
 def _guests(node: Node) -> "Sequence[Guest]":
-    """What else the page shows: the turtles, where this identity may ask for their field."""
+    """Further contents of the page: the turtles, if this identity may ask for their field."""
     from .turtle.view.guest import TurtleGuest
 
     try:

@@ -1,6 +1,6 @@
 """Coordinate frames for distributed robots, without ROS.
 
-What is listed here is public; everything else is private. Names are imported when first used,
+The names listed here are public; everything else is private. Names are imported when first used,
 so that `import tfbus` costs nothing and a command loads only what it needs.
 """
 

@@ -26,7 +26,7 @@
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
 what to do; the facts are fields.
 
-Where Python has an error of the same meaning, the class derives from it too, so that `except` of
+If Python has an error of the same meaning, the class derives from it too, so that `except` of
 either catches it:
 
     InvalidArgumentException, InvalidNameError, SettingsError, DecodeError,
@@ -86,9 +86,9 @@ class ExtrapolationException(TransformException):
     """An edge of the path has no data for the requested time, and tfbus does not extrapolate.
 
     The edge is `frame_id` (parent) and `child_frame_id`; `authority` published its newest sample.
-    Stamps are nanoseconds since the Unix epoch; `oldest_ns` and `newest_ns` are None where the edge
+    Stamps are nanoseconds since the Unix epoch; `oldest_ns` and `newest_ns` are None if the edge
     has no sample. In `retry_after_s` seconds the data is likely to be there, by the edge's rate;
-    None where waiting does not help, or the rate is unknown.
+    None if waiting does not help, or the rate is unknown.
     """
 
     def __init__(

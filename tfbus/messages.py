@@ -31,7 +31,7 @@ class Vector3:
 class Twist:
     """Velocities in the frame of the body: `linear` in m/s, `angular` in rad/s about each axis.
 
-    A turtle drives forward by linear.x, turns by angular.z, and moves left by linear.y where the
+    A turtle drives forward by linear.x, turns by angular.z, and moves left by linear.y if the
     simulator is holonomic.
     """
 
@@ -41,7 +41,7 @@ class Twist:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a turtle was at stamp_ns, on a field whose origin is the lower left corner.
+    """The pose of a turtle at stamp_ns, on a field whose origin is the lower left corner.
 
     x and y in m, theta in rad in [-pi, pi). The velocities are the commanded ones, in m/s and
     rad/s; linear_velocity is a magnitude and never negative.
@@ -64,9 +64,9 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Where the joints of a robot were at stamp_ns, on the topic joint_states.
+    """The positions of a robot's joints at stamp_ns, on the topic joint_states.
 
-    `positions`, `velocities` and `efforts` are in the order of `names`, or empty where they are not
+    `positions`, `velocities` and `efforts` are in the order of `names`, or empty if they are not
     known: rad, rad/s and N m for joints that turn, m, m/s and N for those that slide. Positions are
     finite; a velocity or an effort that is not known is NaN. The stamp 0 stands for the time at
     which the message arrives. No name is there twice.
@@ -172,11 +172,11 @@ class PoseStamped:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Where a robot is by its own reckoning at stamp_ns, and how it moves.
+    """The pose of a robot by its own reckoning at stamp_ns, and its velocity.
 
     `position` (m) and `quat_xyzw`, a unit quaternion, are the pose of `child_frame` in `frame`;
     `twist` is its velocity, in `child_frame`, in m/s and rad/s. Each covariance has 6 by 6 numbers,
-    row by row, in the order x, y, z and rotations about x, y, z; all are 0 where it is not known.
+    row by row, in the order x, y, z and rotations about x, y, z; all are 0 if it is not known.
     """
 
     stamp_ns: int
@@ -265,7 +265,7 @@ class Seek:
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """`offset_s` seconds after `log_ns`, or after the beginning where that is 0."""
+        """`offset_s` seconds after `log_ns`, or after the beginning if that is 0."""
 
         offset_s: float = 0.0
         log_ns: int = 0
@@ -276,7 +276,9 @@ class Seek:
 
     @dataclass(frozen=True, slots=True)
     class Response:
-        """Where it goes on: the log time in ns, and how many seconds after the beginning."""
+        """The place at which it goes on: the log time in ns, and how many seconds after the
+        beginning.
+        """
 
         log_ns: int
         offset_s: float
@@ -311,7 +313,7 @@ class PlayProgress:
     class Response:
         """It plays from `start_ns` to `end_ns` and is at `log_ns`, log times in ns.
 
-        `sent` messages were played. `loops` is which round of a loop it is, from 1; 0 where it does
+        `sent` messages were played. `loops` is which round of a loop it is, from 1; 0 if it does
         not loop.
         """
 
@@ -343,11 +345,11 @@ class SaveRecording:
 
 
 class Field:
-    """What the turtles' field looks like, for programs that show it."""
+    """The look of the turtles' field, for programs that show it."""
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """The version of the picture that the caller has, empty where it has none."""
+        """The version of the picture that the caller has, empty if it has none."""
 
         version: str = ""
 
@@ -356,7 +358,7 @@ class Field:
         """The background, the names of the turtles, and the ink that they have drawn.
 
         `ink` is a square of `size` by `size` pixels, 45 to the metre, rows from the top, each
-        pixel red, green, blue and opacity, packed by zlib; empty where the caller has this
+        pixel red, green, blue and opacity, packed by zlib; empty if the caller has this
         version already.
         """
 
@@ -384,7 +386,7 @@ class Spawn:
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """Where it starts, in m and rad; an empty name means the next free turtleN."""
+        """The start, in m and rad; an empty name means the next free turtleN."""
 
         x: float
         y: float
@@ -504,7 +506,7 @@ class RotateAbsolute:
 
     @dataclass(frozen=True, slots=True)
     class Feedback:
-        """What is left to turn, in rad in [-pi, pi)."""
+        """The angle left to turn, in rad in [-pi, pi)."""
 
         remaining: float
 

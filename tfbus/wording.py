@@ -19,7 +19,7 @@ def listed(words: Collection[str], *, most: int = _NAMED) -> str:
 
 
 def and_more(count: int, most: int) -> str:
-    """The end of a list of which only `most` are named: `and 3 more`; "" where all are."""
+    """The end of a list of which only `most` are named: `and 3 more`; "" if all are."""
     return f"and {count - most} more" if count > most else ""
 
 
@@ -45,7 +45,7 @@ def columns(text: str) -> int:
 
 
 def cut(text: str, most: int) -> str:
-    """The text in at most `most` columns of a terminal; where it is cut, it ends in an ellipsis."""
+    """The text in at most `most` columns of a terminal; if it is cut, it ends in an ellipsis."""
     return text if columns(text) <= most else f"{_fitting(text, most - 1)}…"
 
 
@@ -66,7 +66,7 @@ def cut_start(text: str, most: int) -> str:
 
 def cut_apart(texts: Iterable[str], most: int) -> dict[str, str]:
     """Each text in at most `most` columns, so that different ones stay different: all are cut in
-    the middle, or all at the start, or at the end. Where that is not enough, they are longer.
+    the middle, or all at the start, or at the end. If that is not enough, they are longer.
     """
     all_texts = set(texts)
     longest = max(map(columns, all_texts), default=0)
@@ -107,7 +107,7 @@ def _columns_of(letter: str) -> int:
 def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
     """The end of a sentence about a name that is not known.
 
-    `; did you mean 'sim'?` where one is near, else `; available: a, b and 3 more`; `none` where
+    `; did you mean 'sim'?` if one is near, else `; available: a, b and 3 more`; `none` if
     no name is known at all.
     """
     names = sorted(known)
@@ -118,7 +118,7 @@ def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
 
 
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
-    """The known names that are spelt most like this one, best first; () where none is near."""
+    """The known names that are spelt most like this one, best first; () if none is near."""
     from difflib import get_close_matches  # slow to import, and few names are wrong
 
     return tuple(get_close_matches(name, known, n=most))

@@ -1,1 +1,1 @@
-"""What `tfbus robot_state` and `tfbus joints` are made of."""
+"""The parts of `tfbus robot_state` and `tfbus joints`."""

@@ -20,7 +20,7 @@ class Posture:
 
 
 class Board:
-    """One position for each joint; `rests` are positions of rest other than the robot's.
+    """A position for each joint; `rests` are positions of rest other than the robot's.
 
     Each change replaces `posture` as a whole, so that its parts always fit each other.
     """
@@ -31,7 +31,7 @@ class Board:
         self.posture = Posture()
 
     def take_robot(self, robot: Robot) -> None:
-        """Have the joints of this robot; those of the former that have the same name stay where
+        """Have the joints of this robot; those of the former that have the same name stay if
         they are.
         """
         ranges = ranges_of(robot, self._rests)

@@ -1,4 +1,4 @@
-"""Where the description of a robot comes from: a file that may change, or a text."""
+"""The source of a robot's description: a file that may change, or a text."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

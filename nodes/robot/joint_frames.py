@@ -18,7 +18,7 @@ class JointFrames:
 
     `came` are the joints that joint states have named so far, `unknown` names in them that the
     robot does not have, at most a thousand. `restarts` counts how often stamps went back by more
-    than a second. Raises UrdfError where a link with the prefix is no frame.
+    than a second. Raises UrdfError if a link with the prefix is no frame.
     """
 
     def __init__(self, robot: Robot, prefix: str = "") -> None:
@@ -66,10 +66,10 @@ class JointFrames:
     ) -> list[TransformStamped]:
         """The transforms of the joints in a state, and of those that mimic them, at its stamp.
 
-        Empty where they are not due: one of the joints must have been sent `period_ns` before, or
+        Empty if they are not due: one of the joints must have been sent `period_ns` before, or
         longer ago. With `ignore_stamps` they are always due.
 
-        Raises InvalidArgumentException where a pose is not finite; the joints have not come then.
+        Raises InvalidArgumentException if a pose is not finite; the joints have not come then.
         """
         places = self._places_of(state.names)
         if not places or not state.positions:
@@ -98,7 +98,7 @@ class JointFrames:
         ]
 
     def _places_of(self, names: Sequence[str]) -> list[tuple[int, str]]:
-        """Where the joints of the robot are among the names."""
+        """The indices of the robot's joints among the names."""
         if names != self._names:
             self._names = names
             self._places = [(at, name) for at, name in enumerate(names) if name in self._known]

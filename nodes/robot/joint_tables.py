@@ -136,7 +136,7 @@ def rows_of_recording(paths: Sequence[Path], topic: str) -> list[Row]:
 
 
 def check_loop(rows: list[Row]) -> list[Row]:
-    """The rows, which a loop repeats for ever. Raises TableError where they come too fast."""
+    """The rows, which a loop repeats for ever. Raises TableError if they come too fast."""
     if len(rows) / Table(rows).lasts_s > 1.001 * _MOST_HZ:
         raise TableError(
             f"{counted(len(rows), 'row')} in {Table(rows).lasts_s:.3g} s cannot be looped: "

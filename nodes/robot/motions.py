@@ -20,7 +20,7 @@ _LONGEST_JUMP_OF_ROWS_S = 10.0
 
 
 class Motion(Protocol):
-    """Where joints are at a time."""
+    """The positions of joints at a time."""
 
     def at(self, seconds: float) -> Mapping[str, float]:
         """The positions of joints at a time that does not go back."""
@@ -98,7 +98,7 @@ def random_places(ranges: Iterable[Range], source: random.Random | None = None) 
 
 @dataclass(frozen=True)
 class Row:
-    """One joint state of a table; `seconds` count from any time."""
+    """A joint state of a table; `seconds` count from any time."""
 
     seconds: float
     positions: Mapping[str, float]

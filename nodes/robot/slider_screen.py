@@ -35,7 +35,7 @@ def run_sliders(node: Node, terminal: RawTerminal, board: Board) -> None:
 class _Screen:
     """Draws the lines over those before; the cursor stays at the first.
 
-    What the log writes takes their place, and they are drawn below it.
+    Lines of the log take their place, and they are drawn below it.
     """
 
     def __init__(self) -> None:

@@ -26,7 +26,7 @@ class Sliders:
 
     @property
     def chosen(self) -> str:
-        """The joint that keys move; "" where there is none."""
+        """The joint that keys move; "" if there is none."""
         return self._chosen_of(list(self._board.posture.ranges))
 
     def press(self, key: str) -> None:

@@ -1,4 +1,4 @@
-"""One turtle's topics, services and action on the bus."""
+"""A turtle's topics, services and action on the bus."""
 
 from collections.abc import Callable
 

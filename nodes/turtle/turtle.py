@@ -1,4 +1,4 @@
-"""One turtle: its pose, its commands, and how it moves in one tick.
+"""A turtle: its pose, its commands, and how it moves in one tick.
 
 The order of a tick, the constants and the log texts are turtlesim's (turtle.cpp).
 """
@@ -33,7 +33,9 @@ WALL_WARNING_PERIOD_S = 1.0
 
 
 class RotationGoal(Protocol):
-    """What a turtle needs of a rotation: its request, and how to report progress and the end."""
+    """The numbers of a rotation that a turtle needs: its request, and how to report progress and
+    the end.
+    """
 
     @property
     def request(self) -> RotateAbsolute.Goal: ...

@@ -127,7 +127,7 @@ class World:
             self._colors[turtle.name] = turtle.step(self._canvas, self.background)
 
     def color_under(self, name: str) -> Color:
-        """What the turtle's colour sensor saw in the last tick: ink, or the background."""
+        """The colour that the turtle's sensor saw in the last tick: ink, or the background."""
         return self._colors[name]
 
     def snapshot(self) -> Snapshot:

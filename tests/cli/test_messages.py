@@ -228,8 +228,7 @@ class TestShow:
         assert self.run(bus, "service", "show", "turtlesim/srv/Spawn").splitlines() == [
             "Spawn: Puts another turtle on the field.",
             "",
-            "Request: Where it starts, in m and rad; an empty name means the next free",
-            "turtleN.",
+            "Request: The start, in m and rad; an empty name means the next free turtleN.",
             "  x: float",
             "  y: float",
             "  theta: float = 0.0",

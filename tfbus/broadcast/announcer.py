@@ -30,7 +30,7 @@ _KINDS = {
 class FrameAnnouncer:
     """Holds the frames of a stream and announces each change soon, on the node's thread.
 
-    `check_right(child)` raises where the stream may not have a frame. `publisher` sends
+    `check_right(child)` raises if the stream may not have a frame. `publisher` sends
     `describe(rows)` of all rows (parent, child, static), and `described` is the last that it has
     sent. `reparented` counts how often a known frame got another parent, or became static or
     dynamic.
@@ -62,7 +62,7 @@ class FrameAnnouncer:
     def add(self, edges: Edges) -> None:
         """Add edges that the stream is about to send.
 
-        Raises InvalidArgumentException where a frame name is invalid, or parent and child are the
+        Raises InvalidArgumentException if a frame name is invalid, or parent and child are the
         same: no buffer would take them. Raises what `check_right(child)` raises.
         """
         with self._lock:
@@ -78,9 +78,9 @@ class FrameAnnouncer:
         self.announce_soon()
 
     def remove(self, *children: str, static: bool) -> None:
-        """Take frames out, all of them or, where it raises, none.
+        """Take frames out, all of them or, if it raises, none.
 
-        Raises LookupException where the stream does not send one, InvalidArgumentException where it
+        Raises LookupException if the stream does not send one, InvalidArgumentException if it
         is of the other kind, static or dynamic.
         """
         with self._lock:
@@ -99,7 +99,7 @@ class FrameAnnouncer:
         self.announce_soon()
 
     def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
-        """Send the description after this time, once for all changes until then; later where a long
+        """Send the description after this time, once for all changes until then; later if a long
         one was sent just now.
         """
         with self._lock:

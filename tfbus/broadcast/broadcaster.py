@@ -65,7 +65,7 @@ class TransformBroadcaster:
 
         Each takes points of its child frame into its frame_id, the parent. A stamp that looks like
         seconds, milliseconds or microseconds is logged once, and so is one that is more than 20 ms
-        later than the node's own clock. Raises InvalidArgumentException where parent and child are
+        later than the node's own clock. Raises InvalidArgumentException if parent and child are
         the same frame, or a frame name in a batch is invalid.
         """
         if isinstance(transforms, TransformStamped):
@@ -111,7 +111,7 @@ class TransformBroadcaster:
     def remove(self, frame: str, *more: str) -> None:
         """Take child frames out of the stream, and so out of every listener's buffer.
 
-        Raises LookupException where the stream does not send one, InvalidArgumentException where
+        Raises LookupException if the stream does not send one, InvalidArgumentException if
         it is static; then none is removed. Send a frame again to have it back.
         """
         self._sender.remove(frame, *more)
@@ -137,7 +137,7 @@ class StaticTransformBroadcaster:
     def remove(self, frame: str, *more: str) -> None:
         """Take child frames out of the stream, and so out of every listener's buffer.
 
-        Raises LookupException where the stream does not send one, InvalidArgumentException where
+        Raises LookupException if the stream does not send one, InvalidArgumentException if
         it is not static; then none is removed.
         """
         self._stream.remove_static(frame, *more)

@@ -90,7 +90,7 @@ def without_removed(kept: Sequence[Entry]) -> list[tuple[str, bytes]]:
 
 
 def _without(payload: bytes, removed: set[bytes]) -> bytes:
-    """The message without these child frames; b"" where nothing is left of it."""
+    """The message without these child frames; b"" if nothing is left of it."""
     # Names are in it as they are: only messages that may have one are decoded, which is slow.
     named = {frame.decode() for frame in removed if frame in payload}
     if not named:

@@ -14,7 +14,7 @@ from tfbus.wire.transforms import TransformEncoder
 
 
 class StreamKey:
-    """One key; its messages are numbered from 0 in each epoch."""
+    """A key; its messages are numbered from 0 in each epoch."""
 
     def __init__(self, key: str, publisher: BytesPublisher) -> None:
         self.key = key
@@ -107,7 +107,7 @@ class KeyPerFrame:
         return self._publishers.heard
 
     def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """One message a child frame."""
+        """A message a child frame."""
         pairs = columns.pairs()
         rows_by_child: dict[str, list[int]] = {}
         for row, (_, child) in enumerate(pairs):

@@ -35,9 +35,9 @@ class NewestStamps:
         return array("q", [self._row(child) for child in children])
 
     def note(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
-        """Note the stamps that are sent now, one a row; None where all are noted.
+        """Note the stamps that are sent now, one a row; None if all are noted.
 
-        `stamps_ns` has a buffer of signed integers of 64 bits. Where one is more than 1 s older
+        `stamps_ns` has a buffer of signed integers of 64 bits. If one is more than 1 s older
         than the newest of its row, nothing is noted, and its position returned.
         """
         if len(rows) >= _MANY:

@@ -75,7 +75,7 @@ class NodeStreams:
 
 
 def stream_of_node(node: Node, name: str | None = None) -> Stream:
-    """The stream of this name that the node publishes; of the node's own name where it is None."""
+    """The stream of this name that the node publishes; of the node's own name if it is None."""
     if not hasattr(node, "describers"):
         raise InvalidArgumentException(
             "a broadcaster takes a Node, as in TransformBroadcaster(node), not "

@@ -15,7 +15,7 @@ class StreamOptions:
     With `split` each frame has a key of its own. Of two publishers of one frame, listeners with
     `conflicts="priority"` accept the one of higher `priority`, a 32-bit integer. Messages of the
     last `history_s` seconds are kept for listeners that join later. Raises
-    InvalidArgumentException where one is invalid.
+    InvalidArgumentException if one is invalid.
     """
 
     split: bool = False

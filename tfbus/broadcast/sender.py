@@ -28,7 +28,7 @@ _AS_ON_THE_WIRE = sys.byteorder == "little"
 
 @dataclass(slots=True, eq=False)
 class _Table:
-    """What sends of the same frames and edges have in common.
+    """The part that sends of the same frames and edges share.
 
     `noted` is the announcer's count of `reparented` when these edges were last noted.
     """
@@ -44,7 +44,7 @@ class _Table:
 
 @dataclass(slots=True, eq=False)
 class _Single:
-    """What sends of one transform alone, of the same frames, have in common.
+    """The part that sends of one transform of the same frames share.
 
     `noted` is as in _Table. `sent_ns` is the newest stamp that was sent of the frame.
     """
@@ -60,7 +60,7 @@ class TransformSender:
     """Sends the dynamic transforms of one stream, and answers queries for the last of them; safe
     from any thread.
 
-    It calls `note(edges)` before it sends new edges, and `begin_epoch(child, back_ns)` where the
+    It calls `note(edges)` before it sends new edges, and `begin_epoch(child, back_ns)` if the
     stamps of a frame go back by more than 1 s: that returns the epoch of this send, in ns.
     """
 
@@ -106,7 +106,7 @@ class TransformSender:
     def send(self, columns: Columns) -> None:
         """Send transforms: one message a key.
 
-        Raises InvalidArgumentException where a frame name is invalid, or parent and child are the
+        Raises InvalidArgumentException if a frame name is invalid, or parent and child are the
         same.
         """
         with self._lock:
@@ -142,7 +142,7 @@ class TransformSender:
                 self._send_again(single, payload, stamp_ns)
 
     def _single(self, child: str, stamp_ns: int) -> _Single | None:
-        """What sends of this frame alone have in common; None where that takes `send`."""
+        """The part that sends of this frame alone share; None if that takes `send`."""
         single = self._singles.get(child)
         if single is None or stamp_ns < single.sent_ns or single.noted != self._frames.reparented:
             return None
@@ -215,7 +215,7 @@ class TransformSender:
                     self._history.remove(child)
 
     def _note(self, table: _Table, columns: Columns) -> int | None:
-        """Note the stamps; where one is too far back, note none and return its row."""
+        """Note the stamps; if one is too far back, note none and return its row."""
         if columns.count == 1:
             return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
         return self._newest.note(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))

@@ -128,7 +128,7 @@ class Stream:
     def sender(self, options: StreamOptions) -> TransformSender:
         """The sender of the stream's dynamic transforms, the same for all callers.
 
-        Raises InvalidArgumentException where it has other options already.
+        Raises InvalidArgumentException if it has other options already.
         """
         with self._lock:
             if self._sender is None:
@@ -153,7 +153,7 @@ class Stream:
         """Add static transforms to the stream, or replace those of the same child frame.
 
         The whole set is sent, and retained for listeners that join later. Raises
-        InvalidArgumentException where a frame name is invalid, or parent and child are the same.
+        InvalidArgumentException if a frame name is invalid, or parent and child are the same.
         """
         added = {ts.child_frame_id: ts for ts in transforms}
         with self._static_lock:

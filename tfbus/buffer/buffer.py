@@ -1,6 +1,6 @@
 """The buffer: the last seconds of every frame, and the transform between any two at any time.
 
-Compiled where there is a C compiler (`buffer.pxd` has the C types).
+Compiled if there is a C compiler (`buffer.pxd` has the C types).
 """
 
 from __future__ import annotations
@@ -374,7 +374,7 @@ class Buffer:
         """Call the listener with each change from now on; call what it returns to end that.
 
         It is called in the thread that inserts, without the lock, one change after another; it
-        may use the buffer. What it raises is logged.
+        may use the buffer. Its exceptions are logged.
         """
         if not callable(listener):
             raise InvalidArgumentException(
@@ -402,7 +402,7 @@ class Buffer:
 
         It is called without the lock, in the thread that looks up and before it waits. A pair that
         can be answered at once is reported at the next insert, or the next lookup that cannot be
-        answered; so other lookups stay as fast. Where frames are unknown or not connected,
+        answered; so other lookups stay as fast. If frames are unknown or not connected,
         `explain(target, source)` may return a better error.
         """
         for each in (callback, explain):
@@ -471,7 +471,7 @@ class Buffer:
     def _lookup_plain(
         self, target_frame: str, source_frame: str, stamp_ns: int | None, timeout_s: float
     ) -> TransformStamped:
-        """Compiled: `lookup_transform` of plain arguments, without the lock where it is free."""
+        """Compiled: `lookup_transform` of plain arguments, without the lock if it is free."""
         if self.sampling is TF2:
             answer = TransformStamped.__new__(TransformStamped)
             # Nothing of Python runs from here on: the lock stays free.
@@ -587,7 +587,7 @@ class Buffer:
     ) -> TransformStamped:
         """The answer of `lookup_transform` as soon as there is one, for asyncio.
 
-        Raises TimeoutException after `timeout_s` (None: never), and other errors at once where
+        Raises TimeoutException after `timeout_s` (None: never), and other errors at once if
         waiting does not help. Cancel it like any task.
         """
         question = (target_frame, source_frame, _stamp(stamp_ns))
@@ -615,7 +615,7 @@ class Buffer:
     def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
         """The latest stamp for which every edge between the two frames has data.
 
-        None where all of them are static. Raises as `lookup_transform`.
+        None if all of them are static. Raises as `lookup_transform`.
         """
         latest = NO_DATA
         with self._store.lock:
@@ -638,7 +638,7 @@ class Buffer:
         """The transforms at N stamps (N,): a sequence of N, whose arrays are `xyz` (N, 3) in metres
         and `quat_xyzw` (N, 4).
 
-        Raises as `lookup_transform` where one of the stamps cannot be answered. The lock is
+        Raises as `lookup_transform` if one of the stamps cannot be answered. The lock is
         released after every 256 stamps, so writers wait for microseconds only.
         """
         stamps = _stamps(stamps_ns)
@@ -661,8 +661,8 @@ class Buffer:
     ) -> tuple[TransformArray, NDArray[np.bool_]]:
         """The transforms at those of N stamps that can be answered, and which they are.
 
-        The mask (N,) is False, and the rows are NaN, where the stamp is out of range. Raises
-        LookupException for an unknown frame, ConnectivityException where no path joins the two at
+        The mask (N,) is False, and the rows are NaN, if the stamp is out of range. Raises
+        LookupException for an unknown frame, ConnectivityException if no path joins the two at
         any of the stamps.
         """
         return lookup_many(
@@ -688,7 +688,7 @@ class Buffer:
 
         `stamps_ns` is one stamp, or one for each point (N,); None means the latest. With a
         `fixed_frame` all points are transformed into the target as it was at `target_stamp_ns`
-        (None: the latest), which undistorts a lidar scan, where each point has its own stamp.
+        (None: the latest), which undistorts a lidar scan, whose points have a stamp each.
         Raises as `lookup_transform`, and InvalidArgumentException for a `target_stamp_ns` without a
         `fixed_frame`.
         """
@@ -823,10 +823,10 @@ class Buffer:
         *,
         sampling: Sampling | None = None,
     ) -> Trajectory:
-        """Where the source was, seen from the target, at rising stamps (N,).
+        """The poses of the source in the target, at rising stamps (N,).
 
         Without stamps at those of the samples of the source, or of the first dynamic frame on the
-        way from it to the target, where all edges between have data. Raises as
+        way from it to the target, if all edges between have data. Raises as
         `lookup_transforms`.
         """
         from tfbus.trajectory.trajectory import Trajectory
@@ -981,7 +981,7 @@ class Buffer:
             return sorted(self._store.tree.frames)
 
     def frame(self, name: str) -> FrameInfo:
-        """What the buffer knows of one frame. Raises LookupException where it is unknown."""
+        """The state of one frame. Raises LookupException if it is unknown."""
         name = _text(name, "name")
         with self._store.lock:
             info = self._store.tree.info(name)
@@ -1002,7 +1002,7 @@ class Buffer:
         return names
 
     def all_frames(self) -> list[FrameInfo]:
-        """What the buffer knows of every frame, sorted by name."""
+        """The state of every frame, sorted by name."""
         with self._store.lock:
             return self._store.tree.infos()
 

@@ -51,7 +51,7 @@ _MOST_COMPARED = 1000
 
 
 class Freshness(Struct):
-    """What a lookup demands of every edge on its path.
+    """The conditions of a lookup on every edge on its path.
 
     `max_age_s` is how old its newest sample may be, by the buffer's clock (None: any age); a
     static edge has no age. With `living` its publisher must not be gone, a static one's neither.
@@ -67,7 +67,7 @@ class Freshness(Struct):
     def why_stale(
         self, tree: Tree, pairs: Iterable[tuple[str, str]], now_ns: int
     ) -> StaleException | None:
-        """The error where an edge between a pair of frames is stale; None where none is.
+        """The error if an edge between a pair of frames is stale; None if none is.
 
         A publisher that is gone comes before an old sample: it is why the sample is old.
         """
@@ -162,7 +162,7 @@ def without_waiting(error: TransformException) -> TransformException:
 
 def without_timeout(error: TransformException, *, many: bool = False) -> TransformException:
     """The error, for a call that has no `timeout_s`: it advises to ask again later; with `many`
-    stamps also to leave out those without an answer, where it would have one ask for the latest.
+    stamps also to leave out those without an answer, if it would have one ask for the latest.
     """
     later = _LATER_MANY if many else r"; ask again in \1\2"
     error.args = (re.sub(_WAIT_ARGUMENT, later, str(error)),)
@@ -193,7 +193,7 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
 def why_not(
     tree: Tree, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
 ) -> TransformException | None:
-    """The error for a lookup between two known frames; None where it would succeed now.
+    """The error for a lookup between two known frames; None if it would succeed now.
 
     It names edges of the path only.
     """
@@ -324,7 +324,7 @@ def _gap(
     history: History, stamp_ns: int | None, asked_ns: int | None, sampling: Sampling
 ) -> GapException | None:
     """For a time between two samples, or beyond two of them, that are too far apart; `asked_ns` is
-    None where it is the latest.
+    None if it is the latest.
     """
     if stamp_ns is None or sampling.max_gap_s is None:
         return None
@@ -346,8 +346,8 @@ def _gap(
 
 
 def _confused_units(stamp_ns: int, newest: int) -> str:
-    """What to say where either of the requested stamp and the newest sample's is in seconds, or
-    another unit; "" where both are nanoseconds.
+    """The advice if either of the requested stamp and the newest sample's is in seconds, or
+    another unit; "" if both are nanoseconds.
     """
     if unit := other_unit(stamp_ns, newest):
         return unit_hint(stamp_ns, unit)

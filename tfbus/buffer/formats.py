@@ -135,7 +135,7 @@ def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:
 
 
 def branch(below: str, depth: int, *, is_last: bool) -> tuple[str, str]:
-    """What comes before a frame of this depth, 1 below a root, and before those below it; `below`
+    """The text before a frame of this depth, 1 below a root, and before those below it; `below`
     is what comes before the frames below its parent. Below 100 levels the depth is a number.
     """
     if depth > _DRAWN_LEVELS:

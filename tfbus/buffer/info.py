@@ -1,4 +1,4 @@
-"""What a buffer reports: its frames, their changes, and what it could not store or answer."""
+"""Reports of a buffer: its frames, their changes, and what it could not store or answer."""
 
 from collections import Counter
 from typing import Literal

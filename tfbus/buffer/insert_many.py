@@ -1,7 +1,7 @@
 """Inserts the rows of batches into the tree.
 
-Compiled where there is a C compiler (`insert_many.pxd` has the C types). The buffer holds its lock
-around every call, which lets others have it between rows where that takes long.
+Compiled if there is a C compiler (`insert_many.pxd` has the C types). The buffer holds its lock
+around every call, which lets others have it between rows if that takes long.
 """
 
 from array import array
@@ -145,7 +145,7 @@ class BatchInserter:
         return table.topology == self._tree.topology and table.assignments == self._tree.assignments
 
     def _table(self, columns: Columns, authority: str) -> Table | None:
-        """The edges of a batch; None where one of them is not in the tree as named, or has another
+        """The edges of a batch; None if one of them is not in the tree as named, or has another
         publisher.
         """
         table = self._tables.get(authority)

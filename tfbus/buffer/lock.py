@@ -1,6 +1,6 @@
-"""The lock of a buffer: fast where it is free, and open to the thread that holds it.
+"""The lock of a buffer: fast if it is free, and open to the thread that holds it.
 
-Compiled where there is a C compiler (`lock.pxd` has the C types).
+Compiled if there is a C compiler (`lock.pxd` has the C types).
 
 While the GIL is held nothing else runs, so a free lock is taken by setting a number: no lock of the
 operating system, which takes longer than a lookup. A thread that finds it taken sleeps at a gate of
@@ -8,7 +8,7 @@ its own. Without a GIL it is a mutex.
 
 Python may run other code of a program while a thread holds the lock: a signal handler, or a
 finalizer that the garbage collector calls. If that uses the buffer, it must not wait for its own
-thread. It may read. What it writes is done when the lock is left: the holder does not expect a
+thread. It may read. Its writes are done when the lock is left: the holder does not expect a
 change.
 """
 
@@ -29,7 +29,9 @@ _PASSED = 2**32 - 1
 
 
 class Gate:
-    """Where a thread sleeps until another opens it. `passed` is whether it has the lock then."""
+    """A place for a thread to sleep until another opens it. `passed` is whether it has the lock
+    then.
+    """
 
     def __init__(self) -> None:
         self.passed = False

@@ -1,6 +1,6 @@
-"""One lookup: its answers now, or as soon as they come, or why there are none.
+"""A lookup: its answers now, or as soon as they come, or why there are none.
 
-Compiled where there is a C compiler (`lookup.pxd` has the C types).
+Compiled if there is a C compiler (`lookup.pxd` has the C types).
 """
 
 import math
@@ -58,7 +58,7 @@ class Lookup:
         self._fresh = fresh
 
     def answers(self) -> list[TransformStamped] | None:
-        """The answers of this moment; None where one is missing or not fresh."""
+        """The answers of this moment; None if one is missing or not fresh."""
         now_ns = self._now_ns()
         with self._store.lock:
             answers = self._answers(self._questions, self._fresh, now_ns)
@@ -67,7 +67,7 @@ class Lookup:
         return answers
 
     def wait(self, timeout_s: float) -> list[TransformStamped]:
-        """The answers, as soon as there are some. Raises why there are none: at once where waiting
+        """The answers, as soon as there are some. Raises why there are none: at once if waiting
         does not help, and TimeoutException after `timeout_s`.
         """
         if timeout_s != 0.0:
@@ -215,7 +215,7 @@ class Lookup:
     def _answers_or_watch(
         self, waiter: Waiter, limit: Limit, timeout_s: float
     ) -> list[TransformStamped] | None:
-        """The answers; None where the waiter will be woken when it is worth asking again. Raises
+        """The answers; None if the waiter will be woken when it is worth asking again. Raises
         what waiting does not help, and TimeoutException when the time is up.
         """
         with self._store.lock:
@@ -242,7 +242,7 @@ class Lookup:
         return None
 
     def _names(self) -> list[tuple[str, str]]:
-        """What each frame is called in an error, and its name."""
+        """The word for each frame in an error, and its name."""
         first, last = self._questions[0], self._questions[-1]
         names = [("target_frame", last[0]), ("source_frame", first[1])]
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]

@@ -1,6 +1,6 @@
-"""Lookups of many stamps in one call, along one path where it is the same for all of them.
+"""Lookups of many stamps in one call, along one path if it is the same for all of them.
 
-Compiled where there is a C compiler (`lookup_many.pxd` has the C types).
+Compiled if there is a C compiler (`lookup_many.pxd` has the C types).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def lookup_many(
 ) -> tuple[TransformArray, NDArray[np.bool_]]:
     """The transforms at N stamps, and which of them (N,) are known; the others are NaN.
 
-    Raises LookupException or ConnectivityException where none of them can be known.
+    Raises LookupException or ConnectivityException if none of them can be known.
     """
     if store.path(target_frame, source_frame) is None:
         _check_connected(store, target_frame, source_frame, stamps)
@@ -123,7 +123,7 @@ def _fill_along(
 def _check_connected(
     store: Store, target_frame: str, source_frame: str, stamps: NDArray[np.int64]
 ) -> None:
-    """Raise where no path joins the frames, neither now nor at one of the stamps."""
+    """Raise if no path joins the frames, neither now nor at one of the stamps."""
     for stamp in stamps.tolist():
         if Lookup(store, ((target_frame, source_frame, stamp),)).answers() is not None:
             return

@@ -45,7 +45,7 @@ _LONGEST_AUTHORITY = 65_536
 
 @dataclass(frozen=True)
 class Contents:
-    """What a buffer is made of; `max_samples` is None in a file that does not say it."""
+    """The parts of a buffer; `max_samples` is None in a file that does not say it."""
 
     cache_time_s: float
     max_samples: int | None
@@ -114,7 +114,7 @@ def _row(name: str, held: Held) -> dict[str, Any]:
 
 
 def _parents(held: Held) -> Iterable[str | None]:
-    """The parent of each sample; None where it was removed."""
+    """The parent of each sample; None if it was removed."""
     if held.parents is not None:
         return held.parents
     return [held.parent] * len(held.stamps_ns)

@@ -1,6 +1,6 @@
 """The state of a buffer behind one lock, and who is notified when it changes.
 
-Compiled where there is a C compiler (`store.pxd` has the C types).
+Compiled if there is a C compiler (`store.pxd` has the C types).
 """
 
 import logging
@@ -58,7 +58,7 @@ class Store:
         self._once = LogOnce(_log)
 
     def insert(self, transform: TransformStamped, static: bool, authority: str) -> bool:
-        """With the lock held: take one transform; False where it is too old to be kept."""
+        """With the lock held: take one transform; False if it is too old to be kept."""
         return self.tree.insert(
             transform._frame_id,
             child_name(transform),
@@ -69,7 +69,7 @@ class Store:
         )
 
     def path(self, target_frame: str, source_frame: str) -> Path | None:
-        """The path as the tree is now; None where a frame is unknown or nothing joins them."""
+        """The path as the tree is now; None if a frame is unknown or nothing joins them."""
         with self.lock:
             return self.tree.path(target_frame, source_frame)
 

@@ -1,6 +1,6 @@
 """The tree of frames: each with its parent, and the path between any two.
 
-Compiled where there is a C compiler (`tree.pxd` has the C types). Nothing here locks: the buffer
+Compiled if there is a C compiler (`tree.pxd` has the C types). Nothing here locks: the buffer
 holds its lock around every call, but for a `fill` that finds it free.
 """
 
@@ -132,7 +132,7 @@ class Tree:
         return True
 
     def path(self, target_frame: str, source_frame: str) -> Path | None:
-        """The path as the tree is now; None where a frame is unknown or no path joins the two."""
+        """The path as the tree is now; None if a frame is unknown or no path joins the two."""
         target = self.frames.get(target_frame)
         if target is not None:
             path = target.paths.get(source_frame)
@@ -184,7 +184,7 @@ class Tree:
         return path
 
     def _keep(self, path: Path) -> None:
-        """Drop the oldest paths where all of them cost too much with this new one."""
+        """Drop the oldest paths if all of them cost too much with this new one."""
         self.kept.append(path)
         self.kept_cost += _PATH_COST + path.count
         while self.kept_cost > _MOST_KEPT and len(self.kept) > 1:
@@ -196,7 +196,7 @@ class Tree:
     def chain(self, history: History) -> list[History]:
         """The frame and those above it now, up to its root.
 
-        Raises LoopException where that is more than all frames, which no insert should bring about.
+        Raises LoopException if that is more than all frames, which no insert should bring about.
         """
         above = [history]
         parent = history.parent
@@ -230,7 +230,7 @@ class Tree:
 
     def loop_above(self, frame: str, stamp_ns: int, sampling: Sampling) -> list[str]:
         """The frames of the loop at which the way up from a known frame ends at that time, the
-        first one that it meets first; [] where it ends at no loop.
+        first one that it meets first; [] if it ends at no loop.
         """
         end = self.walk_end(frame, stamp_ns, sampling)
         names = [end.name]
@@ -271,7 +271,7 @@ class Tree:
     # Looking around
 
     def info(self, frame: str) -> FrameInfo | None:
-        """What the tree knows of one frame; None for an unknown one."""
+        """The entry of one frame; None for an unknown one."""
         history = self.frames.get(frame)
         if history is None:
             return None
@@ -279,7 +279,7 @@ class Tree:
         return describe(history, children)
 
     def infos(self) -> list[FrameInfo]:
-        """What the tree knows of every frame, sorted by name."""
+        """The entries of all frames, sorted by name."""
         children: dict[str, list[str]] = {frame: [] for frame in self.frames}
         for frame in sorted(self.frames):
             history = self.frames[frame]
@@ -313,7 +313,7 @@ class Tree:
         static: bool,
         authority: str,
     ) -> bool:
-        """Store one sample; False where it is too old.
+        """Store one sample; False if it is too old.
 
         Raises InvalidArgumentException and LoopException; then nothing has changed.
         """
@@ -447,7 +447,7 @@ class Tree:
             self.touched.append(history)
 
     def _refuse_loop(self, parent: History, child: History, authority: str) -> None:
-        """Raise LoopException where the child is above this parent now, unless one of the edges
+        """Raise LoopException if the child is above this parent now, unless one of the edges
         between the two yields.
         """
         if child.children == 0:
@@ -474,7 +474,7 @@ class Tree:
 
     def _yielding(self, closing: list[History]) -> History | None:
         """The edge that yields to a new one: one without samples, or whose publisher is gone or has
-        begun a new epoch. None where all of them hold.
+        begun a new epoch. None if all of them hold.
         """
         for history in closing:
             if history.count() == 0:
@@ -510,7 +510,7 @@ class Tree:
             history.forget_after(stamp_ns)
 
     def sent_by(self, authority: str, frames: Iterable[str]) -> dict[str, int]:
-        """Those of the frames that an authority sent last, and how many samples of each are held,
+        """The frames that an authority sent last, and how many samples of each are held,
         of a static one 0.
         """
         sent = self.senders.get(authority, {})
@@ -583,8 +583,8 @@ def _parent_at(history: History, stamp_ns: int, sampling: Sampling) -> History |
 
 
 def _stamp_on(path: Path, stamp_ns: int | None) -> int:
-    """The stamp, or with None the latest common one, 0 where all is static; NO_DATA without one,
-    or where it has more than 64 bits.
+    """The stamp, or with None the latest common one, 0 if all is static; NO_DATA without one,
+    or if it has more than 64 bits.
     """
     if stamp_ns is not None:
         return packed.int64(stamp_ns)
@@ -600,7 +600,7 @@ def _slot(target_frame: str, source_frame: str) -> int:
 
 
 def describe(history: History, children: list[str]) -> FrameInfo:
-    """What the tree knows of a frame."""
+    """The tree's entry of a frame."""
     span = history.stamp_span()
     count = history.count()
     rate_hz = None

@@ -22,7 +22,7 @@ _FIRST_PURGE = 64
 class Waiter:
     """A lookup that waits: `wake` is called from the thread that inserts, and returns at once.
 
-    `past_of` is the authority whose past it waits for, None where it waits for something else.
+    `past_of` is the authority whose past it waits for, None if it waits for something else.
     """
 
     __slots__ = ("gone", "past_of", "wake")

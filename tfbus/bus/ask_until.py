@@ -38,7 +38,7 @@ class AskUntil:
     `ask(turn, on_end)` asks the question of a turn, the first being 0; `on_end` may be called on
     any thread. `is_settled()` is called before each question and at the end of each, also of one
     that counted as lost. `on_unanswered(turn)` is called once a question that settled nothing, and
-    `on_over()` once. All but the first question and `close()` run on the executor's thread, where
+    `on_over()` once. All but the first question and `close()` run on the executor's thread, and
     `what` names them in the log.
     """
 

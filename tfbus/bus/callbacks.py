@@ -1,8 +1,8 @@
-"""What Zenoh calls: our callbacks, their exceptions logged, on threads whose state Python keeps.
+"""Callbacks for Zenoh: our callbacks, their exceptions logged, on threads whose state Python keeps.
 
 Python makes a thread state when a foreign thread calls in, and throws it away when the call ends.
 That takes several times as long as all the rest: of a message received from Zenoh 11.1 us of CPU,
-against 2.7 us where the state is kept.
+against 2.7 us if the state is kept.
 """
 
 import ctypes
@@ -117,13 +117,13 @@ class Callbacks:
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
 
     def strays(self, expression: str) -> "StrayKeys | None":
-        """What a key has to be within, on a closed bus; None on an open one."""
+        """The key expression that keys have to be within, on a closed bus; None on an open one."""
         return StrayKeys(expression, self._once) if self._is_closed else None
 
     def _dropper(
         self, key: str, on_too_large: Callable[[], object] = lambda: None
     ) -> Callable[[zenoh.Sample, int], None]:
-        """What counts and names the samples of one subscription that are too large."""
+        """Counts and names the samples of one subscription that are too large."""
         kind = kind_of(key)
         first = object()
 
@@ -141,7 +141,7 @@ class Callbacks:
         return drop
 
     def mistake_in_answer(self, key: str, size: int) -> str:
-        """Why an answer of this size to a query of `key` is not read, "" where it is; the first of
+        """Why an answer of this size to a query of `key` is not read, "" if it is; the first of
         a kind is logged, and `too_large` counts them by kind.
         """
         kind = kind_of_query(key)
@@ -153,7 +153,7 @@ class Callbacks:
 
     def of_signed_samples(self, key: str, callback: Callable[[str, bytes, str], None]) -> Any:
         """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
-        the sample is from, "" where it does not say. Retained samples do.
+        the sample is from, "" if it does not say. Retained samples do.
         """
         most = self._limits.of(kind_of(key))
         drop = self._dropper(key)

@@ -34,9 +34,9 @@ def why_unreachable(endpoint: str) -> str:
 
 
 def speaks_tls(endpoint: str) -> bool | None:
-    """Whether an endpoint encrypts, as those of a closed bus do; None where it does not answer.
+    """Whether an endpoint encrypts, as those of a closed bus do; None if it does not answer.
 
-    For one that gives no link: it takes up to 2 s where that does not encrypt.
+    For one that gives no link: it takes up to 2 s if that does not encrypt.
     """
     import ssl  # slow to import, and most processes do not need it
 

@@ -66,7 +66,7 @@ def is_lost() -> bool:
 
 
 def check() -> None:
-    """Raise BusError where this process is a fork of one in which Zenoh had run."""
+    """Raise BusError if this process is a fork of one in which Zenoh had run."""
     if _zenoh.is_lost:
         raise BusError(f"this process is a fork of one that had joined the bus, and {_REMEDY}")
 

@@ -1,4 +1,4 @@
-"""What a session has declared: publishers, and watches of who is at the other end."""
+"""Declarations of a session: publishers, and watches of who is at the other end."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -129,7 +129,7 @@ class BytesPublisher(Declaration):
     def put(self, payload: bytes) -> None:
         """Send one payload.
 
-        Raises BusError where the session is closed, or the payload larger than readers take.
+        Raises BusError if the session is closed, or the payload larger than readers take.
         """
         if len(payload) > self._most:
             mistake = self._limits.mistake_in(kind_of(self._key), len(payload))

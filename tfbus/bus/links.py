@@ -4,7 +4,7 @@ A process that has lost another may connect again before that one has noticed. Z
 new link to what the other still has, and tells the first nothing of what it had declared: the two
 stay half linked for good (eclipse-zenoh/zenoh#2806).
 
-Where the last link is lost before the new one comes, Zenoh ends the connection by itself, once it
+If the last link is lost before the new one comes, Zenoh ends the connection by itself, once it
 has closed the lost link. If the new one were ended before that, it would end twice, the second time
 with the next connection: that one would look alive from then on, and carry nothing.
 """
@@ -23,7 +23,7 @@ _SAME_LOSS_S = 5.0
 
 
 class Link(NamedTuple):
-    """One link, by its two endpoints."""
+    """A link, by its two endpoints."""
 
     src: str
     dst: str
@@ -47,7 +47,7 @@ class _Connection(Struct, frozen=False):
 
 
 class Changes(NamedTuple):
-    """What has changed: the last endpoints of those that were lost, by their ids, the links that
+    """A change of links: the last endpoints of those that were lost, by their ids, the links that
     are new, those that were lost, and those of processes that are half linked.
     """
 
@@ -58,7 +58,7 @@ class Changes(NamedTuple):
 
 
 class Links:
-    """Who a session is linked to. Events come on any thread, all else on one."""
+    """The peers that a session is linked to. Events come on any thread, all else on one."""
 
     def __init__(self) -> None:
         self._events: deque[_Event] = deque()

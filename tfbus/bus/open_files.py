@@ -10,9 +10,9 @@ _FEW = 8
 
 
 class OpenFilesWatch:
-    """Warns once where this process comes to its limit of open files.
+    """Warns once if this process comes to its limit of open files.
 
-    Zenoh says nothing where it cannot open another link: the processes beyond are never seen.
+    Zenoh says nothing if it cannot open another link: the processes beyond are never seen.
     """
 
     def __init__(self, log: logging.Logger) -> None:

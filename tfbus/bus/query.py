@@ -20,10 +20,10 @@ _MOST_OF_A_REFUSAL = 1000
 
 
 class Answer(NamedTuple):
-    """One answer to a query: its key and payload, or a refusal with its text.
+    """An answer to a query: its key and payload, or a refusal with its text.
 
-    `refusal` is "" where the answer has not come in time, None where it is no refusal. `sender` is
-    the id of the session that answered, as Zenoh names it; "" where it does not.
+    `refusal` is "" if the answer has not come in time, None if it is no refusal. `sender` is
+    the id of the session that answered, as Zenoh names it; "" if it does not.
     """
 
     key: str
@@ -35,7 +35,7 @@ class Answer(NamedTuple):
 def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answer:
     """The answer in a reply of Zenoh's.
 
-    A refusal, of which a terminal can show all, where `mistake_in_size` says why a payload of this
+    A refusal, of which a terminal can show all, if `mistake_in_size` says why a payload of this
     size is not read.
     """
     if reply.ok is not None:
@@ -68,22 +68,22 @@ class Query:
 
     @property
     def payload(self) -> bytes:
-        """What the query brings; b"" for nothing."""
+        """The payload of the query; b"" for none."""
         return self._query.payload.to_bytes() if self._query.payload is not None else b""
 
     def check_size(self) -> None:
-        """Raise BusError where it brings more than the limit of its kind; nothing of it is read."""
+        """Raise BusError if it brings more than the limit of its kind; nothing of it is read."""
         if self._query.payload is not None:
             self._check(size_of(self._query.payload), "the query was dropped unread")
 
     def parameter(self, name: str) -> str | None:
-        """The value of this name in the selector `key?name=value`; None where it has none."""
+        """The value of this name in the selector `key?name=value`; None if it has none."""
         return self._query.parameters.get(name)
 
     def answer(self, key: str, payload: bytes) -> None:
         """Send one answer; `key` lies within the key expression of the query.
 
-        Raises BusError where it is larger than the asker takes.
+        Raises BusError if it is larger than the asker takes.
         """
         self._check(len(payload), "the answer cannot be sent")
         with bus_errors(f"answer the query for {self.key}"):

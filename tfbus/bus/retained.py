@@ -54,7 +54,7 @@ class RetainedPublisher:
         self._token = session.liveliness().declare_token(token)
 
     def undeclare(self) -> None:
-        """End it; where another thread sends by it just then, as soon as that is done."""
+        """End it; if another thread sends by it just then, as soon as that is done."""
         with suppress(zenoh.ZError):  # it has ended the first time
             self._token.undeclare()
         self.put, self._publisher = _refuse, None
@@ -68,8 +68,8 @@ class RetainedSubscriber:
     """A subscriber of Zenoh's, until `undeclare` or the end of its session.
 
     Of one with a callback alone Zenoh's own `undeclare` leaves the subscriptions to heartbeats and
-    to late publishers, 4 kB. One that also has an object to keep, here this one, ends with all of
-    them when Python lets go of it.
+    to late publishers, 4 kB. A handle that also has an object to keep, here this one, ends with all
+    of them when Python lets go of it.
     """
 
     def __init__(self, session: zenoh.Session, key: str, handler: Any, **options: Any):
@@ -92,7 +92,7 @@ class RetainedSubscriber:
 def declare_retained_publisher(
     session: Session, key: str, *, urgent: bool = True
 ) -> BytesPublisher:
-    """A publisher whose last message also reaches late joiners, and is sent again where lost.
+    """A publisher whose last message also reaches late joiners, and is sent again if lost.
 
     Transforms and what describes them are `urgent`, and have the priority of dynamic transforms: at
     that of topics a put waited 0.2 s when a camera filled the link.
@@ -131,7 +131,7 @@ def declare_signed_subscriber(
     session: Session, key: str, callback: Callable[[str, bytes, str], None]
 ) -> Declaration:
     """As `declare_retained_subscriber`; `callback(key, payload, sender)` also gets the id of the
-    session that the message is from, "" where it does not say.
+    session that the message is from, "" if it does not say.
     """
     return _subscriber(session, key, session.callbacks.of_signed_samples(key, callback))
 

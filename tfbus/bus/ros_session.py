@@ -51,7 +51,7 @@ _HOW_TO_START = (
 
 
 def sender_of(sample: zenoh.Sample) -> str:
-    """The id of the session that a message is from, "" where it does not say."""
+    """The id of the session that a message is from, "" if it does not say."""
     if (source := sample.source_info) is not None:
         return str(source.source_id.zid)
     # ROS's sessions put their own clocks' times on what they send.
@@ -59,7 +59,7 @@ def sender_of(sample: zenoh.Sample) -> str:
 
 
 class _Part(Protocol):
-    """What a session declares, now or as soon as it opens."""
+    """A declaration of a session, now or as soon as it opens."""
 
     def declare(self, session: zenoh.Session) -> None: ...
 
@@ -73,7 +73,7 @@ class RosSession:
     """A session in ROS's Zenoh network, until `close()`.
 
     It opens in the background, and tries until a router answers; what is declared before that is
-    declared then. Where the router is gone, Zenoh finds it again when it is back.
+    declared then. If the router is gone, Zenoh finds it again when it is back.
     """
 
     def __init__(self, endpoints: Sequence[str], log: logging.Logger) -> None:
@@ -114,7 +114,7 @@ class RosSession:
 
     @property
     def trouble(self) -> str:
-        """Why it has no link, in a sentence; "" where it has one, or has just begun to try."""
+        """Why it has no link, in a sentence; "" if it has one, or has just begun to try."""
         if self.is_linked:
             return ""
         if not self._why and time.monotonic() >= self._started_s + _SILENT_AFTER_S:
@@ -247,7 +247,7 @@ class RosSession:
 
     def watch_tokens(self, key: str, callback: OnToken) -> _Part:
         """Call `callback(key, alive)` for each token within the key expression, also those of this
-        session, and at each change: where the router is gone, so are they.
+        session, and at each change: if the router is gone, so are they.
         """
         watch = _TokenWatch(key, self._on_token(key, callback))
         self._declare(watch)
@@ -374,7 +374,7 @@ class Publication:
         return self._watch is not None and self._watch.heard
 
     def put(self, payload: bytes, attachment: bytes) -> None:
-        """Send one message. Raises BusError where it is closed."""
+        """Send one message. Raises BusError if it is closed."""
         with self._lock:
             if self._ended:
                 raise BusError(f"could not publish {self._key}: it is closed")
@@ -400,7 +400,7 @@ class Publication:
 
 
 class _Held:
-    """What a session has declared; it ends once, also where the session never opened."""
+    """A declaration of a session; it ends once, also if the session never opened."""
 
     def __init__(self, key: str) -> None:
         self.key = key

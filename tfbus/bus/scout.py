@@ -25,7 +25,7 @@ def scout(
     what: str = "peer|router",
 ) -> Hellos:
     """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
-    of one. Raises BusError where this host cannot ask.
+    of one. Raises BusError if this host cannot ask.
     """
     forks.begin()
     configure_zenoh_threads()

@@ -55,9 +55,9 @@ _LONGEST_QUERY_S = 1e9
 
 
 class Session:
-    """One process's place on the bus, until `close()` or the end of its `with`.
+    """A process's place on the bus, until `close()` or the end of its `with`.
 
-    All callbacks come on threads of Zenoh's. What they raise is logged, the first of each.
+    All callbacks come on threads of Zenoh's. Their exceptions are logged, the first of each.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Session:
 
         A client waits for its router for at most `patience_s` seconds. A peer opens alone after
         `scouting_s` seconds without others (None: as configured). The second session of a process
-        has an id of its own, and listens on other ports. Raises BusError where it cannot join the
+        has an id of its own, and listens on other ports. Raises BusError if it cannot join the
         bus, as in a fork of a process that had joined it.
         """
         forks.begin()
@@ -180,7 +180,7 @@ class Session:
     def close(self) -> None:
         """Leave the bus, within 10 s: every declaration of this session ends. Twice is fine.
 
-        Where Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
+        If Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
         returns before that is done. In a forked child it does nothing.
         """
         if not self._closed and not forks.is_lost():
@@ -321,7 +321,7 @@ class Session:
     ) -> Declaration:
         """Call `callback(query)` for each query on `key`; it closes the query after its answers.
 
-        Where answers may be `long`, more than fits into a link, the callback runs on a thread of
+        If answers may be `long`, more than fits into a link, the callback runs on a thread of
         its own: if two processes sent such answers to each other on Zenoh's threads, each would
         wait for the other. At most 4 run and 64 wait; further queries are refused, and those
         larger than the limit of their kind.
@@ -363,9 +363,9 @@ class Session:
         answers_at: str = "",
     ) -> Iterator[Answer]:
         """Query all that serve `key` and iterate over their answers as they come, until all have
-        closed the query or `timeout_s` has passed. Nothing where no process serves it.
+        closed the query or `timeout_s` has passed. Nothing if no process serves it.
 
-        The keys of answers are within `answers_at` where that is not `key` itself.
+        The keys of answers are within `answers_at` if that is not `key` itself.
         """
         # Zenoh's own channel for replies blocks when it is full, even before it can be read.
         answers: scheduler.SimpleQueue[Answer | None] = scheduler.SimpleQueue()
@@ -552,7 +552,7 @@ def _through(settings: NodeSettings) -> str:
 
 def _why_no_link(settings: NodeSettings) -> str:
     """Why an endpoint that answers gives no link: its bus is closed and ours open, or the reverse,
-    or of another authority; "" where none answers.
+    or of another authority; "" if none answers.
     """
     is_closed = settings.closed is not None
     for endpoint in settings.connect:

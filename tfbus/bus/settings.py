@@ -121,7 +121,7 @@ class NodeSettings(Struct):
     def named_by_default(self, name: str) -> "NodeSettings":
         """These settings for a node whose name the user did not choose.
 
-        On a closed bus where the identity may not run a node of this name, it begins with that of
+        On a closed bus if the identity may not run a node of this name, it begins with that of
         the identity: `laptop_echo_5d205229`.
         """
         if self.closed is not None and not self.closed.identity.allows("nodes", name):
@@ -130,7 +130,7 @@ class NodeSettings(Struct):
         return self.renamed(name)
 
     def _namespace_within(self) -> str:
-        """The namespace, which is the identity's own where none is given."""
+        """The namespace, which is the identity's own if none is given."""
         assert self.closed is not None
         identity = self.closed.identity
         if not self.namespace:
@@ -145,7 +145,7 @@ class NodeSettings(Struct):
     def check_right(self, right: str, name: str) -> None:
         """Check a right of a node with these settings for a name as the node uses it.
 
-        `right` is one of those of an Identity. Raises RightsError where the bus is closed and its
+        `right` is one of those of an Identity. Raises RightsError if the bus is closed and its
         identity has not got it.
         """
         if self.closed is None:

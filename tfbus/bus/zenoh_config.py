@@ -60,7 +60,7 @@ def zenoh_config(
 
     A session opens without others after `scouting_s` seconds of scouting (None: as configured). The
     second one of a process has another id, and listens as the first does, on ports that are free.
-    Raises SettingsError where the file is not a configuration.
+    Raises SettingsError if the file is not a configuration.
     """
     config = _config_of(settings.config)
     named = _named_in_file(settings.config)
@@ -127,7 +127,7 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
 
 def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
-    """What makes every link encrypted, and lets in only what the rights allow."""
+    """The settings that make every link encrypted, and lets in only what the rights allow."""
     from tfbus.secure.access_control import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
@@ -229,7 +229,7 @@ def _is_of_loopback(endpoint: str) -> bool:
 
 
 def _named_in_file(path: str) -> Any:
-    """What the file itself sets: in Zenoh's configuration it looks like the defaults."""
+    """The keys that the file itself sets: in Zenoh's configuration it looks like the defaults."""
     if not path:
         return {}
     text = Path(path).read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
 """How many threads Zenoh receives with.
 
 Zenoh's default is two for all links. Closing the link to a host that no longer answers blocks a
-thread for 10 s (eclipse-zenoh/zenoh#1101, #2718): where two links of such a host end, nothing is
+thread for 10 s (eclipse-zenoh/zenoh#1101, #2718): if two links of such a host end, nothing is
 received from any other. A thread that waits takes 20 kB and no CPU.
 """
 

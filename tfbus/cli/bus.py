@@ -36,12 +36,12 @@ def look(session: "Session", on_unreadable: Callable[[DecodeError], object] = wa
 
 
 def is_running(what: str) -> str:
-    """What to ask where nothing was found that a broadcaster, or another node, would send."""
+    """The question if nothing was found that a broadcaster, or another node, would send."""
     return f"is a {what} running, on this network?"
 
 
 def look_once(session: "Session") -> Graph:
-    """What `look` gives, for a command that shows it or fails: where there is nothing, it warns of
+    """The answer of `look`, for a command that shows it or fails: if it is empty, it warns of
     a bus here that the session gets no link to.
     """
     graph = look(session)

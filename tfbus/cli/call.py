@@ -90,13 +90,13 @@ def command(
 
 @dataclass(frozen=True)
 class TypedRequest:
-    """What was typed in: the name of a type, "" where it is omitted, and the fields."""
+    """The typed arguments: the name of a type, "" if it is omitted, and the fields."""
 
     type_name: str
     values: dict[str, Any]
 
     def payload(self, session: Session, service: str) -> bytes:
-        """The bytes of the request. Raises click.UsageError where the service has another type."""
+        """The bytes of the request. Raises click.UsageError if the service has another type."""
         type_ = find_call(self.type_name) if ":" in self.type_name else None
         if self.type_name:
             _check_type(session, service, type_.__qualname__ if type_ else self.type_name)
@@ -134,7 +134,7 @@ def _check_type(session: Session, service: str, type_name: str) -> None:
 
 
 def _payload(session: Session, service: str, values: dict[str, Any], type_: type | None) -> bytes:
-    """The bytes of a request, complete where its type is known: given, or in `tfbus.messages`.
+    """The bytes of a request, complete if its type is known: given, or in `tfbus.messages`.
 
     Raises click.UsageError for values that are no request of that type.
     """
@@ -152,7 +152,7 @@ def follow(
     """The answers as they come; an early end cancels the accepted action.
 
     Raises ServiceError if the service refuses, does not exist, or sends nothing for `timeout_s`,
-    RightsError where this identity may not call it on a closed bus.
+    RightsError if this identity may not call it on a closed bus.
     """
     session.settings.check_right("calls", service)
     accepted = []

@@ -104,7 +104,7 @@ def add(name: str, role: str, days: float, place: Path, **given: Any) -> None:
     """Make the identity NAME: a private key, a certificate, and its rights.
 
     All options but --role, --namespace and --days can be repeated. Patterns have * for any letters
-    of a name, and ** for any parts: arm/*. What is not given is that of the role.
+    of a name, and ** for any parts: arm/*. Rights that are not given are those of the role.
     """
     values: dict[str, Any] = {
         key: value or None if key in RIGHTS else value for key, value in given.items()

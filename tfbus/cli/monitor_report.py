@@ -110,7 +110,7 @@ def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: ran
 
 
 def _disorder(counts: Iterable[int]) -> tuple[str, ...]:
-    """The heading of that column; in 80 columns there is room for it where it is needed only."""
+    """The heading of that column; in 80 columns there is room for it if it is needed only."""
     return ("disordered",) if any(counts) else ()
 
 
@@ -126,7 +126,7 @@ def _clock_lines(report: Report) -> list[str]:
 
 
 def _ahead_lines(report: Report) -> list[str]:
-    """What to do about frames whose stamps are in the future."""
+    """The remedy for frames whose stamps are in the future."""
     shown = {frame.name for frame in report.edges()}
     problems = [
         _wrapped(problem.text)

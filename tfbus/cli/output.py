@@ -1,7 +1,7 @@
 """The output of all tools: plain in a pipe; coloured, and no wider than it, in a terminal.
 
 `paint` is for a word, `table` for rows, `yaml_text` for values, `say` and `warn` for what goes to
-stderr. click removes colours where stdout is not a terminal, `NO_COLOR` (https://no-color.org)
+stderr. click removes colours if stdout is not a terminal, `NO_COLOR` (https://no-color.org)
 everywhere.
 """
 
@@ -75,7 +75,7 @@ def print_json(value: object) -> None:
 
 
 def as_json(value: object) -> str:
-    """One line of JSON; bytes in hexadecimal digits."""
+    """A line of JSON; bytes in hexadecimal digits."""
     return json.dumps(value, default=lambda it: it.hex() if isinstance(it, bytes) else str(it))
 
 

@@ -1,4 +1,4 @@
-"""What the tools share that look into a recording."""
+"""Shared by the tools that look into a recording."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What every command line shares: options, argument types, completion.
+"""Shared by all command lines: options, argument types, completion.
 
 `__all__` lists what nodes use of it, in addition to the names of `tfbus`; each is imported when
 first used.

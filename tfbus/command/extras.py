@@ -24,7 +24,7 @@ _MODULES = {
 def install_command(extra: str) -> str:
     """The command line that installs the requirements of an extra: `pip install 'textual>=3'`.
 
-    It names these, not tfbus: that works for a clone, an editable install and a wheel alike. Where
+    It names these, not tfbus: that works for a clone, an editable install and a wheel alike. If
     `pip` on PATH is not that of this Python, it begins with this Python.
     """
     requirements = " ".join(f"'{each}'" for each in _requirements(extra))

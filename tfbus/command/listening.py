@@ -1,4 +1,4 @@
-"""Where a server for browsers listens, on a command line, and who gets in."""
+"""The address and the access of a server for browsers, on a command line."""
 
 import functools
 import os
@@ -25,7 +25,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 
 @dataclass(frozen=True)
 class Public:
-    """What others need to get in: a token, over encrypted connections."""
+    """The key for others to get in: a token, over encrypted connections."""
 
     token: "Token"
     tls: "ServerTls"
@@ -33,7 +33,7 @@ class Public:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What who starts it should know of both."""
+        """The notes on both for its user."""
         if self.token.is_new:
             return (self.tls.note,)
         return (self.tls.note, f"It asks for the token of {self.origin}")
@@ -55,7 +55,7 @@ class Listening:
         """The token and the certificate; None without --public.
 
         The certificate is that of the options, or of the identity, or a new one. Raises
-        SettingsError where these cannot be used.
+        SettingsError if these cannot be used.
         """
         if not self.is_public:
             return None

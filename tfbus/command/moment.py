@@ -35,7 +35,7 @@ class Moment:
     """A time in nanoseconds: since the Unix epoch, or since now if `is_relative`.
 
     Of a recording, one with `has_plus` counts from the beginning, another relative one from the
-    end. One that is absolute and `is_number` was written without a sign, and not as a date.
+    end. A moment that is absolute and `is_number` was written without a sign, and not as a date.
     """
 
     ns: int

@@ -12,7 +12,7 @@ class NodeOption(click.Option):
     """An option that other commands have too."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """What the help says of it; None where it leaves it out."""
+        """Its line in the help; None if it leaves it out."""
         return super().get_help_record(ctx) if _shows_all(ctx) else None
 
 
@@ -20,7 +20,7 @@ class HelpAll(click.Option):
     """The option `--help-all`, in the help of a command that leaves options out."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """What the help says of it; None where nothing is left out."""
+        """Its line in the help; None if nothing is left out."""
         return None if _shows_all(ctx) else super().get_help_record(ctx)
 
 
@@ -47,7 +47,7 @@ def help_all_option(function: Any) -> Any:
 
 
 def _shows_all(ctx: click.Context) -> bool:
-    """Whether all options are shown: where asked for, and where there are no others."""
+    """Whether all options are shown: if asked for, and where there are no others."""
     own = (
         param
         for param in ctx.command.params

@@ -191,7 +191,7 @@ def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
 
 
 def _with_parameter_files(settings: NodeSettings, files: Iterable[str]) -> NodeSettings:
-    """The settings with the parameters of the files, where none is given on the command line."""
+    """The settings with the parameters of the files, if none is given on the command line."""
     values: dict[str, Any] = {}
     for file in files:
         from tfbus.command.parameter_files import parameters_from_file  # YAML

@@ -17,7 +17,7 @@ def parameters_from_file(path: Path, node: str) -> dict[str, Any]:
 
     A file without names of nodes is for any node. In names, `*` is any one part and `**` any
     number of them. A parameter within a map is named with a dot: `arm.speed`. Raises YamlFileError
-    where it is not YAML, SettingsError where it has nothing for this node.
+    if it is not YAML, SettingsError if it has nothing for this node.
     """
     from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
 

@@ -12,7 +12,7 @@ from tfbus.wire.keys import relative_name
 
 
 def names_in(paths: Iterable[Path], namespace: str) -> LiveNames:
-    """The names in the recording in these files; none where it cannot be read."""
+    """The names in the recording in these files; none if it cannot be read."""
     try:
         from tfbus.recording.reader import RecordingReader
         from tfbus.recording.topics import topics_of

@@ -61,7 +61,7 @@ class BagChoice:
 
     @contextmanager
     def opened(self) -> "Iterator[OpenBag]":
-        """The recording, open. Raises TfbusError where it cannot be read."""
+        """The recording, open. Raises TfbusError if it cannot be read."""
         with open_recording(*self.paths) as reader:
             yield OpenBag(reader, self)
 
@@ -75,13 +75,13 @@ class OpenBag:
 
     @property
     def at_ns(self) -> int:
-        """The moment, by default the end. Raises click.UsageError where it is outside."""
+        """The moment, by default the end. Raises click.UsageError if it is outside."""
         if self.choice.at is None:
             return self.reader.end_ns
         return self.moment(self.choice.at)
 
     def moment(self, moment: Moment, option: str = "--at") -> int:
-        """A moment. Raises click.UsageError where it is outside of the recording."""
+        """A moment. Raises click.UsageError if it is outside of the recording."""
         start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
         at_ns = moment.within(start_ns, end_ns)
         if start_ns <= at_ns <= end_ns:
@@ -98,7 +98,7 @@ class OpenBag:
 
     @property
     def span(self) -> tuple[int, int]:
-        """From when to when, by default all. Raises click.UsageError where nothing is in it."""
+        """From when to when, by default all. Raises click.UsageError if nothing is in it."""
         start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
         begin, end = self.choice.begin, self.choice.end
         from_ns, to_ns = start_ns, end_ns
@@ -192,7 +192,7 @@ def bag_choice(
 def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[RecordingReader]":
     """The recording in these files or folders.
 
-    Raises TfbusError where it cannot be read. On stderr it is said where it is cut short and,
+    Raises TfbusError if it cannot be read. On stderr it is said where it is cut short and,
     unless the tool says it itself, what of it cannot be read.
     """
     met = _Damage()

@@ -122,7 +122,9 @@ def _check_assignment(arg: str, before: str, has_arguments: bool, takes_assignme
 
 
 def _form(name: str, value: str) -> str:
-    """What ROS's `name:=value` is in tfbus's words; ROS 1 has `_` before a private parameter."""
+    """The meaning of ROS's `name:=value` is in tfbus's words; ROS 1 has `_` before a private
+    parameter.
+    """
     if name == "__ns":
         return f"--namespace {value.strip('/')}"
     if name in ("__node", "__name"):

@@ -85,7 +85,7 @@ class FrameName(_BusName):
 
 
 def frame_mistake(name: str) -> str:
-    """What is wrong with a frame's name, and what to write instead; "" for a valid name."""
+    """The mistake in a frame's name, and what to write instead; "" for a valid name."""
     mistake = mistake_in(name)
     return f"a frame's name {mistake}" if mistake else ""
 
@@ -168,7 +168,7 @@ class ParameterName(_BusName):
 
 
 class Number(click.ParamType[float]):
-    """A finite number from `least`, or above it where `more_than_least`, to `most`.
+    """A finite number from `least`, or above it if `more_than_least`, to `most`.
 
     `zero` says what to write in place of a 0.
     """
@@ -261,7 +261,7 @@ class Size(click.ParamType[int]):
 
 
 class LogLevel(click.Choice[str]):
-    """One of LOG_LEVELS, also by the name that ROS gives it: `warn`."""
+    """A level of LOG_LEVELS, also by the name that ROS gives it: `warn`."""
 
     def __init__(self) -> None:
         super().__init__(LOG_LEVELS)

@@ -1,13 +1,13 @@
 # cython: boundscheck=False, wraparound=False
 """Lookups of many stamps along one path, edge by edge, in about the order of their times.
 
-Compiled where there is a C compiler (`batch_lookup.pxd` has the C types). Nothing here locks: the
+Compiled if there is a C compiler (`batch_lookup.pxd` has the C types). Nothing here locks: the
 buffer holds its lock around every call of `fill`.
 
-A block of rows takes each edge in turn. What all times between two samples share is computed once
-while the stamps stay between them, and the processor works at several rows at a time, since none
-waits for another. So rows are put into the order of their times first; a few out of order cost
-little, and the order may be rough. How rough depends on how evenly the times are spread.
+A block of rows takes each edge in turn. The common part of all times between two samples is
+computed once while the stamps stay between them, and the processor works at several rows at a time,
+since none waits for another. So rows are put into the order of their times first; a few out of
+order cost little, and the order may be rough. How rough depends on how evenly the times are spread.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Block:
     """Some rows while their poses are composed; compiled, a struct of C.
 
     `stamps_ns` are their times, and `row` their rows in the answer. x y z qx qy qz qw is the pose
-    so far, and with `step_` before it the pose of the next edge. `known` is 0 where there is none.
+    so far, and with `step_` before it the pose of the next edge. `known` is 0 if there is none.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ def fill(
     screw: bool,
 ) -> None:
     """Write the poses at the stamps of rows [start, stop) into `xyz` (three numbers a row) and
-    `quat` (four): those of `path.follow`, and NaN where it has none; there `known` is 0. With
+    `quat` (four): those of `path.follow`, and NaN if it has none; there `known` is 0. With
     `rows` from `by_time`, row `rows[i]` is the i-th of [start, stop).
     """
     if cython.compiled:  # noqa: SIM108  # in C the two are of different types
@@ -271,7 +271,7 @@ def _write(
 
 
 def by_time(stamps: NDArray[np.int64]) -> NDArray[np.int32]:
-    """The rows of the stamps (N,) in about the order of these; empty where they are in order, or
+    """The rows of the stamps (N,) in about the order of these; empty if they are in order, or
     too few to gain by it.
     """
     count = len(stamps)

@@ -1,4 +1,4 @@
-"""Stands in for `import cython` where the kernel is interpreted and Cython is not installed."""
+"""Stands in for `import cython` if the kernel is interpreted and Cython is not installed."""
 
 from collections.abc import Callable
 from contextlib import nullcontext

@@ -129,7 +129,7 @@ def normalised(a: Pose) -> Pose:
 
 
 def off_unit(pose: Pose) -> float:
-    """How far the quaternion's squared norm is off one; NaN where a number is not finite."""
+    """How far the quaternion's squared norm is off one; NaN if a number is not finite."""
     x, y, z, qx, qy, qz, qw = pose
     total = x + y + z
     square = qx * qx + qy * qy + qz * qz + qw * qw
@@ -264,7 +264,7 @@ _NO_POSES = array("d")
 
 
 class Samples:
-    """What a lookup reads of one edge; compiled, a struct of C.
+    """The data of one edge that a lookup reads; compiled, a struct of C.
 
     `stamps` and `poses` (seven numbers a sample) are rings of `capacity` slots: nothing moves when
     old samples expire at the head and new ones arrive at the tail. The sorted samples have the
@@ -320,7 +320,7 @@ def slot(samples: Samples, at: int) -> int:
 
 def locate(samples: Samples, stamp_ns: int) -> float:
     """Set the cursor to the last sample that is not later than a time; the ratio, 0 to 1, of the
-    way to the next one, or OUTSIDE where there are no samples on both sides.
+    way to the next one, or OUTSIDE if there are no samples on both sides.
     """
     if samples.is_static:
         return 0.0
@@ -342,7 +342,7 @@ def locate(samples: Samples, stamp_ns: int) -> float:
 
 def locate_as(samples: Samples, other: Samples, ratio: float, stamp_ns: int) -> float:
     """As `locate`, for an edge that is not static; `ratio` is what that has said of another edge at
-    this time, and holds for this one where both have the same stamps around it.
+    this time, and holds for this one if both have the same stamps around it.
     """
     if ratio >= 0.0:
         if stamp_ns < samples.before or stamp_ns >= samples.after:
@@ -468,7 +468,7 @@ def sample(samples: Samples, place: int) -> Pose:
 def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
     """Store a sample that is newer than all others, and expire old ones.
 
-    False, and nothing stored, where it is not newer, or where `History.insert` has more to do.
+    False, and nothing stored, if it is not newer, or if `History.insert` has more to do.
     """
     # The `newest` of a static edge is later than any stamp.
     if stamp_ns <= samples.newest or samples.mixed:
@@ -513,7 +513,7 @@ def append_rows(
 
 
 def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:
-    """Add a sample where there is room, and expire old ones."""
+    """Add a sample if there is room, and expire old ones."""
     write(samples, slot(samples, samples.tail), stamp_ns, pose)
     samples.tail += 1
     samples.newest = stamp_ns
@@ -564,7 +564,7 @@ class History:
     it may be the parent of earlier samples.
 
     `interruptions` has, by the stamp of the last sample before it, why nothing is known of the time
-    until the next sample; None where there is none.
+    until the next sample; None if there is none.
 
     `gone` is whether its publisher is gone, `ended` whether it is a static pose from a former epoch
     of its publisher, which the present one has not repeated so far. `crowded_out` counts samples
@@ -573,7 +573,8 @@ class History:
     Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
 
     Compiled, Python's collector does not know a frame that was never looked up: it would stop the
-    process for 0.35 s where 200,000 new ones come. What it does not know is in no cycle: see
+    process for 0.35 s where 200,000 new ones come. An object that it does not know is in no cycle:
+    see
     `track`.
     """
 
@@ -625,7 +626,7 @@ class History:
         return bool(self.samples.is_static)
 
     def seek(self, stamp_ns: int) -> bool:
-        """Set the cursor to a time; False where there are no samples on both sides of it, or they
+        """Set the cursor to a time; False if there are no samples on both sides of it, or they
         were interrupted between these.
         """
         self.ratio = locate(self.samples, stamp_ns)
@@ -638,7 +639,7 @@ class History:
         return self.ratio >= 0.0
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
-        """Set the cursor to the nearest sample; False where it is not within the tolerance."""
+        """Set the cursor to the nearest sample; False if it is not within the tolerance."""
         samples = self.samples
         if samples.is_static:
             return True
@@ -662,7 +663,7 @@ class History:
 
     def seek_beyond(self, stamp_ns: int, extrapolation_ns: int, max_gap_ns: int) -> bool:
         """Set the cursor to a time at most `extrapolation_ns` outside of the samples; False also
-        where the two samples that it is computed from are more than `max_gap_ns` apart.
+        if the two samples that it is computed from are more than `max_gap_ns` apart.
         """
         self.beyond = 0
         if self.seek(stamp_ns):
@@ -695,7 +696,7 @@ class History:
         return pose_at(self.samples, self.ratio)
 
     def parent_here(self) -> "History | None":
-        """The parent at the cursor; None where it has been removed."""
+        """The parent at the cursor; None if it has been removed."""
         if self.samples.is_static or self.parents is None:
             return self.parent
         above = self.parents[self.samples.here]
@@ -725,7 +726,7 @@ class History:
         return self.samples.stamps[slot(self.samples, at)]
 
     def _parent_of(self, at: int) -> "History | None":
-        """The parent of the sample of a place; None where it has been removed."""
+        """The parent of the sample of a place; None if it has been removed."""
         above = self.parent if self.parents is None else self.parents[slot(self.samples, at)]
         return None if above is None or above.removed else above
 
@@ -748,7 +749,7 @@ class History:
 
     def around(self, stamp_ns: int) -> tuple[int, int] | None:
         """The stamps of the two samples that a time is computed from: those on both sides of it, or
-        the first two or the last two; None where there is a sample of that time, or only one.
+        the first two or the last two; None if there is a sample of that time, or only one.
         """
         samples = self.samples
         if samples.is_static or samples.tail - samples.head < 2:
@@ -762,7 +763,7 @@ class History:
         return samples.before, samples.after
 
     def interruption(self, stamp_ns: int) -> str:
-        """Why nothing is known of a time between two samples; "" where there is no reason."""
+        """Why nothing is known of a time between two samples; "" if there is no reason."""
         if self.interruptions is None or locate(self.samples, stamp_ns) <= 0.0:
             return ""
         return self.interruptions.get(self.samples.before, "")
@@ -859,7 +860,7 @@ class History:
 
     def append(self, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
         """Store a sample of the same parent that is newer than all others; False, and nothing
-        stored, where it is not, or where `insert` has more to do.
+        stored, if it is not, or if `insert` has more to do.
         """
         return append(self.samples, stamp_ns, pose, cache_ns)
 
@@ -956,7 +957,7 @@ class History:
     def forget_after(self, stamp_ns: int) -> None:
         """Remove the samples later than a time; a static pose stays.
 
-        All samples where the parent has changed: a former parent may be below this frame by now.
+        All samples if the parent has changed: a former parent may be below this frame by now.
         """
         tail = self.samples.tail
         while tail > self.samples.head and self._stamp(tail - 1) > stamp_ns:
@@ -1130,7 +1131,7 @@ class History:
 
 
 def _name_of(parent: "History | None") -> str | None:
-    """The name of a sample's parent; None where it has been removed."""
+    """The name of a sample's parent; None if it has been removed."""
     return None if parent is None or parent.removed else parent.name
 
 
@@ -1201,7 +1202,7 @@ class Path:
         return mixed
 
     def latest(self) -> int:
-        """The newest stamp for which all edges have data; ALL_STATIC; or NO_DATA where an edge is
+        """The newest stamp for which all edges have data; ALL_STATIC; or NO_DATA if an edge is
         empty. From a frame to itself it is the frame's own newest, as in tf2.
         """
         if self.count == 0:
@@ -1215,8 +1216,8 @@ class Path:
         return latest
 
     def follow(self, stamp_ns: int, screw: bool) -> bool:
-        """Set `pose` to that of the source in the target at a time; False where an edge has no data
-        then, or where the path may have been another one, as an edge has had several parents, or
+        """Set `pose` to that of the source in the target at a time; False if an edge has no data
+        then, or if the path may have been another one, as an edge has had several parents, or
         none, as one was interrupted.
         """
         if cython.compiled:
@@ -1256,7 +1257,7 @@ class Path:
 
     def follow_as(self, stamp_ns: int, sampling: Sampling) -> int:
         """As `follow`, with a sampling: the farthest extrapolation of an edge in nanoseconds; -1
-        where `follow` would answer False.
+        if `follow` would answer False.
         """
         beyond = 0
         for history in self.edges():
@@ -1278,7 +1279,7 @@ def _chain_pose(histories: list[History], screw: bool) -> Pose:
 
 
 def seek_as(history: History, stamp_ns: int, sampling: Sampling) -> bool:
-    """Set the cursor of an edge to a time, as the sampling allows; False where it does not."""
+    """Set the cursor of an edge to a time, as the sampling allows; False if it does not."""
     if sampling.interpolation == "nearest":
         return history.seek_nearest(stamp_ns, round(sampling.tolerance_s * 1e9))
     max_gap_ns = ALL_STATIC if sampling.max_gap_s is None else round(sampling.max_gap_s * 1e9)

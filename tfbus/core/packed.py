@@ -4,7 +4,7 @@ Numbers are in the byte order of the machine unless their name says more.
 
 Each function is there twice: this file is for the interpreted kernel, and `packed.pxd` is the same
 in C. Compiled modules inline functions of other modules from a .pxd only; so each becomes one load
-of the processor, where a call would pass a pose of 56 bytes for each row of a batch.
+of the processor; a call would pass a pose of 56 bytes for each row of a batch.
 """
 
 from array import array
@@ -44,7 +44,7 @@ def pose_at(data: bytes, at: int) -> Pose:
 
 
 def int64(number: int) -> int:
-    """The number as a signed integer of 64 bits; the least of these where it is none."""
+    """The number as a signed integer of 64 bits; the least of these if it is none."""
     return number if -(2**63) <= number < 2**63 else -(2**63)
 
 
@@ -53,17 +53,17 @@ def fetch_pose(poses: Sequence[float], at: int) -> None:
 
 
 def edge_bytes(parent: int, child: int) -> bytes:
-    """What `edge_at` reads."""
+    """The edge that `edge_at` reads."""
     return pack("=2I", parent, child)
 
 
 def stamp_bytes(stamp_ns: int) -> bytes:
-    """What `stamp_at` reads."""
+    """The stamp that `stamp_at` reads."""
     return pack("=q", stamp_ns)
 
 
 def pose_bytes(pose: Pose) -> bytes:
-    """What `pose_at` reads."""
+    """The pose that `pose_at` reads."""
     return pack("=7d", *pose)
 
 
@@ -85,5 +85,5 @@ def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:
 
 
 def text_at(data: bytes, at: int, size: int) -> str:
-    """A text in UTF-8. Raises UnicodeDecodeError where it is not."""
+    """A text in UTF-8. Raises UnicodeDecodeError if it is not."""
     return data[at : at + size].decode()

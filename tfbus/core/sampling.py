@@ -15,7 +15,7 @@ class Sampling(Struct):
 
     - "linear": translation on a straight line, rotation by slerp, each by itself;
     - "screw": along the screw between two samples, which does not depend on a frame's origin;
-    - "nearest": the nearest sample unchanged, where it is within `tolerance_s` of the time.
+    - "nearest": the nearest sample unchanged, if it is within `tolerance_s` of the time.
 
     `max_gap_s` is how far apart two samples may be that the times between them are computed from:
     across a longer gap there is no answer, but at the samples themselves. None is any distance.

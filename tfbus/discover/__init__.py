@@ -1,1 +1,1 @@
-"""Who is there: nodes, topics, services, namespaces."""
+"""The members of a bus: nodes, topics, services, namespaces."""

@@ -17,7 +17,7 @@ TRANSFORMS_TYPE = "TransformMessage"
 
 @dataclass(frozen=True, order=True)
 class Endpoint:
-    """One end of a topic, service or action: the full name of the node, and its type there."""
+    """An end of a topic, service or action: the full name of the node, and its type there."""
 
     node: str
     type: str
@@ -40,7 +40,7 @@ class TopicInfo:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types at its ends, sorted: one where they agree."""
+        """The types at its ends, sorted: one if they agree."""
         return _types(self.publishers, self.subscribers or ())
 
     @property
@@ -59,7 +59,7 @@ class ServiceInfo:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types at its ends, sorted: one where they agree."""
+        """The types at its ends, sorted: one if they agree."""
         return _types(self.servers, self.clients)
 
 

@@ -12,8 +12,8 @@ _WITHIN_S = 1.5
 
 
 def bus_out_of_reach(session: Session) -> str:
-    """Which endpoint to connect to does not answer; or where processes are that the session has no
-    link to, since their bus is closed or its own is, and how to join them; "" for neither, or where
+    """Which endpoint to connect to does not answer; or if processes are that the session has no
+    link to, since their bus is closed or its own is, and how to join them; "" for neither, or if
     scouting does not show them.
 
     For those who have found nothing: it takes up to 1.5 s, or 2 s for each endpoint.
@@ -50,7 +50,7 @@ def bus_out_of_reach(session: Session) -> str:
 
 
 def _what(endpoints: tuple[str, ...], is_closed: bool) -> str:
-    """What to say of a process at these endpoints, to one on a closed bus or an open one; "" where
+    """The words for a process at these endpoints, to one on a closed bus or an open one; "" if
     the two could have a link.
     """
     if not endpoints:

@@ -1,6 +1,6 @@
 """Reads and sets parameters of nodes.
 
-Where several nodes share a name the first that answers counts, and `warn(text)` is called.
+If several nodes share a name the first that answers counts, and `warn(text)` is called.
 """
 
 from collections.abc import Callable
@@ -31,14 +31,14 @@ def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
 
 
 def parameter_of(session: Session, node: str, name: str, warn: Warn) -> ParameterDescription:
-    """One parameter of the node. Raises an error if there is no such parameter or node."""
+    """A parameter of the node. Raises an error if there is no such parameter or node."""
     return _one(session, node, _ask(session, node, name), warn)
 
 
 def set_parameter(
     session: Session, node: str, name: str, value: object, warn: Warn
 ) -> ParameterDescription:
-    """Set a parameter and return it. Raises ParameterError if the node refuses, RightsError where
+    """Set a parameter and return it. Raises ParameterError if the node refuses, RightsError if
     this identity may not set it on a closed bus.
     """
     full_name = full_name_of(session, node)

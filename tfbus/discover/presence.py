@@ -33,10 +33,10 @@ def list_nodes(session: Session) -> list[str]:
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
-    """The descriptions of the nodes of a full name: several where nodes share the name.
+    """The descriptions of the nodes of a full name: several if nodes share the name.
 
-    Raises BusError with the nearest name where there is none, or where none answers in time;
-    DecodeError where a description is unreadable.
+    Raises BusError with the nearest name if there is none, or if none answers in time; DecodeError
+    if a description is unreadable.
     """
     key = key_beside(name, node_key, session.settings.namespace)
     answers = [*session.ask(key, timeout_s=PATIENCE_S)]

@@ -28,7 +28,7 @@ class RosTypes:
         self._known: dict[tuple[str, str], MessageCodec | str | None] = {}
 
     def codec(self, node: str, type_name: str) -> MessageCodec | None:
-        """The codec of a type that a node publishes; None where it is no type of ROS, or its
+        """The codec of a type that a node publishes; None if it is no type of ROS, or its
         definition is not known. Asks the node of this full name once for all that it publishes.
         """
         if not is_message_type(type_name):

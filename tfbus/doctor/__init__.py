@@ -1,1 +1,1 @@
-"""What is wrong with a bus: checks that each find one kind of trouble."""
+"""Checks of a bus: checks that each find one kind of trouble."""

@@ -19,7 +19,7 @@ class Host:
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, where it did. `scouts` are other processes of this host that take part in
+    compiler failed, if it did. `scouts` are other processes of this host that take part in
     scouting, by their pids. `name` is what its nodes say is their host.
     """
 

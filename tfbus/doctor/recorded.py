@@ -25,7 +25,7 @@ _NO_HOST = Host({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
 
 @dataclass(frozen=True)
 class PassingProblem:
-    """A problem, and from when to when it was there (log times); `until_ns` is None where it was
+    """A problem, and from when to when it was there (log times); `until_ns` is None if it was
     still there at the end.
     """
 

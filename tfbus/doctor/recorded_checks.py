@@ -78,7 +78,7 @@ def _is_gone(passing: PassingProblem) -> bool:
 
 
 def _on_gone(seen: RecordedExamination, gone: PassingProblem) -> str:
-    """What to do, by what is known: the messages of a node that was not restarted come on in the
+    """The remedy, by what is known: the messages of a node that was not restarted come on in the
     same epoch.
     """
     if gone.until_ns is None:

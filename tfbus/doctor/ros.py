@@ -58,7 +58,7 @@ class RosWatch:
             self._rtps.close()
 
     def around(self, session: Session) -> RosAround:
-        """What was seen so far; `session` is that of the bus."""
+        """The findings so far; `session` is that of the bus."""
         for thread in self._threads:
             thread.join(_LATER_S)
         on_bus = [] if self._settings.closed else _tokens_of(session)
@@ -122,7 +122,7 @@ def _tokens_of(session: Session) -> list[str]:
 
 
 def _domain() -> int:
-    """The domain of ROS 2 that its programs would use here; -1 where they would fail."""
+    """The domain of ROS 2 that its programs would use here; -1 if they would fail."""
     try:
         return domain_of()
     except SettingsError:
@@ -130,7 +130,7 @@ def _domain() -> int:
 
 
 def nodes_of_master(uri: str) -> int | None:
-    """The number of nodes that a master of ROS 1 knows; None where it does not answer."""
+    """The number of nodes that a master of ROS 1 knows; None if it does not answer."""
     try:
         state = Ros1Master(uri, "/tfbus_doctor", _ANSWER_WITHIN_S).state()
     except OSError:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Participant:
-    """One of DDS, about one a process: its id, the name of its DDS, and whether it is of ROS 2."""
+    """A participant of DDS, about one a process: its id, the name of its DDS, and whether it is of
+    ROS 2.
+    """
 
     id: bytes
     vendor: str
@@ -18,11 +20,11 @@ class RosAround:
     """The ROS that is seen from this host.
 
     `nodes` are the full names of the nodes that rmw_zenoh has, by domain; `at` is the endpoint
-    through which they are seen, "" where it is rmw_zenoh's usual one. `bridges` is the number of
+    through which they are seen, "" if it is rmw_zenoh's usual one. `bridges` is the number of
     zenoh-bridge-ros2dds. `participants` are those of DDS in `domain`, of which `listened_s` seconds
-    were heard; `is_dds_here` is whether one is on this host. `domain` is -1 where ROS_DOMAIN_ID is
+    were heard; `is_dds_here` is whether one is on this host. `domain` is -1 if ROS_DOMAIN_ID is
     none. `distro` is the ROS that is sourced. `master_nodes` is the number of nodes of ROS 1 at
-    `master`, None where that does not answer.
+    `master`, None if that does not answer.
     """
 
     nodes: Mapping[int, frozenset[str]] = field(default_factory=dict)

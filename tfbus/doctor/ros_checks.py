@@ -1,4 +1,4 @@
-"""What ROS is around, by which middleware, and what brings its frames."""
+"""The ROS that is around, by which middleware, and the bridge for its frames."""
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, ok
@@ -15,7 +15,7 @@ _BRIDGE_TYPE = "RosBridge"
 
 
 def check_ros(seen: Examination) -> Finding:
-    """What ROS is there, and how its frames come to tfbus."""
+    """The ROS that is there, and how its frames come to tfbus."""
     sentences = [*_rmw_zenoh(seen), *_ros2dds(seen), *_dds(seen), *_sourced(seen), *_ros1(seen)]
     return ok(*(sentences or [_nothing(seen)]))
 

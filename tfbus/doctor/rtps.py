@@ -41,7 +41,7 @@ _WAIT_S = 0.1
 
 
 def participant_of(packet: bytes) -> Participant | None:
-    """The participant that announces itself in a packet; None where it is no announcement."""
+    """The participant that announces itself in a packet; None if it is no announcement."""
     if len(packet) < _HEADER_SIZE or packet[:4] != _MAGIC or _ANNOUNCER not in packet:
         return None
     vendor = _VENDORS.get(packet[_VENDOR], "DDS")
@@ -51,7 +51,8 @@ def participant_of(packet: bytes) -> Participant | None:
 class RtpsWatch:
     """Hears the participants of a domain from now on, until `close()`; needs no privileges.
 
-    Some announce themselves every 3 s, others every 30 s. Those of this host have taken the port:
+    Some announce themselves every 3 s, others every 30 s. Processes of this host have taken the
+    port:
     `is_port_taken`.
     """
 
@@ -71,11 +72,11 @@ class RtpsWatch:
 
     @property
     def listened_s(self) -> float:
-        """How long it has listened so far; 0 where it cannot."""
+        """How long it has listened so far; 0 if it cannot."""
         return time.monotonic() - self._began_s if self._thread else 0.0
 
     def participants(self) -> tuple[Participant, ...]:
-        """Those heard so far."""
+        """The participants heard so far."""
         return tuple(self._found.copy().values())
 
     def close(self) -> None:

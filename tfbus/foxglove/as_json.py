@@ -13,7 +13,7 @@ from tfbus.wire.codec import as_map, type_name
 def json_of(values: Mapping[Any, Any]) -> bytes:
     """A message as JSON. Bytes become base64, numbers that are not finite null.
 
-    Raises ValueError where it is nested too deeply.
+    Raises ValueError if it is nested too deeply.
     """
     try:
         return json.dumps(_plain(values), allow_nan=False).encode()
@@ -38,9 +38,9 @@ def _key(key: Any) -> str:
 
 
 def values_of(payload: bytes, message_type: type | None) -> dict[str, Any]:
-    """A message that came as JSON; base64 becomes bytes where the type has bytes.
+    """A message that came as JSON; base64 becomes bytes if the type has bytes.
 
-    Raises ValueError where it is no JSON object.
+    Raises ValueError if it is no JSON object.
     """
     try:
         values = json.loads(payload) if payload else {}

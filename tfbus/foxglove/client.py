@@ -65,7 +65,7 @@ class Requests:
         """A client no longer subscribes, or is gone."""
 
     def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
-        """These parameters; all where no name is given."""
+        """These parameters; all if no name is given."""
         return []
 
     def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
@@ -85,11 +85,11 @@ class Requests:
         """A client publishes."""
 
     def control(self, request: PlaybackControl) -> PlaybackState | None:
-        """A client plays, pauses, seeks, or changes the speed; None where the answer follows."""
+        """A client plays, pauses, seeks, or changes the speed; None if the answer follows."""
         return None
 
     def asset(self, uri: str) -> bytes:
-        """A client asks for a file. Raises TfbusError where it cannot have it. It may wait."""
+        """A client asks for a file. Raises TfbusError if it cannot have it. It may wait."""
         raise TfbusError("there are no files")
 
 

@@ -87,7 +87,7 @@ class Connection:
             self._wake_up()
 
     def send(self, message: bytes) -> None:
-        """Send a message; it is left out where the client falls behind."""
+        """Send a message; it is left out if the client falls behind."""
         with self._lock:
             self._sent.append((next(self._order), message))
             self._sent_bytes += len(message)
@@ -135,8 +135,8 @@ class Connection:
         return some > 0
 
     def _next(self) -> str | bytes | None:
-        """Take the next message: one that must not be left out, where none of before has to come
-        first; None where there is none.
+        """Take the next message: one that must not be left out, if none of before has to come
+        first; None if there is none.
         """
         with self._lock:
             if self._told and not (self._sent and self._sent[0][0] < self._told[0][0]):

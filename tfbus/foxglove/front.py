@@ -41,7 +41,7 @@ _FOXGLOVE = "foxglove.dev"
 
 
 def refusal(origin: str | None, allowed: Collection[str]) -> str:
-    """Why a page of this origin is refused, in a sentence; "" where it is not, or no page."""
+    """Why a page of this origin is refused, in a sentence; "" if it is not, or no page."""
     if origin is None or origin in allowed:
         return ""
     parts = _parts(origin.lower())
@@ -60,7 +60,7 @@ def refusal(origin: str | None, allowed: Collection[str]) -> str:
 class Front:
     """Listens at an address, and lets a server serve the clients that may connect, until `close()`.
 
-    Where the port is taken it is the first free one after it. Raises TfbusError where it cannot
+    If the port is taken it is the first free one after it. Raises TfbusError if it cannot
     listen. `on_refused(reason)` is called for each client that is refused.
     """
 
@@ -87,7 +87,7 @@ class Front:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where clients connect: `ws://localhost:8765`; those of other machines by this machine's
+        """The address for clients: `ws://localhost:8765`; those of other machines by this machine's
         name or address, with a token that was made for this run.
         """
         names = names_to_open if self._tls is None else names_to_open_elsewhere
@@ -100,7 +100,7 @@ class Front:
         )
 
     def announcement(self) -> str:
-        """Where to open it, in a line."""
+        """The address to open, in a line."""
         if self._token is not None:
             # No link: it would carry the token to Foxglove's site.
             more = "" if self._token.is_new else "/?token=…"
@@ -109,7 +109,7 @@ class Front:
         return f"Foxglove: open {url} or connect to {' or '.join(self.addresses)}"
 
     def warnings(self) -> list[str]:
-        """What who started it should know of the address."""
+        """The notes on the address for its user."""
         if self._wanted_port in (0, self.port):
             return []
         return [f"port {self._wanted_port} of {self._host} is taken: using {self.port}"]
@@ -198,7 +198,7 @@ class Front:
             self.clients -= 1
 
     def _answer(self, head: bytes, address: str) -> bytes:
-        """What a client gets that is not passed on; b"" for one that is."""
+        """The answer to a client that is not passed on; b"" for one that is."""
         if not head:
             return _response("408 Request Timeout", f"no request within {_PATIENCE_S:g} s")
         headers = _headers(head)
@@ -215,7 +215,7 @@ class Front:
         return b""
 
     def _refused(self, head: bytes, address: str) -> bytes:
-        """What a client gets that has not the token; b"" where it has, or there is none."""
+        """The answer to a client without the token; b"" if it has, or there is none."""
         if self._token is None:
             return b""
         target = head.split(b"\r\n", 1)[0].decode("latin-1").split(" ")[1:2]
@@ -296,7 +296,7 @@ def _bound(host: str, port: int) -> list[socket.socket]:
 
 
 def _parts(url: str) -> SplitResult:
-    """The parts of a URL; all empty where it is malformed."""
+    """The parts of a URL; all empty if it is malformed."""
     try:
         return urlsplit(url)
     except ValueError:

@@ -45,8 +45,8 @@ class LiveBridge(Requests):
     """Serves Foxglove what a node sees, until `close()`.
 
     Without a fleet that is the node's namespace, with one also those below. Clients may drive on
-    the topics `teleop`. Those of a `read_only` bridge can neither drive nor set parameters nor call
-    services. Raises TfbusError where it cannot listen.
+    the topics `teleop`. Clients of a `read_only` bridge can neither drive nor set parameters nor
+    call services. Raises TfbusError if it cannot listen.
 
     Robots that are described on the bus are shown, or with a `robot` that one alone; their meshes
     are also looked for in `package_path`.
@@ -133,7 +133,7 @@ class LiveBridge(Requests):
         return self._robots.asset(uri)
 
     def _shown(self, topic: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What clients get of a description, as this node calls the frames of its namespace."""
+        """The description for clients, as this node calls the frames of its namespace."""
         origin = relative_name(topic, self._node.namespace).rpartition("/")[0]
         names = self._fleet.names(origin) if self._fleet is not None else None
         return self._robots.shown(values, names, origin)

@@ -24,7 +24,7 @@ class NodeParameters:
     """The parameters of nodes by names like `/sim.background_r`, as of the last `update`.
 
     `set_one(node, name, value)` sets one and returns it; it may take a moment, and raises
-    TfbusError where it cannot. `publish(parameters)` gets those that changed, `say(text)` why one
+    TfbusError if it cannot. `publish(parameters)` gets those that changed, `say(text)` why one
     is not set.
     """
 
@@ -56,7 +56,7 @@ class NodeParameters:
             self._publish([*(_shown(name, known[name][1]) for name in changed), *gone])
 
     def get(self, names: Sequence[str]) -> list[Parameter]:
-        """These parameters; all where no name is given. Unknown ones are left out."""
+        """These parameters; all if no name is given. Unknown ones are left out."""
         known = self._present()
         return [
             _shown(name, known[name][1])
@@ -95,7 +95,7 @@ class NodeParameters:
         return answer
 
     def _set(self, given: Parameter) -> Parameter | None:
-        """Set one; returns it as it is then, None where it is not known."""
+        """Set one; returns it as it is then, None if it is not known."""
         name = given.name
         if name not in self._present():
             self._say(f"there is no parameter {printable(name)}")
@@ -112,7 +112,7 @@ class NodeParameters:
         return _shown(name, described)
 
     def _publish_late(self, answer: "Future[Parameter | None]") -> None:
-        """What is returned in time, the server publishes itself."""
+        """Parameters returned in time the server publishes itself."""
         if (found := answer.result()) is not None:
             self._publish([found])
 
@@ -122,7 +122,7 @@ class NodeParameters:
 
 
 def _typed(value: Any, described: ParameterDescription) -> Any:
-    """The value, as an integer where it is a whole number and the parameter is one."""
+    """The value, as an integer if it is a whole number and the parameter is one."""
     whole = isinstance(value, float) and value.is_integer() and described.type == "integer"
     return int(value) if whole else value
 

@@ -59,7 +59,7 @@ class PlaybackBridge(Requests):
     Robots that were described are shown, or with a `robot` that one alone. Their meshes are those
     on this machine, also in `package_path`.
 
-    Raises TfbusError where it cannot listen, or the files are no recording.
+    Raises TfbusError if it cannot listen, or the files are no recording.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class PlaybackBridge(Requests):
     def run(self) -> None:
         """Play as clients ask for, until Ctrl-C or SIGTERM, in the main thread.
 
-        Raises DecodeError where a file is damaged.
+        Raises DecodeError if a file is damaged.
         """
         player = threading.Thread(target=self._play, name="foxglove player", daemon=True)
         signals = StopSignals()

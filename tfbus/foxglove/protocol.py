@@ -167,7 +167,7 @@ def published(data: bytes) -> tuple[int, bytes]:
 
 
 def number(value: Any) -> int:
-    """An id of a message. Raises TypeError where it is none, ValueError where it has no 32 bits."""
+    """An id of a message. Raises TypeError if it is none, ValueError if it has no 32 bits."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise TypeError("an id must be an integer")
     if not 0 <= value <= _LARGEST_ID:
@@ -176,17 +176,17 @@ def number(value: Any) -> int:
 
 
 def numbers(values: Any) -> list[int]:
-    """Ids of a message. Raises as `number` where they are none."""
+    """Ids of a message. Raises as `number` if they are none."""
     return [number(each) for each in _list(values)]
 
 
 def texts(values: Any) -> list[str]:
-    """Names of a message. Raises TypeError where they are none."""
+    """Names of a message. Raises TypeError if they are none."""
     return [_text(each) for each in _list(values)]
 
 
 def request_id(given: Mapping[str, Any]) -> str | None:
-    """The id of a request, None where it has none. Raises TypeError where it is no text."""
+    """The id of a request, None if it has none. Raises TypeError if it is no text."""
     value = given.get("id")
     return None if value is None else _text(value)
 
@@ -201,7 +201,7 @@ def text(op: str, **fields: Any) -> str:
 
 
 def parameter_values(parameters: Sequence[Parameter], request_id: str | None = None) -> str:
-    """Parameters, as the answer to a request where it has an id."""
+    """Parameters, as the answer to a request if it has an id."""
     return text("parameterValues", parameters=[each.as_map() for each in parameters], id=request_id)
 
 

@@ -70,7 +70,7 @@ class ShownRobots:
     def shown(
         self, values: Mapping[str, Any], names: FrameNames | None = None, origin: str = ""
     ) -> Mapping[str, Any]:
-        """The values of a RobotDescription as clients need them; the same where it is none.
+        """The values of a RobotDescription as clients need them; the same if it is none.
 
         `names` are those of the frames of its namespace `origin`.
         """
@@ -214,7 +214,7 @@ def _path(origin: str, robot: str, mesh: str) -> str:
 
 def _files_beside(path: str, known: Sequence[_Known]) -> Iterable[tuple[str, str, Path | None]]:
     """The files at a path beside meshes: where their robots are, their names, and their paths; None
-    where the mesh is not on this machine either.
+    if the mesh is not on this machine either.
     """
     found: dict[tuple[str, str], Path | None] = {}
     for each in known:

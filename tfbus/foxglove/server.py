@@ -57,7 +57,7 @@ class Service:
     """A service: its name, and the schemas, in JSON, of what it takes and returns.
 
     `call(request)` gets and returns JSON. It runs on a thread of its own, and raises TfbusError or
-    ValueError where it fails.
+    ValueError if it fails.
     """
 
     name: str
@@ -219,7 +219,7 @@ class Server:
             self._tell_all(text("unadvertise", channelIds=[channel.id]))
 
     def subscribe(self, client: Client, subscription: int, channel_id: int) -> str:
-        """Let a client subscribe; returns why it cannot, "" where it does."""
+        """Let a client subscribe; returns why it cannot, "" if it does."""
         with self._lock:
             channel = self._channels.get(channel_id)
             if channel is None:

@@ -1,4 +1,4 @@
-"""Where Foxglove's clients connect, and which may."""
+"""The address for Foxglove's clients, and which may connect."""
 
 from dataclasses import dataclass
 

@@ -28,7 +28,7 @@ _CDR = {0: struct.Struct(">4x6d"), 1: struct.Struct("<4x6d")}
 class Teleop:
     """Publishes what clients send on these topics; safe from any thread.
 
-    With one topic, messages go there whatever name the panel gives its own. Where a client that
+    With one topic, messages go there whatever name the panel gives its own. If a client that
     drives is gone, the last thing that is sent is to stand still.
     """
 
@@ -42,7 +42,7 @@ class Teleop:
         self._moving: set[tuple[int, int]] = set()
 
     def begin(self, client_id: int, channel: ClientChannel) -> str:
-        """A client is going to send; returns why that is of no use, "" where it is."""
+        """A client is going to send; returns why that is of no use, "" if it is."""
         if channel.schema_name not in _TWISTS or channel.encoding not in ("json", "cdr"):
             return (
                 f"{printable(channel.topic)} takes geometry_msgs/Twist as json or cdr, not "

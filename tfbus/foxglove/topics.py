@@ -1,4 +1,4 @@
-"""Topics as channels: CDR as recordings have it, JSON where a ROS message cannot express them."""
+"""Topics as channels: CDR as recordings have it, JSON if a ROS message cannot express them."""
 
 import threading
 import time
@@ -49,7 +49,7 @@ def is_description(topic: str, type_name: str) -> bool:
 class TopicChannel:
     """A topic as a channel, whose schema is that of its messages. Not thread-safe.
 
-    Where the type is one of tfbus.messages, or one of ROS's with this `codec`, the channel is there
+    If the type is one of tfbus.messages, or one of ROS's with this `codec`, the channel is there
     at once, otherwise from the first message on.
     """
 
@@ -76,7 +76,7 @@ class TopicChannel:
             self._open(codec.definition)
 
     def send(self, values: Mapping[str, Any], log_ns: int) -> None:
-        """Send a message. Raises ValueError where neither CDR nor JSON can express it."""
+        """Send a message. Raises ValueError if neither CDR nor JSON can express it."""
         message = self._in_cdr(values)
         if message is None and (self.channel is None or self._definition is not None):
             self._open(None)
@@ -89,7 +89,7 @@ class TopicChannel:
             self.channel.close()
 
     def _in_cdr(self, values: Mapping[str, Any]) -> bytes | None:
-        """The message in the schema of the channel, which becomes that of the message; None where
+        """The message in the schema of the channel, which becomes that of the message; None if
         only JSON shows its fields.
         """
         if self._changes > _MOST_CHANGES or (self.channel is not None and not self._definition):
@@ -121,7 +121,7 @@ class TopicChannel:
 
 class _LiveTopic:
     """A topic of the bus; it is subscribed to while a client watches its channel, or until its
-    first message, where that has to show the schema.
+    first message, if that has to show the schema.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class LiveTopics:
 
 
 def _type_of(info: TopicInfo) -> str:
-    """The type that its publishers say; of its subscribers where there is none."""
+    """The type that its publishers say; of its subscribers if there is none."""
     types = sorted({end.type for end in info.publishers or info.subscribers or ()} - {""})
     return types[0] if types else ""
 

@@ -40,7 +40,7 @@ class TransformChannels:
             self.send(present(buffer, static=static), static=static, log_ns=log_ns)
 
     def send(self, rows: Columns, *, static: bool, log_ns: int | None = None) -> None:
-        """Send transforms, where a client subscribes."""
+        """Send transforms, if a client subscribes."""
         channel = self._static if static else self._dynamic
         if not rows.count or not channel.is_watched:
             return

@@ -1,6 +1,6 @@
 """Many transforms as columns of bytes, as a message carries them and the buffer stores them.
 
-Compiled where there is a C compiler (`columns.pxd` has the C types).
+Compiled if there is a C compiler (`columns.pxd` has the C types).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Rotations as quaternions x y z w, matrices and Euler angles: of one, and beside it of many rows.
 
-Compiled where there is a C compiler, without C types of its own.
+Compiled if there is a C compiler, without C types of its own.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PARALLEL_WITHIN = 1e-9
 def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
     """The quaternion, normalised.
 
-    Raises InvalidArgumentException where its squared norm is not within 0.01 of one.
+    Raises InvalidArgumentException if its squared norm is not within 0.01 of one.
     """
     square = x * x + y * y + z * z + w * w
     if abs(square - 1.0) >= QUATERNION_TOLERANCE:

@@ -203,7 +203,7 @@ class Transform:
         downwards, as optical frames are (both: ROS REP 103). The upper side is as near to `up` (3,)
         as that allows.
 
-        Raises InvalidArgumentException where eye and target are the same point, or `up` is
+        Raises InvalidArgumentException if eye and target are the same point, or `up` is
         parallel to the line between them.
         """
         at = _numbers(eye, 3, "eye")
@@ -331,7 +331,7 @@ class Transform:
     def from_dict(values: Mapping[str, Any]) -> "Transform":
         """From a map with `xyz` and `quat_xyzw`, as `to_dict` returns it; other keys are not read.
 
-        Raises InvalidArgumentException where one of the two is missing.
+        Raises InvalidArgumentException if one of the two is missing.
         """
         xyz, quat_xyzw = take(values, "xyz", "quat_xyzw")
         return Transform(xyz, quat_xyzw)
@@ -544,7 +544,7 @@ class TransformStamped:
 
     def to_dict(self) -> dict[str, Any]:
         """`stamp_ns`, `frame_id`, `child_frame_id`, `xyz` and `quat_xyzw`, for JSON, YAML or
-        msgpack; `extrapolated_ns` only where it is not 0. `from_dict` reads it back.
+        msgpack; `extrapolated_ns` only if it is not 0. `from_dict` reads it back.
 
         The names are those of `tfbus echo --format json`.
         """
@@ -563,7 +563,7 @@ class TransformStamped:
         """From a map as `to_dict` returns it, or a line of `tfbus echo --format json`; other keys
         are not read.
 
-        Raises InvalidArgumentException where a key is missing; without `stamp_ns` the stamp is 0.
+        Raises InvalidArgumentException if a key is missing; without `stamp_ns` the stamp is 0.
         """
         frame_id, child_frame_id = take(values, "frame_id", "child_frame_id")
         return TransformStamped(
@@ -638,7 +638,7 @@ def checked_transform(value: Any, what: str = "other") -> Transform:
 
 
 def stamped_list(transforms: Any) -> list[TransformStamped]:
-    """The transforms as a list. Raises InvalidArgumentException where one is of another type."""
+    """The transforms as a list. Raises InvalidArgumentException if one is of another type."""
     try:
         stamped = list(transforms)
     except TypeError:
@@ -709,7 +709,7 @@ APPLIED_WITH_AT = "a Transform is applied with @: T @ points, T_a_b @ T_b_c"
 
 
 def operand_points(points: Any) -> Floats:
-    """The points of `T @ points`. Raises InvalidArgumentException where that is another array."""
+    """The points of `T @ points`. Raises InvalidArgumentException if that is another array."""
     array = as_floats(points, "points")
     if array.shape != (3,) and (array.ndim != 2 or array.shape[1] != 3):
         raise InvalidArgumentException(
@@ -720,7 +720,7 @@ def operand_points(points: Any) -> Floats:
 
 
 def take(values: Mapping[str, Any], *keys: str) -> list[Any]:
-    """The values of these keys. Raises InvalidArgumentException where one is missing."""
+    """The values of these keys. Raises InvalidArgumentException if one is missing."""
     if not isinstance(values, Mapping):
         raise InvalidArgumentException(
             f"expected a dict with {' and '.join(keys)}, got {_type_of(values)}"
@@ -807,7 +807,7 @@ def _finite(value: Any, what: str) -> float:
 
 
 def _plain_numbers(values: Any, count: int) -> list[float] | None:
-    """The numbers where they are Python's own, as most are: these need no numpy."""
+    """The numbers if they are Python's own, as most are: these need no numpy."""
     if type(values) not in (tuple, list) or len(values) != count:
         return None
     for value in values:

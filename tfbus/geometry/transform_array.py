@@ -56,8 +56,8 @@ class TransformArray(Sequence[Transform]):
     combined with each row of another. `==` compares all numbers exactly. The conventions are those
     of `Transform`.
 
-    One of the two arrays may be a single row, (3,) or (4,), for all rows of the other; both are
-    kept without a copy where they can be. A row of NaN is an unknown transform, as
+    Either array may be a single row, (3,) or (4,), for all rows of the other; both are
+    kept without a copy if they can be. A row of NaN is an unknown transform, as
     `Buffer.lookup_known_transforms` returns it. Raises InvalidArgumentException as `Transform`.
     """
 
@@ -269,7 +269,7 @@ class TransformArray(Sequence[Transform]):
     def __getitem__(self, rows: Any) -> "Transform | TransformArray":
         """Transform i; or those of a slice, of a mask (N,), or of indices.
 
-        Raises IndexError as numpy does, and InvalidArgumentException for transform i where that is
+        Raises IndexError as numpy does, and InvalidArgumentException for transform i if that is
         unknown.
         """
         xyz, quat_xyzw = self._xyz[rows], self._quat_xyzw[rows]
@@ -386,7 +386,7 @@ class TransformArray(Sequence[Transform]):
         return NotImplemented
 
     def __rmatmul__(self, other: Transform) -> "TransformArray":
-        """One transform after each of these."""
+        """A transform after each of these."""
         if isinstance(other, Transform):
             return _as_array(other) @ self
         if isinstance(other, list | tuple | np.ndarray):
@@ -556,7 +556,7 @@ def _paired(a: Floats, b: Floats, what: str, others: str) -> tuple[Floats, Float
 
 
 def _ratios(ratio: ArrayLike, count: int) -> Floats:
-    """One ratio for all rows, or one for each, as a column; many may share one pair."""
+    """The ratio of all rows, or one for each, as a column; many may share one pair."""
     ratios = _finite(ratio, "ratio")
     if ratios.ndim > 1:
         raise InvalidArgumentException(

@@ -57,7 +57,7 @@ class TwistStamped:
     def from_dict(values: Mapping[str, Any]) -> "TwistStamped":
         """From a map as `to_dict` returns it; other keys are not read.
 
-        Raises InvalidArgumentException where a key is missing.
+        Raises InvalidArgumentException if a key is missing.
         """
         return TwistStamped(*take(values, *(field.name for field in fields(TwistStamped))))
 

@@ -1,4 +1,4 @@
-"""What a launch file describes, as frozen values between the reader and the runner."""
+"""The processes of a launch file, as frozen values between the reader and the runner."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +40,7 @@ class Respawn:
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """One process of a launch: a tfbus node (`node`) or any program (`command`), not both.
+    """A process of a launch: a tfbus node (`node`) or any program (`command`), not both.
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
     Python file; `arguments` come last on its command line. Names in `after` are full names of

@@ -1,4 +1,4 @@
-"""What can be wrong with a launch, besides mistakes in its files (YamlFileError)."""
+"""Mistakes of a launch, besides mistakes in its files (YamlFileError)."""
 
 from tfbus.errors import TfbusError
 

@@ -191,7 +191,7 @@ class Ticks:
 
 @dataclass(frozen=True, kw_only=True)
 class SpanReport(Report):
-    """What `tfbus monitor` shows of a span: `tree` is that at its end."""
+    """The report of `tfbus monitor` on a span: `tree` is that at its end."""
 
     span: SpanMeter
 

@@ -1,4 +1,6 @@
-"""What `tfbus monitor` and `tfbus top` show at one moment: edges, streams, and a pair of frames."""
+"""The report of `tfbus monitor` and `tfbus top` show at one moment: edges, streams, and a pair of
+frames.
+"""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -86,7 +88,7 @@ def _held_back_by(heard: Heard, chain: list[str]) -> str | None:
 
 @dataclass(frozen=True)
 class Report:
-    """What the monitor shows at one moment.
+    """The report of the monitor at one moment.
 
     `dropped` counts the messages that the listener dropped because transforms came on too many
     keys.
@@ -110,7 +112,7 @@ class Report:
 
 
 def make_report(heard: Heard, meter: Meter, pair: PairWatch | None) -> Report:
-    """What is measured now."""
+    """The measurements of now."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
     watched = pair.report(heard) if pair else None
     return Report(heard.tree(), flows, meter, watched, heard.dropped)

@@ -42,7 +42,7 @@ GOAL_TIMEOUT_S = 3600.0
 
 @dataclass(frozen=True)
 class GoalResult:
-    """How a goal ended, and the Result of its server; `reason` says why where it was aborted."""
+    """How a goal ended, and the Result of its server; `reason` says why if it was aborted."""
 
     status: GoalStatus
     result: Any
@@ -83,7 +83,7 @@ class GoalHandle:
         self._on_end = on_end
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
-        """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. Where
+        """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. If
         it returns False, the goal goes on. It may be an `async def`.
         """
         check_callback("on_cancel(callback)", callback)
@@ -128,7 +128,7 @@ class GoalHandle:
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:
-        """What its handler raises becomes a refusal."""
+        """An exception of its handler becomes a refusal."""
         try:
             yield
         except ServiceError as error:
@@ -197,7 +197,7 @@ class GoalServer(Endpoint):
                 await self._handler(handle)
 
     def _handle(self, query: Query) -> GoalHandle | None:
-        """The handle of an accepted goal; None where the goal cannot be read."""
+        """The handle of an accepted goal; None if the goal cannot be read."""
         try:
             request = decode_message(self.goal_type.Goal, query.payload, unknown_fields=False)
         except DecodeError as error:
@@ -281,7 +281,7 @@ class SentGoal:
     def result(self, *, timeout_s: float | None = None) -> GoalResult:
         """Wait for the end of the goal, at most `timeout_s` (None: for ever); how it ended.
 
-        Raises ServiceError where it was refused, its server is gone, or it does not end in time.
+        Raises ServiceError if it was refused, its server is gone, or it does not end in time.
         """
         wait_s = seconds_to_wait(timeout_s)
         if not self._ended.wait(wait_s):
@@ -345,7 +345,7 @@ class GoalClient(Caller):
         """Send a Goal; the callbacks run on threads of Zenoh's.
 
         Waits for a server, at most `timeout_s` (None: for ever), but not for the goal. Raises
-        TypeError where the goal is of another type, ServiceError where there is no server in that
+        TypeError if the goal is of another type, ServiceError if there is no server in that
         time.
         """
         check_part(f"action {self.name!r}", self.goal_type.Goal, goal)

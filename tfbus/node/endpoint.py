@@ -1,4 +1,4 @@
-"""What topics, services and actions of a node have in common: a name, a type, an end."""
+"""The common part of topics, services and actions of a node: a name, a type, an end."""
 
 from typing import Protocol
 
@@ -13,11 +13,11 @@ class Closable(Protocol):
 
 
 class Endpoint:
-    """One end of a topic, service or action; it ends with its node, or by `close()` before.
+    """An end of a topic, service or action; it ends with its node, or by `close()` before.
 
-    `type_` is a message class, or its name where the endpoint handles bytes only. `retained` says
+    `type_` is a message class, or its name if the endpoint handles bytes only. `retained` says
     of a publisher whether its last message also reaches subscribers that join later. `definition`
-    is that of the type in ROS, where it has one that others cannot know.
+    is that of the type in ROS, if it has one that others cannot know.
     """
 
     def __init__(

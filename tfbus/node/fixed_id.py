@@ -1,4 +1,4 @@
-"""Zenoh's id where a configuration file sets it: of two processes that share it, one is lost."""
+"""Zenoh's id if a configuration file sets it: of two processes that share it, one is lost."""
 
 import logging
 from contextlib import suppress
@@ -22,10 +22,10 @@ _AGAIN_AFTER_S = 0.1
 
 
 def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: float) -> None:
-    """Raise BusError where a node on the bus has the id that the configuration file sets.
+    """Raise BusError if a node on the bus has the id that the configuration file sets.
 
     A session with an id of its own looks first: one with the same id would take the place of the
-    other, without a word. Where no node answers it looks for 2 s, at most `patience_s`. Where the
+    other, without a word. If no node answers it looks for 2 s, at most `patience_s`. If the
     file sets no id, there is nothing to do.
     """
     taken = id_in_file(settings.config)
@@ -43,7 +43,7 @@ def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: fl
 
 
 def _others(session: Session, within_s: float) -> list[NodeDescription]:
-    """The nodes on the bus, once one of them has answered; empty where none does in time."""
+    """The nodes on the bus, once one of them has answered; empty if none does in time."""
     deadline = scheduler.monotonic() + within_s
     while True:
         answers = session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S)

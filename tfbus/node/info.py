@@ -51,7 +51,7 @@ class NodeInfo:
         return endpoint
 
     def describe(self) -> dict[str, Any]:
-        """Who and where the node is, and what it has now."""
+        """The node's name, host and current endpoints."""
         described: dict[str, list[Any]] = {field: [] for field in FILLED_BY_OTHERS}
         for describe in list(self.describers):
             for field, entries in describe().items():
@@ -78,7 +78,7 @@ class NodeInfo:
         }
 
     def _definitions(self) -> dict[str, str]:
-        """Those of the types that its publishers define, by name."""
+        """The definitions of the types of its publishers, by name."""
         open_ones = [each for each in self._endpoints["publishes"] if not each.closed]
         return {each.type_name: each.definition for each in open_ones if each.definition}
 

@@ -62,8 +62,8 @@ class Lanes:
     def of(self, call: str, group: object, callback: object = None) -> Lane:
         """The lane of a group, None for the node's own; `call` is the call that was given it.
 
-        Raises TypeError where it is no group, or the callback is an `async def`, which has none;
-        ValueError where it is of another node.
+        Raises TypeError if it is no group, or the callback is an `async def`, which has none;
+        ValueError if it is of another node.
         """
         if group is None:
             return Lane(self.own)

@@ -55,9 +55,10 @@ class Node:
     """A named member of the bus, from its construction until `close()` or the end of its `with`.
 
     All callbacks of a node (topics, services, actions, timers, parameters) run one at a time on
-    its own thread, `executor`: they need no locks among them, and there is nothing to spin. One
-    that waits, for a lookup or a service, holds up the others, also those that send what it waits
-    for. So let it be an `async def`, which gives way to the others while it awaits; or give it a
+    its own thread, `executor`: they need no locks among them, and there is nothing to spin. A
+    callback that waits, for a lookup or a service, holds up the others, also those that send what
+    it waits for. So let it be an `async def`, which gives way to the others while it awaits; or
+    give it a
     `callback_group`, whose callbacks run on further threads, at most `callback_threads` at once.
 
     Ctrl-C ends the `spin()` or `wait()` that the main thread is in, and the script goes on;
@@ -71,7 +72,7 @@ class Node:
 
     `settings` says how to join the bus; without it, `name`, `namespace`, `parameters` and the
     environment do (see NodeSettings). A client waits for its router for at most `patience_s`
-    seconds. Raises BusError where it cannot join the bus.
+    seconds. Raises BusError if it cannot join the bus.
     """
 
     def __init__(
@@ -171,7 +172,7 @@ class Node:
     ) -> "Node":
         """The node of a command line, by the options that every process takes.
 
-        `name` counts where the command line has no `--name`; `argv` is `sys.argv[1:]` where it is
+        `name` counts if the command line has no `--name`; `argv` is `sys.argv[1:]` if it is
         None. A mistake in it exits with 2; a bus that it cannot join, or an invalid value of a
         parameter, exits with 1, each with the reason on stderr.
         """
@@ -291,7 +292,7 @@ class Node:
         """Wait until the clock runs, at most `timeout_s` real seconds (None: for ever).
 
         Returns whether it runs: the system's clock always does, a simulated one from its first
-        message on. Returns early where the node is shut down.
+        message on. Returns early if the node is shut down.
         """
         timeout_s = seconds_to_wait(timeout_s)
         if not self.clock.is_running:
@@ -308,7 +309,7 @@ class Node:
     ) -> Publisher[M]:
         """A publisher of messages of this type, a dataclass.
 
-        Where it is `retained`, its last message is kept for as long as the node lives, for
+        If it is `retained`, its last message is kept for as long as the node lives, for
         subscriptions that are `retained` and begin later: what ROS calls transient local.
         """
         check_message_type("create_publisher(message_type, topic)", message_type)
@@ -427,7 +428,7 @@ class Node:
     ) -> "GoalServer":
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later.
 
-        The goal is accepted before that; where the handler `decides`, by `handle.accept()`.
+        The goal is accepted before that; if the handler `decides`, by `handle.accept()`.
 
         It may be an `async def`; one that blocks is to be in a ReentrantCallbackGroup, as the
         cancellations come in the same group.
@@ -466,9 +467,9 @@ class Node:
         """Call `callback()` every `period_s` seconds, the first time after one period; it may be an
         `async def`.
 
-        The rate does not drift; where a call takes longer than a period, or an `async def` awaits
+        The rate does not drift; if a call takes longer than a period, or an `async def` awaits
         for longer, whole periods are left out. The seconds are those of the node's clock, unless
-        another is given. Raises ValueError where the period is not more than 0.
+        another is given. Raises ValueError if the period is not more than 0.
         """
         forks.check()
         call = "create_timer(period_s, callback)"
@@ -499,7 +500,7 @@ class Node:
         """A parameter of the type of its default; `.value` is its value now.
 
         `on_change(value)` is called before a value from the bus is taken, and may raise
-        ParameterError to refuse it. Raises ParameterError where the value given at the node's
+        ParameterError to refuse it. Raises ParameterError if the value given at the node's
         start is invalid.
         """
         call = "declare_parameter(name, default, on_change=...)"
@@ -517,7 +518,7 @@ class Node:
         return self._info.describers
 
     def describe(self) -> dict[str, Any]:
-        """What the node answers to an info query, the fields of a NodeDescription."""
+        """The node's answer to an info query, the fields of a NodeDescription."""
         return self._info.describe()
 
     def _resolve(self, name: str) -> str:

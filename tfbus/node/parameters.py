@@ -46,7 +46,7 @@ class Bounds(NamedTuple):
     maximum: float | None = None
 
     def check(self, name: str, value: object) -> None:
-        """Raise ParameterError where the value is outside."""
+        """Raise ParameterError if the value is outside."""
         if not isinstance(value, int | float):
             return
         if self.minimum is not None and not value >= self.minimum:  # as NaN is not
@@ -56,7 +56,7 @@ class Bounds(NamedTuple):
 
 
 class Parameter:
-    """One parameter of a node; `value` is its value now."""
+    """A parameter of a node; `value` is its value now."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Parameter:
     def set(self, value: object) -> None:
         """Change the value.
 
-        Raises ParameterError, and changes nothing, where the type is wrong, the value out of
+        Raises ParameterError, and changes nothing, if the type is wrong, the value out of
         bounds, or refused by the node.
         """
         checked = self.checked(value)
@@ -86,10 +86,10 @@ class Parameter:
         self.value = checked
 
     def checked(self, value: Any) -> Any:
-        """The value in this parameter's type, read as YAML where it is a text of up to 10,000
+        """The value in this parameter's type, read as YAML if it is a text of up to 10,000
         letters.
 
-        Raises ParameterError where the type is wrong or the value out of bounds.
+        Raises ParameterError if the type is wrong or the value out of bounds.
         """
         if isinstance(value, str) and self._type is not str:
             value = _read_text(value)
@@ -146,7 +146,7 @@ class Parameters:
         """Add a parameter, with the value given at the node's start if there is one. It is served
         in the lane, unless several are queried at once.
 
-        Raises ParameterError where the name is declared already, or the given value is invalid.
+        Raises ParameterError if the name is declared already, or the given value is invalid.
         """
         if parameter.name in self._parameters:
             raise ParameterError(f"parameter {parameter.name!r} is already declared")

@@ -26,7 +26,7 @@ class RobotMeshes:
     def fetch(self, origin: str, mesh: str, within_s: float = _LONGEST_S) -> bytes:
         """The content of a mesh of the robot in a namespace, from the machine that describes it.
 
-        Raises TfbusError where it cannot be had, or not in this time.
+        Raises TfbusError if it cannot be had, or not in this time.
         """
         client, deadline_s = self._client(origin), scheduler.monotonic() + within_s
         for _ in range(_MOST_CHANGES):
@@ -45,7 +45,7 @@ class RobotMeshes:
 
 
 def _fetch(client: Client, mesh: str, deadline_s: float) -> bytes | None:
-    """The whole file; None where it changed meanwhile."""
+    """The whole file; None if it changed meanwhile."""
     parts: list[bytes] = []
     got, size, version = 0, 1, None
     while got < size:

@@ -59,7 +59,7 @@ class Service(Endpoint):
         submit_or_refuse(self._lane, f"service {self.name}", self._serve, query)
 
     def _serve(self, query: Query) -> Any:
-        """Answer it; a coroutine that does, where the handler returns one."""
+        """Answer it; a coroutine that does, if the handler returns one."""
         with ExitStack() as ending:
             ending.enter_context(query.answering("the service"))
             response = self._handler(self._request(query))
@@ -110,7 +110,7 @@ class Caller(Endpoint):
 class Client(Caller):
     """Calls a service of another node.
 
-    A callback may call it, and waits for the answer. Where the service is one of the same node, the
+    A callback may call it, and waits for the answer. If the service is one of the same node, the
     two are to be in different callback groups: those of one group run one at a time.
     """
 
@@ -126,7 +126,7 @@ class Client(Caller):
         """Send a Request and return the Response.
 
         Waits for the service and for its answer, together at most `timeout_s` (None: for ever).
-        Raises TypeError where the request is of another type, ServiceError where the service is
+        Raises TypeError if the request is of another type, ServiceError if the service is
         not there or does not answer in that time, or refuses, with its reason.
         """
         check_part(f"service {self.name!r}", self.service_type.Request, request)

@@ -1,4 +1,4 @@
-"""Warns of endpoints to connect to that do not answer, also where others are found without them."""
+"""Warns of endpoints to connect to that do not answer, also if others are found without them."""
 
 import logging
 from contextlib import suppress

@@ -35,7 +35,7 @@ class Publisher(Endpoint, Generic[M]):
         self._parts = [self._publisher]
 
     def publish(self, message: M) -> None:
-        """Send a message. Raises TypeError where it is not of the publisher's type."""
+        """Send a message. Raises TypeError if it is not of the publisher's type."""
         if not isinstance(message, self.message_type):
             raise TypeError(
                 f"topic {self.name!r} carries {self.type_name}, not {type_name(type(message))}"
@@ -69,8 +69,8 @@ class RawPublisher(Endpoint):
 class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For tools that measure, record or forward messages of any type. Those of ROS 2 are skipped, and
-    with `others` those of the same node.
+    For tools that measure, record or forward messages of any type. Messages of ROS 2 are skipped,
+    and with `others` those of the same node.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Subscription(Endpoint, Generic[M]):
     callback group.
 
     A message of the wrong shape, or larger than the limit of topics, is dropped and counted in
-    `rejected`; the first that is not one of ROS 2 is logged. Where messages come faster than the
+    `rejected`; the first that is not one of ROS 2 is logged. If messages come faster than the
     callback returns, at most 10 wait; the oldest are dropped and counted in `dropped`. Of an `async
     def` at most 10 calls are awaited at once, which began in the order of their messages.
     """

@@ -1,9 +1,9 @@
-"""Where the links are in many configurations at once: as `kinematics`, with arrays.
+"""The poses of links in many configurations at once: as `kinematics`, with arrays.
 
-A rotation is a column of the quaternion's x y z w, a configuration each. What the origins of joints
-do to them is the same in all configurations, so that it is a matrix, and one product takes all: to
-turn by a fixed quaternion is linear in the quaternion, to turn a fixed vector is linear in the ten
-products of its components.
+A rotation is a column of the quaternion's x y z w, a configuration each. The effect that the
+origins of joints do to them is the same in all configurations, so that it is a matrix, and one
+product takes all: to turn by a fixed quaternion is linear in the quaternion, to turn a fixed vector
+is linear in the ten products of its components.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def _part(position: Any, block: slice) -> Any:
 
 
 class _Poses:
-    """The poses of one link: `xyz` (3, N), `quat` (4, N); N is 1 where it does not move."""
+    """The poses of one link: `xyz` (3, N), `quat` (4, N); N is 1 if it does not move."""
 
     __slots__ = ("_products", "quat", "xyz")
 
@@ -82,7 +82,7 @@ class _Poses:
         self._products: Floats | None = None
 
     def turned(self, vectors: Floats) -> Floats:
-        """What a matrix of `_turning` makes of the rotations: vectors (3 n, N)."""
+        """The rotations that a matrix of `_turning` makes of the rotations: vectors (3 n, N)."""
         if self._products is None:
             quat = self.quat
             self._products = np.empty((10, quat.shape[1]))
@@ -99,7 +99,7 @@ class _Poses:
 
 
 class _ManyStep:
-    """One joint: how the poses of its parent and its positions make those of its child."""
+    """A joint: how the poses of its parent and its positions make those of its child."""
 
     def __init__(self, joint: Joint, origin: Pose) -> None:
         self._kind = joint.type

@@ -1,9 +1,9 @@
-"""Where the links are when the joints are somewhere, in one configuration.
+"""The poses of the links in one configuration of the joints.
 
 Each joint moves its child by a motion in the joint's frame: a revolute or continuous one turns
 about its axis, a prismatic one slides along it; a planar one moves in the plane across its axis,
 whose x and y come from those of the joint's frame by the shortest turn of z onto the axis; a
-floating one moves freely. KDL and urdfdom have the same, where they have these joints.
+floating one moves freely. KDL and urdfdom have the same, if they have these joints.
 """
 
 from __future__ import annotations

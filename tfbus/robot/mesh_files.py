@@ -1,4 +1,4 @@
-"""Where a mesh's file is, by its name in a URDF; never outside of its package."""
+"""The file of a mesh, by its name in a URDF; never outside of its package."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MeshPathError(ValueError):
 
 
 def parts_of(name: str) -> tuple[str, str]:
-    """The package in a name of a URDF, "" where it has none, and the path in it."""
+    """The package in a name of a URDF, "" if it has none, and the path in it."""
     for scheme in _PACKAGE:
         if name.startswith(scheme):
             package, _, path = name.removeprefix(scheme).partition("/")
@@ -48,7 +48,7 @@ def parts_of(name: str) -> tuple[str, str]:
 
 
 def package_folder(name: str, file: Path) -> Path | None:
-    """The folder of the package of a mesh, by its name and its file; None where it has none."""
+    """The folder of the package of a mesh, by its name and its file; None if it has none."""
     package, path = parts_of(name)
     return file.parents[posixpath.normpath(path).count("/")] if package else None
 
@@ -56,7 +56,7 @@ def package_folder(name: str, file: Path) -> Path | None:
 def file_beside(mesh: str, file: Path, name: str) -> Path | None:
     """The file of another name that is written as the name `mesh` of the mesh `file` is.
 
-    None where there is none, where a mesh does not read such files, also by a link, or where it is
+    None if there is none, if a mesh does not read such files, also by a link, or if it is
     outside of the package, without one outside of the mesh's folder.
     """
     package, path = parts_of(name)
@@ -73,7 +73,7 @@ def folder_of_source(source: str, package_path: Sequence[Path]) -> tuple[Path, P
     """The folder of a URDF that a description of the bus or of a recording says it is from, and the
     folder of `package_path` that holds it.
 
-    None where no such folder does: a stranger may name any path, and counts for what the user of
+    None if no such folder does: a stranger may name any path, and counts for what the user of
     this machine has named.
     """
     if not os.path.isabs(source) or "\0" in source:
@@ -90,7 +90,7 @@ class MeshFiles:
 
     `folder` is that of the URDF: paths without `package://` begin there. None for a URDF that is
     not a file here. The packages are searched in `package_path`, in what ROS has installed
-    (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH), in the URDF's own package, beside it where there are
+    (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH), in the URDF's own package, beside it if there are
     packages of ROS, then in `share` of this Python and of the system. Of the folders above `within`
     none is searched.
     """
@@ -117,9 +117,9 @@ class MeshFiles:
     def find(self, name: str) -> Path | None:
         """The file of a mesh; the first place where it should be if there is none.
 
-        None where the name is an address, an absolute path outside of all packages, or a relative
+        None if the name is an address, an absolute path outside of all packages, or a relative
         one and there is no folder; and where it, or the file that it is a link to, does not end as
-        a mesh does. Raises MeshPathError where it climbs out of its package.
+        a mesh does. Raises MeshPathError if it climbs out of its package.
         """
         file = self._find(name)
         if file is None or file.suffix.lower() not in _FORMATS:
@@ -143,7 +143,7 @@ class MeshFiles:
         )
 
     def package(self, name: str) -> Path | None:
-        """The folder of a package; None where it is not found."""
+        """The folder of a package; None if it is not found."""
         for folder in self._folders(name):
             if folder.is_dir() and (folder.name == name or _is_package(folder, name)):
                 return folder

@@ -49,7 +49,7 @@ class Sphere:
 class Mesh:
     """A file of triangles: its name in the URDF, its path, and its scale along x, y and z.
 
-    `file` may not exist; it is None where the name says nothing of this machine, such as an
+    `file` may not exist; it is None if the name says nothing of this machine, such as an
     address, or a path of a description that came without its folder.
     """
 
@@ -59,13 +59,13 @@ class Mesh:
 
     @property
     def package(self) -> str:
-        """The package in its name, "" where it has none."""
+        """The package in its name, "" if it has none."""
         return parts_of(self.name)[0]
 
     def beside(self, name: str) -> Path | None:
         """The file of a material, picture or buffer by its name, written as that of the mesh is.
 
-        None where there is none in the mesh's package, or without a package in its folder.
+        None if there is none in the mesh's package, or without a package in its folder.
         """
         return None if self.file is None else file_beside(self.name, self.file, name)
 
@@ -75,7 +75,7 @@ Shape = Box | Cylinder | Sphere | Mesh
 
 @dataclass(frozen=True, slots=True)
 class Visual:
-    """One shape of a link as it looks, with `origin` its pose in the link's frame.
+    """A shape of a link as it looks, with `origin` its pose in the link's frame.
 
     `color` is red, green and blue from 0 to 255, `opacity` is from 0 to 1. Without a color a mesh
     has its own. `texture` is the image of its material, as the URDF names it.
@@ -92,7 +92,7 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """One shape of a link as it collides, with `origin` its pose in the link's frame."""
+    """A shape of a link as it collides, with `origin` its pose in the link's frame."""
 
     link: str
     shape: Shape
@@ -133,7 +133,7 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """What connects a link to its parent, and how the two can move against each other.
+    """The connection of a link to its parent, and the motion that it allows.
 
     `type` is "revolute", "continuous", "prismatic", "planar", "floating" or "fixed". `origin` is
     the pose of the joint's frame in the parent link; the child link's is the same at position 0.
@@ -166,7 +166,7 @@ class Joint:
 
     @property
     def zero(self) -> float:
-        """The position where it rests: 0; where 0 is outside of its limits their middle, or the
+        """The position where it rests: 0; if 0 is outside of its limits their middle, or the
         only one that is finite.
         """
         if self.limits is None or self.limits.lower <= 0.0 <= self.limits.upper:
@@ -181,7 +181,7 @@ class Joint:
     def reach(self) -> tuple[float, float]:
         """From where to where a program moves it, in rad or m: finite, lower <= upper.
 
-        These are its limits, and the soft ones where they are narrower. Where it is not limited it
+        These are its limits, and the soft ones if they are narrower. If it is not limited it
         goes half a turn or 1 m to either side, or beyond its only limit.
         """
         lower, upper = -inf, inf

@@ -46,7 +46,7 @@ class Positions:
         self._are_numbers = all(joint.position_size == 1 for joint in free)
 
     def of_one(self, given: Mapping[str, Position] | ArrayLike | None) -> list[Any]:
-        """One position for each joint that moves, by place."""
+        """A position for each joint that moves, by place."""
         if given is None:
             given = {}
         if not isinstance(given, Mapping):
@@ -101,7 +101,7 @@ class Positions:
         )
 
     def of_many(self, given: Mapping[str, ArrayLike] | ArrayLike) -> tuple[list[Any], int]:
-        """One position for each joint that moves, of arrays (N,); and N."""
+        """A position for each joint that moves, of arrays (N,); and N."""
         counts = {}
         if not isinstance(given, Mapping):
             rows = as_floats(given, "positions")

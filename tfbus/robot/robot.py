@@ -44,7 +44,7 @@ class Robot:
 
     `links` and `joints` are by name in the order of the URDF, `root` is the link at the top.
     `free_joints` are those with a position of their own: neither fixed nor mimics. `text` is the
-    URDF, expanded where it was xacro; `files` are those that were read. `warnings` are sentences on
+    URDF, expanded if it was xacro; `files` are those that were read. `warnings` are sentences on
     what the URDF leaves out.
 
     Positions are radians or metres, by joint: a map of names, or an array with the numbers of
@@ -81,7 +81,7 @@ class Robot:
         such a package; they are searched before what ROS has installed. `xacro_args` are the
         arguments of a xacro file by name.
 
-        Raises UrdfError, with the line, where the file cannot be read or is not a URDF.
+        Raises UrdfError, with the line, if the file cannot be read or is not a URDF.
         """
         file = Path(path)
         files = MeshFiles(file.parent, _folders(package_path))
@@ -309,7 +309,7 @@ class Robot:
         """Parent, child and pose of each joint that `positions` names and of those that mimic it.
 
         A mimic joint follows the first of its chain that is named, unless it is named itself;
-        `prefix` is put before the names. Raises as `fk`, and where a pose is not finite.
+        `prefix` is put before the names. Raises as `fk`, and if a pose is not finite.
         """
         values = self._positions.of_one(positions)
         moved = dict.fromkeys(positions)

@@ -29,7 +29,7 @@ def from_the_root(
 ) -> tuple[str, tuple[Joint, ...]]:
     """The root link, and the joints outwards from it: a joint after all that carry it.
 
-    Raises UrdfError where a link has two parents, or the links are not one tree.
+    Raises UrdfError if a link has two parents, or the links are not one tree.
     """
     above: dict[str, Placed] = {}
     below: dict[str, list[Joint]] = defaultdict(list)
@@ -73,7 +73,7 @@ def _cycle(link: str, above: Mapping[str, Placed]) -> UrdfError:
 
 
 def check_mimics(joints: Mapping[str, Placed]) -> None:
-    """Raise UrdfError where a joint mimics one that is none, has no position, or mimics it."""
+    """Raise UrdfError if a joint mimics one that is none, has no position, or mimics it."""
     checked: set[str] = set()
     for each in joints.values():
         joint, way = each.joint, dict.fromkeys([each.joint.name])

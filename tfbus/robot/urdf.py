@@ -313,7 +313,7 @@ def _sizes(element: Element, attribute: str, where: str) -> Vector:
 def _limit(
     element: Element, attribute: str, where: str, *, unlimited: float, absent: float
 ) -> float:
-    """A limit: `unlimited` where it is infinite, of either sign, and `absent` without one."""
+    """A limit: `unlimited` if it is infinite, of either sign, and `absent` without one."""
     text = element.attributes.get(attribute)
     if text is None:
         return absent

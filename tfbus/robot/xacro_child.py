@@ -91,7 +91,7 @@ def _patched(module: Any, name: str, value: Any) -> Iterator[None]:
 
 
 def _mistake(xacro: Any, path: str, error: Exception) -> str:
-    """What xacro could not do, and in which file and macro."""
+    """The failure of xacro, and in which file and macro."""
     reason = " ".join(str(error).split()) or type(error).__name__
     stack = [each for each in (xacro.filestack or []) if each and each != path]
     inside = f" (in {stack[-1]})" if stack else ""

@@ -20,7 +20,7 @@ _LONGEST_S = 4 * MOST_CPU_S
 
 
 class Expanded(NamedTuple):
-    """What a xacro file stands for, the files that it includes, and what xacro warns of."""
+    """The text of an expanded xacro file, the files that it includes, and what xacro warns of."""
 
     text: str
     included: tuple[Path, ...]
@@ -30,7 +30,7 @@ class Expanded(NamedTuple):
 def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expanded:
     """The URDF that a xacro file stands for.
 
-    `$(find package)` looks where meshes are searched. Raises UrdfError where xacro is not
+    `$(find package)` looks where meshes are searched. Raises UrdfError if xacro is not
     installed, or cannot expand the file, or not within 30 s of CPU and 2 GB of memory.
     """
     if find_spec("xacro") is None:

@@ -57,7 +57,7 @@ def mistake_at(source: str, line: int, reason: str) -> UrdfError:
 def decoded(data: bytes, source: str) -> str:
     """The text of an XML file, in the encoding that it declares: UTF-8 by default.
 
-    Raises UrdfError where it is none, or longer than 20 MB.
+    Raises UrdfError if it is none, or longer than 20 MB.
     """
     if len(data) > MOST_BYTES:
         raise UrdfError(f"{source} has {len(data) / 1e6:.0f} MB; at most 20 MB are read")
@@ -85,7 +85,7 @@ def decoded(data: bytes, source: str) -> str:
 def read_xml(text: str, source: str) -> Element:
     """The root element of an XML text.
 
-    Raises UrdfError, with the line, where it is not well-formed, its DOCTYPE declares anything,
+    Raises UrdfError, with the line, if it is not well-formed, its DOCTYPE declares anything,
     or it has more than 20 MB, 100,000 elements or 100 levels.
     """
     return _Reader(source).read(text)

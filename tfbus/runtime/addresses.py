@@ -14,7 +14,7 @@ def is_local(host: str) -> bool:
 
 
 def names_to_open(host: str) -> tuple[str, ...]:
-    """What a browser opens where a server listens at `host`.
+    """The name for a browser to open if a server listens at `host`.
 
     `0.0.0.0` and `::` stand for all addresses of this machine, and no browser opens them.
     """
@@ -25,7 +25,7 @@ def names_to_open(host: str) -> tuple[str, ...]:
 
 
 def names_to_open_elsewhere(host: str) -> tuple[str, ...]:
-    """What a browser of another machine opens where a server listens at `host`."""
+    """The name for a browser of another machine to open if a server listens at `host`."""
     address = address_of(host)
     if address is not None and address.is_unspecified:
         return tuple(filter(None, (socket.gethostname(), main_address())))
@@ -39,7 +39,7 @@ def own_names() -> frozenset[str]:
 
 
 def main_address() -> str:
-    """The address under which other machines most likely reach this one; "" where none does."""
+    """The address under which other machines most likely reach this one; "" if none does."""
     for family, elsewhere in ((socket.AF_INET, "192.0.2.1"), (socket.AF_INET6, "2001:db8::1")):
         try:
             # Sends nothing: only the route is looked up.
@@ -54,7 +54,7 @@ def main_address() -> str:
 
 
 def address_of(name: str) -> "ipaddress.IPv4Address | ipaddress.IPv6Address | None":
-    """The address that a text is; None where it is a name."""
+    """The address that a text is; None if it is a name."""
     import ipaddress  # slow to import, and few processes need it
 
     try:

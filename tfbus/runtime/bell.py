@@ -4,7 +4,8 @@ from tfbus.runtime import scheduler
 
 
 class Bell:
-    """What one thread sleeps on until another rings it: an Event whose `ring` may interrupt its own
+    """A bell that one thread sleeps on until another rings it: an Event whose `ring` may interrupt
+    its own
     `wait`, as in a signal handler.
     """
 

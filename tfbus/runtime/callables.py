@@ -9,13 +9,13 @@ _CO_COROUTINE = 0x80
 
 
 def check_callback(call: str, callback: object) -> None:
-    """Raise TypeError where it cannot be called."""
+    """Raise TypeError if it cannot be called."""
     if not callable(callback):
         raise TypeError(f"{call}: the last argument must be a function, not {shown(callback)}")
 
 
 def check_plain(call: str, callback: object) -> None:
-    """Raise TypeError where it cannot be called, or is an `async def` that nothing would await."""
+    """Raise TypeError if it cannot be called, or is an `async def` that nothing would await."""
     check_callback(call, callback)
     if is_async(callback):
         raise TypeError(

@@ -14,11 +14,11 @@ class Admission:
     """
 
     def enter(self, task: Any) -> Any:
-        """Take a task; the one that may run now, None where it has to wait."""
+        """Take a task; the one that may run now, None if it has to wait."""
         return task
 
     def leave(self) -> Any:
-        """Note that a task has run; the next that may run now, None where there is none."""
+        """Note that a task has run; the next that may run now, None if there is none."""
         return None
 
     def waiting(self) -> list[Any]:
@@ -27,7 +27,7 @@ class Admission:
 
 
 class OneAtATime(Admission):
-    """One task after the other, in their order."""
+    """A task after the other, in their order."""
 
     def __init__(self) -> None:
         # Each step below is a single operation.
@@ -88,7 +88,7 @@ class ReentrantCallbackGroup(CallbackGroup):
 
 
 def join(group: CallbackGroup, owner: str) -> None:
-    """Let the group belong to the node of this name. Raises ValueError where it is of another."""
+    """Let the group belong to the node of this name. Raises ValueError if it is of another."""
     if group.owner not in (None, owner):
         raise ValueError(
             f"this callback group is of node {group.owner}: make another for {owner}, "

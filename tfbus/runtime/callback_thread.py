@@ -32,10 +32,10 @@ def _nothing(stream: str) -> str:
 
 
 class _Here(threading.local):
-    """Of the thread that reads it, where it runs the callbacks of an executor.
+    """Of the thread that reads it, if it runs the callbacks of an executor.
 
     `closing` is the end of that, None on all other threads. `held_up(stream)` names a callback that
-    waits for the current one to return, where the same executor sends the stream; "" elsewhere.
+    waits for the current one to return, if the same executor sends the stream; "" elsewhere.
     """
 
     closing: Closing | None = None

@@ -21,7 +21,7 @@ _NEVER_NS = 2**63
 class Limit:
     """The end of a wait by one clock; it is in force until the end of its `with`.
 
-    `left_s` is how many real seconds to sleep before looking at `passed` again; None where only
+    `left_s` is how many real seconds to sleep before looking at `passed` again; None if only
     the `wake` of the limit ends the sleep, or nothing does.
     """
 
@@ -285,7 +285,7 @@ class _LimitInCallback(Limit):
 
 
 def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> Limit:
-    """A limit by the clock; in real seconds where it is another function of the time. In a callback
+    """A limit by the clock; in real seconds if it is another function of the time. In a callback
     of a node it ends with the node.
     """
     limit = (clock if isinstance(clock, Clock) else SYSTEM_CLOCK).limit(timeout_s, wake)

@@ -10,9 +10,9 @@ _GIT_WITHIN_S = 5.0
 
 
 def commit_of_clone(clone: Path = Path(__file__).parents[2]) -> str:
-    """As in "clone at 1a2b3c4, changed"; "" where tfbus is installed, and not run from a clone.
+    """As in "clone at 1a2b3c4, changed"; "" if tfbus is installed, and not run from a clone.
 
-    "changed" is said where git is there to ask; the commit is read from files where it is not.
+    "changed" is said where git is there to ask; the commit is read from files if it is not.
     """
     if not (clone / ".git").exists() or not (clone / "pyproject.toml").exists():
         return ""
@@ -22,7 +22,7 @@ def commit_of_clone(clone: Path = Path(__file__).parents[2]) -> str:
 
 
 def _asked(clone: Path) -> tuple[str, bool] | None:
-    """The commit, and whether a file in git differs from it; None where git does not say."""
+    """The commit, and whether a file in git differs from it; None if git does not say."""
     # In a hook of git these name the repository of the hook.
     environment = {name: value for name, value in os.environ.items() if name[:4] != "GIT_"}
     command = ["git", "--no-optional-locks", "status", "--porcelain=v2", "--branch", "-uno"]
@@ -47,7 +47,7 @@ def _asked(clone: Path) -> tuple[str, bool] | None:
 
 
 def _read(clone: Path) -> str:
-    """The commit of HEAD, from git's files; "" where it cannot be found."""
+    """The commit of HEAD, from git's files; "" if it cannot be found."""
     with suppress(OSError, UnicodeDecodeError, ValueError):
         folder = clone / ".git"
         if folder.is_file():  # a worktree

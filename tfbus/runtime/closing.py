@@ -1,4 +1,4 @@
-"""What is closed at the end of a `with`."""
+"""Objects that are closed at the end of a `with`."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType

@@ -31,7 +31,7 @@ class Ran(NamedTuple):
 
 
 class Delays:
-    """Notes slow callbacks, and finds which of them was the culprit where a timer was late or a
+    """Notes slow callbacks, and finds which of them was the culprit if a timer was late or a
     topic had to drop a message.
 
     The first of each culprit is logged; all are counted. Safe from any thread.

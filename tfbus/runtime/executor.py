@@ -32,7 +32,7 @@ _LAST_CALLBACK_S = 2.0
 
 
 class _Worker:
-    """One thread: what it runs now, "" while it waits, and since when."""
+    """A thread: what it runs now, "" while it waits, and since when."""
 
     __slots__ = ("began_s", "bell", "ring", "thread", "what")
 
@@ -96,7 +96,7 @@ class Executor:
     ) -> bool:
         """Run `callback` after those submitted before; `what` names it in the log.
 
-        False where `limit` callbacks of this name wait already, or await something: then it does
+        False if `limit` callbacks of this name wait already, or await something: then it does
         not run.
         """
         with self._lock:
@@ -148,7 +148,7 @@ class Executor:
 
     def _held_up(self, stream: str) -> str:
         """In a callback: the name of another one that is due and waits for this one to return,
-        where this node sends the stream; "" where none waits.
+        if this node sends the stream; "" if none waits.
         """
         with self._lock:
             if self._most_threads > 1 or stream not in self.streams:

@@ -1,4 +1,4 @@
-"""Why the buffer is interpreted, where it could not be compiled when tfbus was installed."""
+"""Why the buffer is interpreted, if it could not be compiled when tfbus was installed."""
 
 from pathlib import Path
 
@@ -13,9 +13,9 @@ class InterpretedWarning(RuntimeWarning):
 
 
 def why_interpreted() -> str:
-    """Why the compiler failed, as a sentence and the way out; "" where that was not tried.
+    """Why the compiler failed, as a sentence and the way out; "" if that was not tried.
 
-    Of interest where the buffer is interpreted: the reason stays where it was compiled later.
+    Of interest if the buffer is interpreted: the reason stays if it was compiled later.
     """
     try:
         reason = _REASON.read_text(encoding="utf-8").strip()

@@ -12,7 +12,7 @@ def command_of(module: str) -> list[str]:
 
 
 def limit_this_process(*, memory_bytes: int, cpu_s: float | None = None) -> None:
-    """Limit what this process may take, where the system has such limits: beyond the memory Python
+    """Limit what this process may take, if the system has such limits: beyond the memory Python
     raises MemoryError, beyond the time the process is killed.
     """
     try:

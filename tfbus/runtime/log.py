@@ -1,6 +1,6 @@
 """A node's log: one line for each event on stderr, `[INFO] [1670400305.709085308] [sim]: text`.
 
-What a line says of others (names, errors, values) comes from the bus. So no record has a control
+The parts of a line on others (names, errors, values) comes from the bus. So no record has a control
 character: each is escaped before any handler sees it.
 """
 

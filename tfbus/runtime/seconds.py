@@ -9,7 +9,7 @@ def seconds_to_wait(timeout_s: float | None) -> float | None:
     """How long to wait: 0 for a negative time, as of a deadline that has passed; None for ever,
     also for infinity and what no lock can wait for (292 years).
 
-    Raises TypeError where it is no number, ValueError where it is NaN.
+    Raises TypeError if it is no number, ValueError if it is NaN.
     """
     if timeout_s is None:
         return None

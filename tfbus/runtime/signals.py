@@ -23,7 +23,7 @@ class StopSignals:
     """SIGINT and SIGTERM for one object of this process, from construction until `uninstall()`.
 
     SIGTERM and `stop` end all its waits for good. SIGINT (Ctrl-C) ends the wait that the main
-    thread is in, and no later one. Where the main thread is outside of `wait`, a signal raises
+    thread is in, and no later one. If the main thread is outside of `wait`, a signal raises
     KeyboardInterrupt there, so that a blocking call ends too. Several may be installed in one
     process: a signal is for all.
 
@@ -261,7 +261,7 @@ class _Poker:
         self._readable = self._writable = -1
 
     def install(self) -> None:
-        """Begin, in the main thread; not where another library reads that file or uses SIGURG."""
+        """Begin, in the main thread; not if another library reads that file or uses SIGURG."""
         if not hasattr(signal, "SIGURG") or signal.getsignal(signal.SIGURG) != signal.SIG_DFL:
             return
         if self._readable < 0:
@@ -324,7 +324,7 @@ class _Handlers:
         self.installed.append(signals)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Tell all that are installed; raises KeyboardInterrupt where none of them holds it."""
+        """Tell all that are installed; raises KeyboardInterrupt if none of them holds it."""
         if self.postponed is not None:
             self.postponed.add(number)
             return
@@ -371,9 +371,9 @@ def _in_main_thread() -> bool:
 
 
 def forget_interrupt() -> None:
-    """Where a KeyboardInterrupt was a usual end, let Python exit with its own code.
+    """If a KeyboardInterrupt was a usual end, let Python exit with its own code.
 
-    Importing a dataclass runs exec(). Where the signal interrupted one, Python would end the
+    Importing a dataclass runs exec(). If the signal interrupted one, Python would end the
     process by SIGINT: another exec() makes it forget that.
     """
     exec("")

@@ -74,7 +74,7 @@ def _signature(arguments: ast.arguments, names: dict[str, Any]) -> "inspect.Sign
 
 
 def _value(expression: ast.expr, names: dict[str, Any]) -> Any:
-    """What it stands for in the module; its text where a name is there for type checkers only."""
+    """Its value in the module; its text if a name is there for type checkers only."""
     import ast
 
     text = ast.unparse(expression)

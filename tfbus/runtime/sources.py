@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def why_not_installed() -> str:
-    """What is missing, and what to do, as a sentence; "" where tfbus is installed.
+    """The missing part, and what to do, as a sentence; "" if tfbus is installed.
 
     Python imports first what lies in the folder it is started in. In a clone these are sources:
     they are not compiled, and the nodes lie elsewhere.

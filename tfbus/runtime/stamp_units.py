@@ -26,7 +26,7 @@ LATEST_OF_ANOTHER_UNIT = LATEST_STAMP_NS // 1_000
 
 def other_unit(stamp_ns: int, near_ns: int) -> str:
     """The unit, other than nanoseconds, in which a stamp is within a day of a time: "seconds",
-    "milliseconds" or "microseconds"; "" where there is none.
+    "milliseconds" or "microseconds"; "" if there is none.
 
     Near the time of a simulated clock, which begins at 0, any small stamp is right: "".
     """
@@ -39,7 +39,7 @@ def other_unit(stamp_ns: int, near_ns: int) -> str:
 
 
 def other_clock(stamp_ns: int, newest_ns: int) -> str:
-    """What to say of a stamp more than ten years from the newest sample, which are of different
+    """The advice on a stamp more than ten years from the newest sample, which are of different
     clocks: as the end of a sentence without its full stop; "" for one that is nearer.
     """
     years = round(abs(stamp_ns - newest_ns) / _YEAR_NS)
@@ -53,7 +53,7 @@ def other_clock(stamp_ns: int, newest_ns: int) -> str:
 
 
 def unit_hint(stamp_ns: int, unit: str) -> str:
-    """What to say of a stamp in another unit, as a sentence without its full stop."""
+    """The advice on a stamp in another unit, as a sentence without its full stop."""
     seconds = stamp_ns * _UNITS[unit] / 1e9
     return (
         f"the stamp {stamp_ns} looks like {unit}, but stamps are nanoseconds: "

@@ -23,7 +23,7 @@ def installed_version() -> str:
 
 
 def version_and_origin() -> str:
-    """For people, as in "0.1.0 (clone at 1a2b3c4, changed)"; asks git where there is a clone."""
+    """For people, as in "0.1.0 (clone at 1a2b3c4, changed)"; asks git if there is a clone."""
     from tfbus.runtime.clone import commit_of_clone  # subprocess: 8 ms
 
     origin = commit_of_clone()

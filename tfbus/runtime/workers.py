@@ -25,7 +25,7 @@ class Workers:
         self._closed = False
 
     def do(self, job: Job) -> bool:
-        """Run the job soon; False where too many wait already, or after `close`: then it does not
+        """Run the job soon; False if too many wait already, or after `close`: then it does not
         run.
         """
         with self._lock:

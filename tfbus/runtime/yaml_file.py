@@ -34,7 +34,7 @@ class Place:
 
 
 class Value:
-    """One value of a YAML document.
+    """A value of a YAML document.
 
     A scalar is its text as written; the reader converts it. So `delay: ${delay}` and `delay: 2`
     obey one rule. Methods raise YamlFileError, at the place of the value, for another kind.

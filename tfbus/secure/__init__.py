@@ -1,1 +1,1 @@
-"""Who is who on a closed bus, and what each may do."""
+"""Identities of a closed bus, and the rights of each."""

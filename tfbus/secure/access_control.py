@@ -1,9 +1,9 @@
 """Rights as Zenoh's access control: which identity may send what on which keys.
 
 Every process enforces it on what comes in; and on what goes out, which is only what an identity may
-read. Who has a namespace gets nothing of others: not even the tokens that all peers get unasked, or
-what a client sends to a process that says that it is a router. Of other namespaces it may see only
-which keys others subscribe to, and ask for.
+read. An identity with a namespace gets nothing of others: not even the tokens that all peers get
+unasked, or what a client sends to a process that says that it is a router. Of other namespaces it
+may see only which keys others subscribe to, and ask for.
 
 Zenoh decides by subjects, which here are the common names of certificates. Within one subject what
 is denied counts more than what is allowed; of two subjects that fit the same certificate, one that
@@ -116,7 +116,7 @@ def _set_keys(pattern: str) -> list[str]:
 
 
 def _receiving(within: str) -> list[dict[str, Any]]:
-    """What others may send to it."""
+    """The keys that others may send to it."""
     everything = [f"{within}{key}" for key in _EVERY_KEY]
     if not within:
         return [_rule(_ALL, everything, "egress")]

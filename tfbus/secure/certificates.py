@@ -16,7 +16,7 @@ _BEFORE = timedelta(minutes=10)
 
 @dataclass(frozen=True)
 class Issued:
-    """A certificate, and its private key where it was just made; in PEM."""
+    """A certificate, and its private key if it was just made; in PEM."""
 
     certificate: bytes
     key: bytes
@@ -24,7 +24,7 @@ class Issued:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a certificate says: whose it is, by whom, from when until when, in UTC."""
+    """The contents of a certificate: whose it is, by whom, from when until when, in UTC."""
 
     name: str
     issuer: str
@@ -33,7 +33,7 @@ class Facts:
     hosts: tuple[str, ...]
 
     def mistake(self, now: datetime | None = None) -> str:
-        """Why it is not valid at a time (None: now); "" where it is."""
+        """Why it is not valid at a time (None: now); "" if it is."""
         now = now or datetime.now(UTC)
         if now < self.begins:
             return (
@@ -103,7 +103,7 @@ def fingerprint_of(pem: bytes) -> str:
 
 
 def facts_of(pem: bytes) -> Facts:
-    """What a certificate says. Raises ValueError where it is none."""
+    """The contents of a certificate. Raises ValueError if it is none."""
     certificate = x509.load_pem_x509_certificate(pem)
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value

@@ -59,7 +59,7 @@ class SecureFolder:
 def open_folder(path: str | os.PathLike[str]) -> SecureFolder:
     """The identity's folder at a path.
 
-    Raises SettingsError where it is not one, a file is missing, others may read its private key,
+    Raises SettingsError if it is not one, a file is missing, others may read its private key,
     or its identity has no rights; YamlFileError for a mistake in a file.
     """
     folder = Path(path).resolve()
@@ -134,12 +134,12 @@ def _check_time(name: str, begins: datetime, ends: datetime) -> None:
 
 
 def check_key_is_own(path: Path) -> None:
-    """Raises SettingsError where others than its owner may read or write a private key."""
+    """Raises SettingsError if others than its owner may read or write a private key."""
     check_is_private(path, "private key")
 
 
 def check_is_private(path: Path, what: str) -> None:
-    """Raises SettingsError where others than its owner may read or write this secret."""
+    """Raises SettingsError if others than its owner may read or write this secret."""
     if os.name == "posix" and path.stat().st_mode & _OTHERS:
         raise SettingsError(f"others may read the {what} {path}: chmod 600 {path}")
 

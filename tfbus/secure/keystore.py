@@ -39,7 +39,7 @@ _SOON = timedelta(days=30)
 
 @dataclass(frozen=True)
 class Listed:
-    """An identity and what its certificate says; None where that cannot be read."""
+    """An identity and what its certificate says; None if that cannot be read."""
 
     identity: Identity
     facts: Facts | None
@@ -56,7 +56,7 @@ class Keystore:
 
     @classmethod
     def init(cls, path: Path, days: float) -> "Keystore":
-        """Make the folder and its authority. Raises SettingsError where there is one."""
+        """Make the folder and its authority. Raises SettingsError if there is one."""
         store = cls(path)
         if store._authority_file(KEY_FILE).exists():
             raise SettingsError(f"{path} has an authority already; tfbus keys add makes identities")
@@ -71,7 +71,7 @@ class Keystore:
 
     @classmethod
     def open(cls, path: Path) -> "Keystore":
-        """The keystore at a path. Raises SettingsError where there is none."""
+        """The keystore at a path. Raises SettingsError if there is none."""
         store = cls(path)
         if not store._authority_file(CERTIFICATE_FILE).is_file():
             command = shlex.join(["tfbus", "keys", "init", str(path)])
@@ -84,7 +84,7 @@ class Keystore:
         return read_rights(self.path / RIGHTS_FILE)
 
     def add(self, identity: Identity, days: float) -> Path:
-        """Make an identity; returns its folder. Raises SettingsError where there is one."""
+        """Make an identity; returns its folder. Raises SettingsError if there is one."""
         rights = self.rights
         if identity.name in rights.identities or identity.name == AUTHORITY:
             raise SettingsError(
@@ -142,7 +142,7 @@ class Keystore:
             return None
 
     def problems(self) -> Iterator[str]:
-        """What is wrong or will be soon: missing, expired, readable by others, not matching."""
+        """Mistakes of now or of soon: missing, expired, readable by others, not matching."""
         authority = self._authority_file(CERTIFICATE_FILE).read_bytes()
         yield from _time_problems("the authority", facts_of(authority))
         key = self._authority_file(KEY_FILE)

@@ -10,7 +10,7 @@ _RESERVED = re.compile(r"[$?#\s]")
 
 
 def check_pattern(pattern: str) -> str:
-    """The pattern itself where it is valid.
+    """The pattern itself if it is valid.
 
     `*` stands for any letters of one part of a name, `**` for any number of parts. Raises
     SettingsError for anything else than names and these.

@@ -1,4 +1,4 @@
-"""What each identity may do, in the words of the project."""
+"""The rights of each identity, in the words of the project."""
 
 from collections.abc import Mapping
 
@@ -30,7 +30,7 @@ NAMED_ONLY = ("clock",)
 
 
 class Identity(Struct):
-    """One identity: who it is by its certificate, and what it may do.
+    """An identity: who it is by its certificate, and what it may do.
 
     All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
     None for what the role has: names of its `nodes` and of their streams, besides NAME, NAME_* and
@@ -70,7 +70,7 @@ class Identity(Struct):
                 check_pattern(pattern)
 
     def may(self, right: str) -> tuple[str, ...]:
-        """The patterns of a right, by the role where none are given; none once revoked."""
+        """The patterns of a right, by the role if none are given; none once revoked."""
         if self.revoked:
             return NOTHING
         given: tuple[str, ...] | None = getattr(self, right)
@@ -87,7 +87,7 @@ class Identity(Struct):
         return tuple(f"**/{name}" for name in self._own_names)
 
     def has_as_own(self, other: "Identity") -> bool:
-        """Whether the name of another identity is one of its own nodes', where both may be."""
+        """Whether the name of another identity is one of its own nodes', if both may be."""
         return (
             self.name != other.name
             and any(matches(pattern, other.name) for pattern in self._own_names)
@@ -107,7 +107,7 @@ class Identity(Struct):
         return any(matches(pattern, name) for pattern in patterns)
 
     def mistake_in(self, right: str, name: str, namespace: str = "") -> str:
-        """Why it may not do what a right is about with a name; "" where it may.
+        """Why it may not do what a right is about with a name; "" if it may.
 
         The name is relative to `namespace`, or absolute; that of a frame is only a name. The name
         of a stream or a parameter is escaped, as in keys.
@@ -175,7 +175,7 @@ _THINGS = {
 class Rights(Struct):
     """The rights of all identities of one authority, by name.
 
-    Raises SettingsError where one identity's name is that of another's own nodes.
+    Raises SettingsError if one identity's name is that of another's own nodes.
     """
 
     identities: Mapping[str, Identity] = field(default_factory=dict)
@@ -192,7 +192,7 @@ class Rights(Struct):
                     )
 
     def of(self, name: str) -> Identity:
-        """The identity of this name. Raises SettingsError where there is none."""
+        """The identity of this name. Raises SettingsError if there is none."""
         if name not in self.identities:
             raise SettingsError(
                 f"there is no identity {name!r}{did_you_mean(name, self.identities)}"
@@ -200,7 +200,7 @@ class Rights(Struct):
         return self.identities[name]
 
     def seen_by(self, identity: Identity) -> "Rights":
-        """Those of the identities that can send an identity anything: not of namespaces beside its
+        """The identities that can send an identity anything: not of namespaces beside its
         own. In a large fleet these are few.
         """
         if identity.role == "router":
@@ -255,7 +255,7 @@ class Rights(Struct):
         )
 
     def _publishers_of(self, stream: str, namespace: str) -> list[Identity]:
-        """Those who may publish a stream: an admin only where it is of no other identity."""
+        """The identities that may publish a stream: an admin only if it is of no other identity."""
         name = escape(stream)
         found = [
             identity

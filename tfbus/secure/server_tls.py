@@ -16,7 +16,8 @@ _DAYS = 365.0
 
 @dataclass(frozen=True)
 class ServerTls:
-    """What connections are accepted with; `names` are those of the certificate, in small letters.
+    """The certificate and key that connections are accepted with; `names` are those of the
+    certificate, in small letters.
 
     `note` is a sentence on the certificate that who opens the page should know.
     """
@@ -28,14 +29,14 @@ class ServerTls:
 
 def tls_of_files(certificate: Path, key: Path | None = None) -> ServerTls:
     """With a certificate in PEM, followed by those that lead to its authority, and its private
-    key, by default in the same file. Raises SettingsError where they cannot be used.
+    key, by default in the same file. Raises SettingsError if they cannot be used.
     """
     names, ends = _facts(certificate)
     return ServerTls(_context(certificate, key), names, f"The certificate is {certificate}{ends}")
 
 
 def tls_of_identity(folder: SecureFolder) -> ServerTls:
-    """With the certificate of an identity. Raises SettingsError where it cannot be used."""
+    """With the certificate of an identity. Raises SettingsError if it cannot be used."""
     names, ends = _facts(folder.certificate)
     note = (
         f"The certificate is that of identity {folder.identity.name!r}{ends}: browsers trust it "

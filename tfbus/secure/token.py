@@ -71,7 +71,7 @@ def is_same(given: str, secret: str) -> bool:
 def read_token(path: Path) -> Token:
     """The token in a file: its first line.
 
-    Raises SettingsError where there is none, the file cannot be read, or others may read it.
+    Raises SettingsError if there is none, the file cannot be read, or others may read it.
     """
     try:
         check_is_private(path, "token")

@@ -40,7 +40,7 @@ _STYLES: dict[State, str] = {
 
 
 class FrameScreen(ModalScreen[None]):
-    """One frame: its rate and delay over the last two minutes, and all facts."""
+    """A frame: its rate and delay over the last two minutes, and all facts."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q", "dismiss", "Back"),
@@ -117,7 +117,7 @@ States
 
 
 class HelpScreen(ModalScreen[None]):
-    """What the keys, the columns and the states mean."""
+    """The meaning of keys, columns and states."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,question_mark", "dismiss", "Back"),

@@ -151,7 +151,7 @@ def _held_up(node: NodeDescription) -> Cell:
 
 
 def topics_table(graph: Graph, rates_hz: Mapping[str, float] = MappingProxyType({})) -> Table:
-    """Each topic and service: its type, its rate where it is measured, and the nodes on both sides.
+    """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
     `rates_hz` are those of topics by name.
     """

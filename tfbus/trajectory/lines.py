@@ -58,7 +58,7 @@ def pose_of(fields: Iterable[str], where: str) -> list[float]:
 
 
 def whole_stamp(text: str, where: str) -> int:
-    """A stamp in nanoseconds. Raises DecodeError where it is none."""
+    """A stamp in nanoseconds. Raises DecodeError if it is none."""
     try:
         stamp_ns = int(text)
     except ValueError:
@@ -75,7 +75,7 @@ def whole_stamp(text: str, where: str) -> int:
 def decimal_stamp(text: str, where: str) -> int:
     """A stamp in seconds, in nanoseconds: not by way of a float, which rounds to 0.2 us.
 
-    Raises DecodeError where it is none.
+    Raises DecodeError if it is none.
     """
     try:
         seconds = Decimal(text)

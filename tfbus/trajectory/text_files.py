@@ -107,7 +107,7 @@ def _trajectory(
 
 
 def _orthogonal(matrices: Floats) -> Floats:
-    """The matrices with the rotations next to theirs, where they are off by rounding only."""
+    """The matrices with the rotations next to theirs, if they are off by rounding only."""
     left, scale, right = np.linalg.svd(matrices[:, :3, :3])
     near = np.abs(scale - 1.0).max(axis=1, initial=0.0) < _ROTATION_WITHIN
     matrices[near, :3, :3] = (left @ right)[near]

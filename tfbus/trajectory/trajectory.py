@@ -28,7 +28,7 @@ _MOST_POSES = 20_000_000
 
 
 def check_count(count: int) -> None:
-    """Raise TfbusError where a span has too many poses at a rate: a single wrong stamp can make it
+    """Raise TfbusError if a span has too many poses at a rate: a single wrong stamp can make it
     a century long.
     """
     if count > _MOST_POSES:
@@ -90,7 +90,7 @@ class Trajectory:
         it: stamp_ns, frame_id, child_frame_id, x, y, z, qx, qy, qz, qw.
 
         Further columns do not count; of equal stamps the last one does. Raises DecodeError, which
-        names the line, for another file, also for one with several pairs of frames; OSError where
+        names the line, for another file, also for one with several pairs of frames; OSError if
         it cannot be read.
         """
         from tfbus.trajectory.table import read_one

@@ -1,4 +1,4 @@
-"""Who may open a page that others can reach: those with its token, over an encrypted connection.
+"""Access to a page that others can reach: those with its token, over an encrypted connection.
 
 The token is in the address that is printed, or typed into a form. The browser then gets a cookie
 made of it, which no script reads and no other site's page sends, and an address without it.
@@ -30,7 +30,7 @@ _TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request is answered with in place of what it asks for; `reason` is for a log."""
+    """The answer to a request in place of what it asks for; `reason` is for a log."""
 
     status: HTTPStatus
     headers: tuple[tuple[str, str], ...]
@@ -55,11 +55,11 @@ class Access:
 
     @property
     def query(self) -> str:
-        """What the printed address ends with; "" where the token was given, so is known."""
+        """The end of the printed address; "" if the token was given, so is known."""
         return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
 
     def answer(self, path: str, headers: Mapping[str, str], address: str) -> Answer | None:
-        """What a request from an address gets in place of what it asks for; None where it has the
+        """The answer to a request from an address in place of what it asks for; None if it has the
         cookie.
         """
         if is_same(_cookie_of(headers, self._cookie), self._value):

@@ -26,7 +26,7 @@ def connecting_in_frames(response: Response) -> Response:
 def only_framed_here(response: Response, *, is_public: bool) -> None:
     """Let no page of another machine frame it: a click on that one could be one on this.
 
-    One that others can reach is framed by itself only.
+    A page that others can reach is framed by itself only.
     """
     here = "" if is_public else " http://localhost:* http://127.0.0.1:*"
     response.headers["Content-Security-Policy"] = f"frame-ancestors 'self'{here}"

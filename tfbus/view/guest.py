@@ -1,4 +1,4 @@
-"""What another program may add to the page: a tab of the panel, and shapes in the scene."""
+"""Additions of another program to the page: a tab of the panel, and shapes in the scene."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -59,4 +59,4 @@ class Guest(Protocol):
 
     @property
     def region(self) -> Region | None:
-        """What a browser looks at first; None while the guest shows nothing."""
+        """The first target of a browser's camera; None while the guest shows nothing."""

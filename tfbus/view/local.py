@@ -120,7 +120,7 @@ class View:
         playhead.play(True)
 
     def pause(self) -> None:
-        """Hold a recording where it is."""
+        """Hold a recording if it is."""
         self._replay().playhead.play(False)
 
     def _replay(self) -> "Replay":
@@ -472,7 +472,7 @@ def show(
     For browsers of other machines give a `host` such as 0.0.0.0, and `public=True`: then the page
     is encrypted, by a certificate that is made, and `view.url` has the token that it asks for.
 
-    Raises TfbusError without the extra `view`, or for a public page `secure`, and where it cannot
+    Raises TfbusError without the extra `view`, or for a public page `secure`, and if it cannot
     listen.
     """
     if not public and not is_local(host):

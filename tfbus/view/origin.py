@@ -1,4 +1,4 @@
-"""Who may use the page: browsers that have it from here, and programs.
+"""Pages and clients that may use the page: browsers that have it from here, and programs.
 
 A browser lets any web page open a websocket to this machine; only the header Origin says which page
 it was. So Origin must match Host. Host must be an address or one of this machine's own names: the

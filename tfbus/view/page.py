@@ -55,10 +55,10 @@ _BY_DEFAULT = ViewSettings()
 
 @dataclass(frozen=True)
 class Serving:
-    """Where the page is served, how often it moves, and its first settings.
+    """The address of the page, how often it moves, and its first settings.
 
     The settings are saved to `path`. The slider goes back `history_s` seconds. `title` is that of
-    the browser's tab. With an `access` the page is encrypted, and needs its token. One that is
+    the browser's tab. With an `access` the page is encrypted, and needs its token. A page that is
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
     meshes are turned by the up axis that they state.
@@ -179,7 +179,7 @@ class Page:
 
     @property
     def scene_api(self) -> viser.SceneApi:
-        """What shapes are added to."""
+        """The scene that shapes are added to."""
         return self._server.scene
 
     @property
@@ -344,8 +344,8 @@ class Page:
         return region_of_points(np.concatenate((placed.xyz, points)))
 
     def _region_later(self, placed: Placed) -> Region | None:
-        """Where the frames of a recording that plays are now and later; None if it is held, or
-        where that is so large that they would be lost in it.
+        """The poses of the frames of a playing recording, now and later; None if it is held, or
+        if that is so large that they would be lost in it.
         """
         if not self._replay or not self._replay.samples or not self._replay.playhead.cursor.plays:
             return None

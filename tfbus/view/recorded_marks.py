@@ -39,9 +39,9 @@ def whole_timeline(
     reader: "RecordingReader", known: Timeline, is_ended: Callable[[], bool]
 ) -> Timeline | None:
     """The same with the silence of streams, their restarts if there are no events of them, and how
-    busy the recording was: from the index of the file. None where `is_ended` before.
+    busy the recording was: from the index of the file. None if `is_ended` before.
 
-    Raises DecodeError where the file is damaged.
+    Raises DecodeError if the file is damaged.
     """
     busy = _Activity(known.start_ns, known.end_ns)
     times: dict[str, _Times] = {}

@@ -97,11 +97,11 @@ class Replay:
         return self._frames.tree()
 
     def hint(self) -> str:
-        """Where there are frames, while there are none at the cursor; "" if nowhere."""
+        """The place of other frames, while there are none at the cursor; "" if nowhere."""
         return self._frames.hint()
 
     def now_ns(self) -> int:
-        """The time of the cursor; by the simulated clock where the publishers followed that."""
+        """The time of the cursor; by the simulated clock if the publishers followed that."""
         return self._frames.now_ns()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
@@ -193,7 +193,7 @@ class Replay:
 
     @property
     def mistake(self) -> str:
-        """Why the files cannot be read at the cursor; "" where they can."""
+        """Why the files cannot be read at the cursor; "" if they can."""
         at_ns = self.playhead.cursor.at_ns
         for damage in self._reader.damage:
             from_ns, to_ns = damage.from_ns, damage.to_ns
@@ -229,7 +229,7 @@ class Replay:
         self._frames.pass_time(at_ns)
 
     def _try(self, move: Callable[..., bool], *given: Any) -> bool:
-        """Move; where the file is damaged it holds, and a seek to another place is possible."""
+        """Move; if the file is damaged it holds, and a seek to another place is possible."""
         try:
             return move(*given)
         except DecodeError as error:

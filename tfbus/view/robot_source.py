@@ -1,4 +1,4 @@
-"""What the page needs of robots: which there are, their meshes, and their joints."""
+"""The robots as the page needs them: which there are, their meshes, and their joints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -12,7 +12,7 @@ class Joints(Protocol):
 
     @property
     def positions(self) -> Mapping[str, float]:
-        """Where they were at last, in rad and m, those that are known."""
+        """Their last positions, in rad and m, those that are known."""
 
     @property
     def is_heard(self) -> bool:
@@ -32,10 +32,10 @@ class RobotSource(Protocol):
         """Why there are not more, in sentences that can be printed."""
 
     def joints(self, robot: ShownRobot) -> Joints | None:
-        """The joints of a robot; None where nothing can move them."""
+        """The joints of a robot; None if nothing can move them."""
 
     def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
-        """The content of a mesh that is not on this machine. Raises MeshError, also where it takes
+        """The content of a mesh that is not on this machine. Raises MeshError, also if it takes
         longer.
         """
 
@@ -50,7 +50,7 @@ class GivenRobots:
         self._robots = list(robots)
 
     def robots(self) -> Sequence[ShownRobot]:
-        """Those given."""
+        """The given robots."""
         return list(self._robots)
 
     def add(self, robot: ShownRobot) -> None:

@@ -78,7 +78,7 @@ class RobotsOnBus:
         self._subscription = declare_signed_subscriber(node.session, within, self._on_message)
 
     def robots(self) -> Sequence[ShownRobot]:
-        """Those described, by namespace."""
+        """The described robots, by namespace."""
         if self._given is not None:
             return [self._given]
         with self._lock:
@@ -90,7 +90,7 @@ class RobotsOnBus:
             return list(self._mistakes.values())
 
     def joints(self, robot: ShownRobot) -> Joints | None:
-        """The joints of a robot, by the topics of its namespace; None where this identity may not
+        """The joints of a robot, by the topics of its namespace; None if this identity may not
         move them.
         """
         with self._lock:
@@ -198,8 +198,8 @@ class RobotsOnBus:
     def _former(
         self, origin: str, described: RobotDescription, sender: str
     ) -> tuple[str, str] | None:
-        """Where the robot was that its publisher now describes with another prefix. Two of one
-        session differ by where they are from.
+        """The former place of a robot that its publisher now describes with another prefix. Two of
+        one session differ by where they are from.
         """
         if not (described.source and sender):
             return None

@@ -69,7 +69,7 @@ def find_browser() -> str:
 
 
 class Screenshot:
-    """One picture, taken `after_s` seconds after the page appears; `size` in pixels."""
+    """A picture, taken `after_s` seconds after the page appears; `size` in pixels."""
 
     def __init__(self, path: Path, after_s: float, size: tuple[int, int], browser: str) -> None:
         self._path = path

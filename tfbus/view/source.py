@@ -1,4 +1,4 @@
-"""What the page needs of the program that it is part of: a node and its listener, or a buffer."""
+"""The program as the page needs it: a node and its listener, or a buffer."""
 
 import logging
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ class Host(Protocol):
 
     @property
     def log(self) -> logging.Logger:
-        """Where warnings go."""
+        """The log for warnings."""
 
     def now_ns(self) -> int:
         """The time that ages are judged by, in nanoseconds since the Unix epoch."""
@@ -23,7 +23,7 @@ class Host(Protocol):
 
 
 class Publishers(Protocol):
-    """Who publishes the frames; a TransformListener is one."""
+    """The publishers of frames; a TransformListener is one."""
 
     def streams(self) -> Sequence[StreamInfo]:
         """The streams of all of them."""

@@ -28,7 +28,7 @@ Reader = Callable[[object, str], Any]
 def encode_map(value: Mapping[str, Any]) -> bytes:
     """The bytes of a plain map, for a message without a type.
 
-    Raises BusError with the name of the field where a value cannot be sent, or where a text has a
+    Raises BusError with the name of the field if a value cannot be sent, or if a text has a
     lone surrogate: UTF-8 cannot hold it.
     """
     try:
@@ -91,7 +91,7 @@ def _why_unsendable(value: Any, path: str) -> str:
 def decode_map(data: bytes) -> dict[str, Any]:
     """The map in the bytes.
 
-    Raises DecodeError where they are not one msgpack map, or hold more than a million values.
+    Raises DecodeError if they are not one msgpack map, or hold more than a million values.
     """
     if mistake := too_many_items(data):
         raise DecodeError(mistake)
@@ -120,7 +120,7 @@ def encode_message(message: object) -> bytes:
 def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool = True) -> M:
     """The message of this type in the bytes.
 
-    Raises DecodeError with the name of the field where one is missing, of the wrong type, or, with
+    Raises DecodeError with the name of the field if one is missing, of the wrong type, or, with
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     return from_map(message_type, decode_map(data), unknown_fields=unknown_fields)

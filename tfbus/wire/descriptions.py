@@ -1,4 +1,4 @@
-"""What nodes and streams say about themselves on the bus; docs/reference/wire.md has the format."""
+"""Descriptions of nodes and streams on the bus; docs/reference/wire.md has the format."""
 
 from typing import Any
 
@@ -53,7 +53,7 @@ class DelayDescription(Struct):
         _make_printable(self, "what", "by")
 
     def __str__(self) -> str:
-        """What was lost by whom, as a sentence without its end."""
+        """The losses of a node, as a sentence without its end."""
         lost = counted(self.lost, "tick" if self.what.startswith("timer") else "message")
         callback = "its own callback" if self.by == self.what else f"the callback of {self.by}"
         return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
@@ -95,7 +95,7 @@ class NodeDescription(Struct):
 
 
 class NodeDefinitions(Struct):
-    """What a node's description says as well where that is asked for: the definitions of the ROS
+    """The part of a node's description that it has if that is asked for: the definitions of the ROS
     types that it publishes, by the names of the types, as texts of `.msg` files with all in them.
     `publishes` is that of the description.
     """
@@ -135,7 +135,7 @@ class StreamDescription(Struct):
     `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
     the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
-    the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 where
+    the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 if
     unknown. `origin` are the gids of the ROS publishers whose transforms a bridge sends in it.
     """
 
@@ -163,9 +163,9 @@ class StreamDescription(Struct):
 
 def read_description(payload: bytes) -> tuple[StreamDescription, str]:
     """The description of a stream in a payload, and what is wrong with the first of the frames that
-    it leaves out, since no frame can have its name; "" where all are there.
+    it leaves out, since no frame can have its name; "" if all are there.
 
-    Raises DecodeError where it cannot be read, or the name of its node, host or session cannot be
+    Raises DecodeError if it cannot be read, or the name of its node, host or session cannot be
     shown.
     """
     description = decode_message(StreamDescription, payload)

@@ -30,7 +30,7 @@ class FrameNames:
         self._count = 0
 
     def outside(self, frame: str) -> str:
-        """A frame's name from outside: `robot7/base_link`, or `map` where it is shared."""
+        """A frame's name from outside: `robot7/base_link`, or `map` if it is shared."""
         if not self.namespace or not frame or frame[0] == "/" or frame in self.shared_frames:
             return frame
         return f"{self.namespace}/{frame}"
@@ -87,6 +87,6 @@ class Fleet:
 
 
 def shared_name(first: str, second: str) -> str:
-    """The shared name of `robot7/world` and `robot8/world`: `world`; "" where the names differ."""
+    """The shared name of `robot7/world` and `robot8/world`: `world`; "" if the names differ."""
     (a, _, name), (b, _, other) = first.rpartition("/"), second.rpartition("/")
     return name if a and b and a != b and name == other else ""

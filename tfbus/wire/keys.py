@@ -121,7 +121,7 @@ def node_parameters_key(node: str) -> str:
 
 
 def setting_key(node: str, parameter: str) -> str:
-    """The key to set one parameter of a node on a closed bus, where `parameter_key` only reads."""
+    """The key to set one parameter of a node on a closed bus, if `parameter_key` only reads."""
     return f"@tfbus/set/{escape(node)}/{escape(parameter)}"
 
 
@@ -161,7 +161,7 @@ def is_foreign(key: str) -> bool:
 
 
 def mistake_in_stream(name: str) -> str:
-    """Why a stream cannot have this name, as the end of a sentence; "" where it can."""
+    """Why a stream cannot have this name, as the end of a sentence; "" if it can."""
     if not name or not is_printable(name):
         return "use 1 to 255 letters that can be printed"
     if _ROS_TYPE in name:
@@ -193,7 +193,7 @@ def full_name(key: str, namespace: str = "") -> str:
 
 
 def check_node_name(name: str) -> str:
-    """The name itself where it is a valid node name.
+    """The name itself if it is a valid node name.
 
     Raises InvalidNameError: a node's name is letters, digits, `_`, `-` and `.`.
     """
@@ -211,7 +211,7 @@ def check_node_name(name: str) -> str:
 def check_namespace(namespace: str) -> str:
     """The namespace without slashes around it; "" for none.
 
-    Raises InvalidNameError where a part is empty or has a character that Zenoh reserves.
+    Raises InvalidNameError if a part is empty or has a character that Zenoh reserves.
     """
     if not isinstance(namespace, str):
         raise InvalidNameError(f"a namespace must be a str, not {type(namespace).__name__}")
@@ -226,10 +226,10 @@ def check_namespace(namespace: str) -> str:
 
 
 def check_topic(name: str, *, kind: str = "topic") -> str:
-    """The name itself where it is valid for a topic, service or action.
+    """The name itself if it is valid for a topic, service or action.
 
     Names are paths such as `turtle1/pose`, relative to a namespace; `/robot7/scan` is absolute.
-    Raises InvalidNameError where a part is empty, begins with `@`, or has white space, one of
+    Raises InvalidNameError if a part is empty, begins with `@`, or has white space, one of
     `* $ ? #`, or a character that cannot be printed.
     """
     if not isinstance(name, str):
@@ -244,7 +244,7 @@ def check_topic(name: str, *, kind: str = "topic") -> str:
 
 
 def check_no_transforms(topic: str) -> str:
-    """The topic itself where messages may be published on it.
+    """The topic itself if messages may be published on it.
 
     Raises InvalidNameError for the keys of transforms, which listeners read as such.
     """
@@ -257,7 +257,7 @@ def check_no_transforms(topic: str) -> str:
 
 
 def check_parameter(name: str) -> str:
-    """The name itself where it is valid for a parameter: as for a topic, and never absolute."""
+    """The name itself if it is valid for a parameter: as for a topic, and never absolute."""
     if not isinstance(name, str):
         raise InvalidNameError(f"a parameter's name must be a str, not {type(name).__name__}")
     _check_path(name, name, "parameter")
@@ -276,7 +276,7 @@ def resolve(name: str, node: str, namespace: str) -> str:
 
 
 def relative(name: str, namespace: str) -> str:
-    """A name or key without its slash where it is absolute and within the namespace.
+    """A name or key without its slash if it is absolute and within the namespace.
 
     Any other is as it was: `/robot8/scan`, seen from `robot7`, stays absolute.
     """

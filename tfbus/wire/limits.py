@@ -64,7 +64,7 @@ class Limits(Struct):
         return most
 
     def mistake_in(self, kind: str, size: int) -> str:
-        """Why a payload of this size is not read, as the end of a sentence; "" where it is."""
+        """Why a payload of this size is not read, as the end of a sentence; "" if it is."""
         most = self.of(kind)
         if size <= most:
             return ""
@@ -78,7 +78,7 @@ class Limits(Struct):
     def parse(cls, text: str) -> "Limits":
         """The limits that a text such as `topic=64MB, service=8MB` sets; others by default.
 
-        Raises SettingsError where it is of another form.
+        Raises SettingsError if it is of another form.
         """
         return cls(**dict(_parsed(part.strip()) for part in text.split(",") if part.strip()))
 
@@ -95,13 +95,13 @@ def kind_of_query(key: str) -> str:
 
 
 def check_size(kind: str, payload: bytes, limits: Limits = DEFAULT_LIMITS) -> None:
-    """Raise DecodeError where the payload is larger than the limit of its kind."""
+    """Raise DecodeError if the payload is larger than the limit of its kind."""
     if mistake := limits.mistake_in(kind, len(payload)):
         raise DecodeError(mistake)
 
 
 def kind_of(key: str) -> str:
-    """The kind of the messages at a key or key expression: "topic" where it is none of tfbus's
+    """The kind of the messages at a key or key expression: "topic" if it is none of tfbus's
     own.
     """
     if key.startswith("tf/"):  # the keys that come most often
@@ -119,7 +119,7 @@ def size_text(size: int) -> str:
 
 
 def size_in(text: str) -> int | None:
-    """The bytes in a text such as `512 B`, `64MB` or `1000`; None where it is of another form."""
+    """The bytes in a text such as `512 B`, `64MB` or `1000`; None if it is of another form."""
     found = re.fullmatch(_SIZE, text.strip())
     return int(found[1]) * _UNITS[found[2]] if found else None
 

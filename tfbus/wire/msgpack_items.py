@@ -32,9 +32,9 @@ def _refuse_extension(code: int, data: bytes) -> object:
 
 
 def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
-    """Why the payload is not read, as a sentence; "" where it has at most `most` values.
+    """Why the payload is not read, as a sentence; "" if it has at most `most` values.
 
-    Binary data and text are one value, however long. What is no msgpack is not found here.
+    Binary data and text are one value, however long. Bytes that are no msgpack are not found here.
     """
     if len(data) <= HARMLESS_SIZE or values_in(data, most) <= most:
         return ""
@@ -65,7 +65,7 @@ _fill_tables()
 
 
 def values_in(data: bytes, most: int) -> int:
-    """How many values the payload says it has; where they are more than `most`, some number above
+    """How many values the payload says it has; if they are more than `most`, some number above
     it.
     """
     at, end = 0, len(data)

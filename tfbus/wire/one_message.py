@@ -1,6 +1,6 @@
 """Messages of one transform, which are the most frequent.
 
-Compiled where there is a C compiler (`one_message.pxd` has the C types).
+Compiled if there is a C compiler (`one_message.pxd` has the C types).
 """
 
 from tfbus.core import packed

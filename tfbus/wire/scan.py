@@ -1,6 +1,6 @@
 """Messages of transforms, read where they stand in their payload.
 
-Compiled where there is a C compiler (`scan.pxd` has the C types).
+Compiled if there is a C compiler (`scan.pxd` has the C types).
 """
 
 import sys
@@ -38,11 +38,11 @@ _NEEDED = 63
 
 
 class TransformMessage:
-    """One message of a stream: `rows` of transforms, and where it belongs.
+    """A message of a stream: `rows` of transforms, and where it belongs.
 
     `epoch_ns` is when its publisher started, in nanoseconds since the Unix epoch: a larger one
     than before means that the publisher was restarted, or that its clock went back. `seq` counts
-    the messages of its key in this epoch from 0; None where the publisher does not count.
+    the messages of its key in this epoch from 0; None if the publisher does not count.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class NameTables:
         self._lock = threading.Lock()
 
     def keep(self, table: bytes, names: tuple[str, ...]) -> None:
-        """Keep a list of names; where there are too many, the oldest lists are forgotten."""
+        """Keep a list of names; if there are too many, the oldest lists are forgotten."""
         with self._lock:
             if len(table) > _LARGEST_TABLE or table in self.names:
                 return
@@ -103,7 +103,7 @@ class _Cursor:
         self.failed = False
 
     def skip(self, size: int) -> int:
-        """Pass `size` bytes; where they begin."""
+        """Pass `size` bytes; if they begin."""
         start = self.at
         if size > self.end - start:
             self.failed = True

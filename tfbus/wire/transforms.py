@@ -20,7 +20,7 @@ from tfbus.wire.scan import FAST, VERSION, NameTables, scan_message
 from tfbus.wire.scan import TransformMessage as TransformMessage
 from tfbus.wording import counted
 
-# What MessagePack puts before an integer of eight bytes. Each `seq` is written so, since packing
+# The bytes of MessagePack before an integer of eight bytes. Each `seq` is written so, since packing
 # it by msgpack would take as long as the columns.
 _UINT64 = b"\xcf"
 
@@ -81,7 +81,7 @@ class TransformEncoder:
 def decode_transforms(payload: bytes) -> TransformMessage:
     """The message in a payload.
 
-    Raises DecodeError where the payload is not a message of a version that this tfbus reads.
+    Raises DecodeError if the payload is not a message of a version that this tfbus reads.
     Unknown keys are ignored. The buffer judges the numbers themselves.
     """
     columns = decode_map(payload)
@@ -119,7 +119,7 @@ def decode_transforms(payload: bytes) -> TransformMessage:
 class TransformReader:
     """Reads messages of transforms; safe from any thread.
 
-    It answers as `decode_transforms`, but thirty times as fast where tfbus is compiled: a message
+    It answers as `decode_transforms`, but thirty times as fast if tfbus is compiled: a message
     of one transform takes 0.4 us instead of 12 us, one of fifty 0.6 us instead of 16 us.
 
     Frames get the names that `names` gives them; None leaves them as they are. Readers may share
@@ -145,7 +145,7 @@ class TransformReader:
 
 
 def _bin_header(size: int) -> bytes:
-    """What MessagePack puts before `size` bytes of binary."""
+    """The bytes of MessagePack before `size` bytes of binary."""
     if size < 2**8:
         return struct.pack(">BB", 0xC4, size)
     return struct.pack(">BH", 0xC5, size) if size < 2**16 else struct.pack(">BI", 0xC6, size)

@@ -1,6 +1,6 @@
 """Values as people type them, for parameters and requests: YAML 1.2, whose words have no traps.
 
-PyYAML reads YAML 1.1, where `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
+PyYAML reads YAML 1.1, in which `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
 1e-3 is a text and 2022-12-07 is a date. Here a plain word is nothing (`null`, `~`), true or
 false, a number, or else a text, and the key of a map is always a text.
 """
@@ -37,7 +37,7 @@ def read_value(text: str) -> Any:
 def read_strangers_value(text: str) -> Any:
     """As `read_value`, for a text that came over the network.
 
-    A text is its own value where it has anchors, which let a few letters stand for billions of
+    A text is its own value if it has anchors, which let a few letters stand for billions of
     values, or more than 10,000 letters or 100 lists and maps, which could take seconds to read.
     """
     if len(text) > _MOST_LETTERS or text.count("[") + text.count("{") > _MOST_NESTED:

@@ -137,7 +137,7 @@ def command(
 
 
 def _some(items: Iterator[Item], counts: Imported, sources: "ForeignFiles") -> Iterator[Item]:
-    """The items. Raises TfbusError where none was written."""
+    """The items. Raises TfbusError if none was written."""
     number = 0
     for item in items:
         number += 1

@@ -211,7 +211,7 @@ def _line(label: str, text: str) -> str:
 
 
 def _lines(label: str, words: list[str]) -> Iterator[str]:
-    """The words with commas, below each other where a line has no room for more."""
+    """The words with commas, below each other if a line has no room for more."""
     room = min(width(), 100) - _LABEL - 1
     lines = [""]
     for word in words:

@@ -38,7 +38,7 @@ _COMPRESSIONS = ("zstd", "lz4", "none")
 
 @dataclass
 class Written:
-    """What a new recording holds; log times in nanoseconds."""
+    """The contents of a new recording; log times in nanoseconds."""
 
     size: int = 0
     transforms: int = 0
@@ -110,7 +110,7 @@ def new_file(path: Path, *, force: bool, sources: Iterable[Path]) -> Iterator[Pa
     """The path of a file to make, which takes the place of `path` at the end of the `with`.
 
     Ctrl-C and SIGTERM end the tool; then, and after an error, there is no such file, or the former.
-    Raises click.UsageError where it is one of the `sources`, and where it exists and `force` is not
+    Raises click.UsageError if it is one of the `sources`, and if it exists and `force` is not
     given.
     """
     if path.exists() and any(path.samefile(source) for source in sources):
@@ -154,7 +154,7 @@ def write_recording(
     `refuse` is called with an item that a recording cannot hold, and why; without it that is an
     error.
 
-    A bar on stderr shows the progress where that is a terminal. Raises as `new_file`, and what
+    A bar on stderr shows the progress if that is a terminal. Raises as `new_file`, and what
     reading the items raises.
     """
     with needing("bag"):
@@ -202,8 +202,8 @@ def with_progress(items: Iterable[Item], span: tuple[int, int], label: str) -> I
 
 
 def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, str]:
-    """What a recording made of others says of itself: what they say, where they were recorded, and
-    what was done: `cut of drive.mcap`.
+    """The note of a recording on the others that it is made of: what they say, where they were
+    recorded, and what was done: `cut of drive.mcap`.
     """
     readers = list(readers)
     about = dict(readers[0].about) if readers else {}
@@ -213,7 +213,7 @@ def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, s
 
 
 def lost_of(readers: Iterable["RecordingReader"]) -> dict[str, str]:
-    """What a recording made of others says of what was lost: what they say, and what of them could
+    """The note of a recording on losses in the others: what they say, and what of them could
     not be read.
     """
     lost: list[str] = []
@@ -224,13 +224,13 @@ def lost_of(readers: Iterable["RecordingReader"]) -> dict[str, str]:
 
 
 def edited(sources: Collection[Path], verb: str) -> str:
-    """What was done with which files: `cut of drive.mcap`."""
+    """The edit and its files: `cut of drive.mcap`."""
     return f"{verb} of {listed([path.name for path in sources])}"
 
 
 @contextmanager
 def needing(extra: str) -> Iterator[None]:
-    """Raises TfbusError, with the command that installs an extra, where a module is missing."""
+    """Raises TfbusError, with the command that installs an extra, if a module is missing."""
     try:
         yield
     except ImportError as error:

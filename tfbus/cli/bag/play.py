@@ -67,7 +67,7 @@ def _with_clock_rate(args: list[str]) -> Iterable[str]:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is asked for on the command line."""
+    """The options of the command line."""
 
     files: tuple[Path, ...]
     selection: Selection
@@ -286,7 +286,7 @@ def _check_names(reader: "RecordingReader", plan: _Plan) -> None:
 
 
 def _span(reader: "RecordingReader", plan: _Plan) -> tuple[int, int]:
-    """From when to when it is played, in log times; a click.UsageError where that is nothing."""
+    """From when to when it is played, in log times; a click.UsageError if that is nothing."""
     first_ns, last_ns = reader.start_ns, reader.end_ns
     start_ns = first_ns if plan.start is None else plan.start.within(first_ns, last_ns)
     end_ns = last_ns if plan.until is None else plan.until.within(first_ns, last_ns)
@@ -370,7 +370,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
 
 
 def _check_living(node: "Node", replay: "Replay", plan: _Plan) -> None:
-    """Raises click.ClickException where a stream is published now, unless that is wanted."""
+    """Raises click.ClickException if a stream is published now, unless that is wanted."""
     living = replay.living()
     if living and not plan.force:
         raise click.ClickException(f"{living}; --force plays nevertheless")
@@ -447,7 +447,7 @@ def _go_on(
 
 
 def _what(plan: _Plan, player: "Player", replay: "Replay") -> str:
-    """What is played, in one line."""
+    """The recording that is played, in one line."""
     what = [counted(len(replay.streams), "stream"), counted(len(replay.topics), "topic")]
     stamps = "stamps are moved to now" if plan.stamps == "now" else "stamps are those recorded"
     state = ", paused" if plan.is_paused else ""

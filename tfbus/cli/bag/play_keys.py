@@ -1,4 +1,4 @@
-"""The keys of `tfbus bag play`, those of ros2 bag where it has the same."""
+"""The keys of `tfbus bag play`, those of ros2 bag if it has the same."""
 
 from collections.abc import Callable
 

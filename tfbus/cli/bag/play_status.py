@@ -1,4 +1,4 @@
-"""What `tfbus bag play` shows while it plays."""
+"""The display of `tfbus bag play` while it plays."""
 
 from tfbus.bag.player import Progress
 from tfbus.cli.bag.record_status import StatusLine
@@ -15,7 +15,7 @@ _LATE_NS = 1_000_000_000
 
 
 class PlayLine(StatusLine):
-    """One line of a terminal: state, time, bar, rate."""
+    """A line of a terminal: state, time, bar, rate."""
 
     def show_progress(self, progress: Progress) -> None:
         """Show how far it is."""
@@ -26,7 +26,7 @@ class PlayLine(StatusLine):
 
 
 def state_of(progress: Progress) -> str:
-    """What it does: `playing`."""
+    """Its state: `playing`."""
     return "paused " if progress.is_paused else "playing"
 
 
@@ -63,7 +63,7 @@ def log_text(progress: Progress) -> str:
 
 
 def end_text(progress: Progress, running_s: float) -> str:
-    """What was played."""
+    """The summary of a replay."""
     text = f"Played {counted(progress.sent, 'message')} in {duration(running_s)}"
     if progress.late_ns > _LATE_NS:
         text += (

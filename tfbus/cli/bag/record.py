@@ -163,9 +163,9 @@ def command(
     """Record the bus into an MCAP file: transforms, topics, and who was there.
 
     Everything is recorded, unless topics, streams, frames or a regular expression say what. Names
-    are relative to the namespace. The file is never one that exists. What has come is on the disk
-    within a second, so a crash loses at most that second; with --history, what comes before the
-    publishers have answered (at most 6 s) is written after that. Ctrl-C ends the recording.
+    are relative to the namespace. The file is never one that exists. Data that has come is on the
+    disk within a second, so a crash loses at most that second; with --history, what comes before
+    the publishers have answered (at most 6 s) is written after that. Ctrl-C ends the recording.
 
     In a terminal the space key pauses, s begins a new file (or writes the snapshot), q ends. The
     services recorder/pause, resume, split, snapshot and stop do the same.

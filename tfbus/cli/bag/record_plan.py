@@ -1,4 +1,4 @@
-"""What `tfbus bag record` is asked for on its command line."""
+"""The options of `tfbus bag record` on its command line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _SNAPSHOT_CACHE_BYTES = 500_000_000
 
 @dataclass(frozen=True)
 class Plan:
-    """What to record, and how. `cache_bytes` is how much may wait to be written, or is held for a
+    """The plan of a recording. `cache_bytes` is how much may wait to be written, or is held for a
     snapshot; None is 100 MB, or 500 MB for a snapshot.
     """
 
@@ -45,7 +45,7 @@ class Plan:
 
 
 def free_path(output: str | None) -> Path:
-    """The file to write. Raises InvalidArgumentException where it, or a part of it, is there."""
+    """The file to write. Raises InvalidArgumentException if it, or a part of it, is there."""
     path = path_of_recording(output)
     if output is not None and is_folder(output):
         _make_folder(path.parent)

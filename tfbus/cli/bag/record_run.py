@@ -57,7 +57,7 @@ _KEYS = {False: "space pauses, s begins a new file, q ends", True: "s writes a s
 
 
 def record(settings: NodeSettings, plan: Plan) -> str:
-    """Record until Ctrl-C; why it failed, "" where it did not."""
+    """Record until Ctrl-C; why it failed, "" if it did not."""
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
     token = os.urandom(8).hex()
@@ -261,7 +261,7 @@ def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> Look:
 
 
 def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
-    """Say what may be wrong where nothing has come so far."""
+    """Say what may be wrong if nothing has come so far."""
     if recorder.is_paused or recorder.is_waiting:
         return
     missing = [

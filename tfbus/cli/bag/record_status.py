@@ -1,4 +1,4 @@
-"""What `tfbus bag record` shows while it records, and at its end."""
+"""The display of `tfbus bag record` while it records, and at its end."""
 
 import shlex
 import sys
@@ -27,8 +27,8 @@ _ERASE_LINE = "\r\x1b[K"
 
 @dataclass(frozen=True)
 class Look:
-    """What was recorded by a moment of the monotonic clock; `held` is how much a snapshot would
-    have now, in bytes and seconds, None where all is written.
+    """The counts by a moment of the monotonic clock; `held` is how much a snapshot would
+    have now, in bytes and seconds, None if all is written.
     """
 
     at_s: float
@@ -44,7 +44,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Rates:
-    """What is recorded in a second."""
+    """The rates of recording, a second."""
 
     messages: float = 0.0
     transforms: float = 0.0
@@ -97,20 +97,20 @@ def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
 
 
 def _free_texts(look: Look, rates: Rates) -> list[str]:
-    """How much is free, and how long it lasts where that is less than a week."""
+    """How much is free, and how long it lasts if that is less than a week."""
     lasts_s = look.free_bytes / rates.bytes if rates.bytes > 0.0 else _LASTS_S
     lasts = [duration(lasts_s)] if lasts_s < _LASTS_S else []
     return [size_text(look.free_bytes), *lasts]
 
 
 class StatusLine:
-    """One line of a terminal that is written again and again; log lines go above it."""
+    """A line of a terminal that is written again and again; log lines go above it."""
 
     def __init__(self) -> None:
         self._shown = False
 
     def show(self, parts: Sequence[str], *, warns: bool = False) -> None:
-        """Show these parts; the last is painted where it `warns`."""
+        """Show these parts; the last is painted if it `warns`."""
         room = width() - 1
         line = "  ".join(parts)
         line = cut(line if len(line) <= room else " ".join(parts), room)
@@ -167,7 +167,7 @@ def summary(
     *,
     deleted: int = 0,
 ) -> list[str]:
-    """What was recorded, in at most a screen; `deleted` older files are not there."""
+    """The summary of a recording, in at most a screen; `deleted` older files are not there."""
     if not parts:
         return ["Recorded nothing: no snapshot was asked for"]
     length = _length(sum(part.seconds for part in parts))

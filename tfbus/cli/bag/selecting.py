@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked for on a command line; names are relative to a namespace, or absolute."""
+    """The selection on a command line; names are relative to a namespace, or absolute."""
 
     topics: tuple[str, ...]
     streams: tuple[str, ...]

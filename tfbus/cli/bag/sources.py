@@ -54,7 +54,7 @@ class SeveralNames(Several):
 
 
 def names_of(given: tuple[str, ...]) -> tuple[str, ...]:
-    """The names that an option was given: one by one, or with commas. Raises click.UsageError where
+    """The names that an option was given: one by one, or with commas. Raises click.UsageError if
     there is only the option, which would otherwise mean all.
     """
     names = tuple(name.strip() for text in given for name in text.split(",") if name.strip())

@@ -16,11 +16,11 @@ QUIT = "q"
 
 @contextmanager
 def typed_keys(within_s: float, *, wanted: bool = True) -> Iterator[Callable[[], list[str]] | None]:
-    """Inside the `with`, a function that returns the keys typed within this time; None where keys
+    """Inside the `with`, a function that returns the keys typed within this time; None if keys
     are not `wanted`, or there is no terminal to read them from.
 
     A terminal that goes away (ssh, a closed window) ends the `with` as Ctrl-C does, so that what
-    is written is whole, except where nohup has it ignored.
+    is written is whole, except if nohup has it ignored.
     """
     if not wanted or not _is_own_terminal():
         with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():

@@ -24,7 +24,7 @@ from click.shell_completion import (
 
 
 class _Shell(ShellComplete):
-    """What the three share."""
+    """The part that all three share."""
 
     def get_completion_args(self) -> tuple[list[str], str]:
         """The words before the cursor's, and that word."""
@@ -35,7 +35,7 @@ class _Shell(ShellComplete):
         return words[1:], incomplete
 
     def format_completion(self, item: CompletionItem) -> str:
-        """One line for the script."""
+        """A line for the script."""
         written = self.quoted if item.type == "map" else self.written
         return "\t".join((item.type, written(item.value), item.help or ""))
 

@@ -15,7 +15,7 @@ _PARTS = ("Request", "Response", "Goal", "Result", "Feedback")
 
 @dataclass(frozen=True)
 class FieldInfo:
-    """A field of a message: its type's name, its default (None where it has none), and the fields
+    """A field of a message: its type's name, its default (None if it has none), and the fields
     of a nested message.
     """
 
@@ -35,7 +35,7 @@ class PartInfo:
 
 
 def prototype(message_type: type) -> dict[str, Any]:
-    """A message of this type with its defaults, or zeros where it has none."""
+    """A message of this type with its defaults, or zeros if it has none."""
     hints = get_type_hints(message_type)
     return {entry.name: _value(entry, hints[entry.name]) for entry in fields(message_type)}
 

@@ -160,8 +160,8 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
 def _values_of_ros(
     values: Mapping[str, Any], message_type: type, mistake: click.UsageError
 ) -> dict[str, Any]:
-    """The values of a type of tfbus, given with ROS's fields. Raises the mistake where ROS has no
-    such fields of it either, and click.UsageError where only the values are wrong.
+    """The values of a type of tfbus, given with ROS's fields. Raises the mistake if ROS has no
+    such fields of it either, and click.UsageError if only the values are wrong.
     """
     from tfbus.compat.bus_types import bus_type_of  # which most types of tfbus's do not need
     from tfbus.compat.message_classes import message_class

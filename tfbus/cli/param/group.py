@@ -54,7 +54,7 @@ def command() -> None:
 
 @contextmanager
 def _one_of_ros(name: str) -> Iterator[None]:
-    """Where a node refuses ROS's parameter of simulated time, a usage error that says how to set
+    """For a node that refuses ROS's parameter of simulated time, a usage error that says how to set
     it.
     """
     try:

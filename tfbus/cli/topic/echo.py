@@ -64,7 +64,7 @@ def _complete_type(
 
 
 def _type_name(announced: str, topic: str, typed: str) -> str:
-    """The name of the topic's type, as announced or typed in. Raises click.UsageError where these
+    """The name of the topic's type, as announced or typed in. Raises click.UsageError if these
     differ.
     """
     if not typed:

@@ -84,7 +84,7 @@ def measure(
     """Print a report of each topic every second, until the node is shut down.
 
     Raises BusError if there is nothing to report for the first `timeout_s` (None: never), and
-    KeyboardInterrupt where the node is shut down before the only report.
+    KeyboardInterrupt if the node is shut down before the only report.
     """
     topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
     give_up_s = None if timeout_s is None else time.monotonic() + timeout_s

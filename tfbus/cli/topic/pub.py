@@ -167,7 +167,7 @@ def _publish(
 ) -> None:
     """Publish at the rate, without drift, `times` times (None: until the node is shut down).
 
-    Raises KeyboardInterrupt where the node is shut down before all are published.
+    Raises KeyboardInterrupt if the node is shut down before all are published.
     """
     started_s = time.monotonic()
     sent = 0

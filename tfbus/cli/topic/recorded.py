@@ -50,7 +50,7 @@ class RecordedMessage:
 
     @property
     def stamp_ns(self) -> int | None:
-        """Its stamp, or that of its header; of transforms the newest; None where it has none."""
+        """Its stamp, or that of its header; of transforms the newest; None if it has none."""
         if isinstance(self.item, TransformItem):
             return max(self.item.rows.stamps_as_ints(), default=0)
         return stamp_in(self.item.values)
@@ -90,7 +90,7 @@ def messages_of(bag: OpenBag, name: str) -> Iterator[RecordedMessage]:
 
 
 def stamp_in(message: Mapping[str, Any]) -> int | None:
-    """The field stamp_ns of a message, or of its header; None where it has none."""
+    """The field stamp_ns of a message, or of its header; None if it has none."""
     header = message.get("header")
     for fields in (message, header if isinstance(header, dict) else {}):
         stamp_ns = fields.get("stamp_ns")

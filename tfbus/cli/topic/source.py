@@ -35,7 +35,7 @@ def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> I
     """A node for a tool that listens or publishes; Ctrl-C and SIGTERM end it without a word.
 
     They are the usual end of a tool that goes on until then, which exits with 0. Another one
-    exits with 130; where a wait returned before its answer came, it raises KeyboardInterrupt.
+    exits with 130; if a wait returned before its answer came, it raises KeyboardInterrupt.
 
     Its name starts with `_`, so lists of nodes omit it.
     """
@@ -114,7 +114,7 @@ def type_of(graph: Graph, topic: str) -> str:
 
 
 def why_silent(node: "Node", topic: str) -> str:
-    """What a tool waits for if no message comes."""
+    """The words for what a tool waits for if no message comes."""
     graph = look(node.session)
     published = {name: each for name, each in graph.topics.items() if each.publishers}
     try:

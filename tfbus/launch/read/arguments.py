@@ -38,7 +38,7 @@ def argument_values(
 
 
 def show_arguments(arguments: Sequence[Argument]) -> str:
-    """What `--show-args` prints, in the form of `ros2 launch`."""
+    """The output of `--show-args`, in the form of `ros2 launch`."""
     lines = ["Arguments (pass arguments as '<name>:=<value>'):", ""]
     for argument in arguments:
         lines += [f"    '{argument.name}':", f"        {argument.description or 'no description'}"]

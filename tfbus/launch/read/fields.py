@@ -28,7 +28,7 @@ class Fields:
         return key in self._values
 
     def place_of(self, key: str) -> Place:
-        """Where a field stands; of a missing one, where the whole entry stands."""
+        """The place of a field; of a missing one, that of the whole entry."""
         return self._values[key].place if key in self._values else self.place
 
     @property
@@ -67,7 +67,7 @@ class Fields:
         return self._values[key].entries() if key in self._values else {}
 
     def items(self, key: str) -> Iterator[tuple[str, Place]]:
-        """One text or several in a list, each with its place."""
+        """A text or several in a list, each with its place."""
         if key in self._values:
             value = self._values[key]
             for item in value.items() if value.is_list else [value]:

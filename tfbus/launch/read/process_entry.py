@@ -1,4 +1,4 @@
-"""One entry under `nodes:` of a launch file, read into a Process."""
+"""An entry under `nodes:` of a launch file, read into a Process."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +58,7 @@ def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) 
 
 
 def joined(*namespaces: str) -> str:
-    """One namespace inside another; "" stands for none."""
+    """A namespace inside another; "" stands for none."""
     return "/".join(filter(None, namespaces))
 
 

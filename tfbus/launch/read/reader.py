@@ -40,7 +40,7 @@ def read_arguments(path: Path) -> tuple[Argument, ...]:
 
 
 def read_description(path: Path) -> str:
-    """What a launch file says it is for; "" where it does not."""
+    """The description of a launch file; "" if it does not."""
     return _Document(path).description
 
 
@@ -96,13 +96,13 @@ class _Document:
 
 
 class _Total:
-    """What all files of a launch have come to so far."""
+    """The sum of all files of a launch so far."""
 
     def __init__(self) -> None:
         self.files = self.processes = 0
 
     def add_file(self, place: Place) -> None:
-        """One more file. Raises YamlFileError where there are too many."""
+        """Add a file. Raises YamlFileError if there are too many."""
         self.files += 1
         if self.files > _MOST_FILES:
             raise place.mistake(
@@ -111,7 +111,7 @@ class _Total:
             )
 
     def add_process(self, place: Place) -> None:
-        """One more process. Raises YamlFileError where there are too many."""
+        """Add a process. Raises YamlFileError if there are too many."""
         self.processes += 1
         if self.processes > _MOST_PROCESSES:
             raise place.mistake(
@@ -198,8 +198,8 @@ def _check_names_differ(processes: Sequence[Process]) -> None:
 def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
     """The process with full names in `after`.
 
-    A name is looked up in the namespace of the process, then in that of its file. One that
-    starts with a slash is full, and may be of a node started elsewhere.
+    A name is looked up in the namespace of the process, then in that of its file. A name
+    that starts with a slash is full, and may be of a node started elsewhere.
     """
     after = []
     for name, place in entry.after:

@@ -26,7 +26,7 @@ _TRUTH = {word: True for word in ("true", "yes", "on", "1")} | {
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """What `${...}` can name in one launch file."""
+    """The values that `${...}` can name in one launch file."""
 
     arguments: Mapping[str, str]
     environment: Mapping[str, str]

@@ -1,4 +1,4 @@
-"""One started process and all that it starts in turn: a process group."""
+"""A started process and all that it starts in turn: a process group."""
 
 import asyncio
 import os
@@ -63,7 +63,7 @@ class Child:
     def group_lives(self) -> bool:
         """Whether any process of the group is left.
 
-        Orphans become children of launch where it is a subreaper; this reaps them, as a zombie
+        Orphans become children of launch if it is a subreaper; this reaps them, as a zombie
         counts as a member.
         """
         if self.exit_code is None:

@@ -56,7 +56,7 @@ def _end_of_letter(data: bytes, at: int) -> int:
 
 def safe_line(line: bytes, *, styled: bool) -> bytes:
     """A line of a program as a terminal may get it: what would move the cursor, set a title or
-    answer in the user's name is escaped, as in tfbus's own log. Colours stay where it is `styled`,
+    answer in the user's name is escaped, as in tfbus's own log. Colours stay if it is `styled`,
     to the end of the line, and are left out elsewhere.
     """
     text = line.decode(errors="surrogateescape")
@@ -77,7 +77,7 @@ def _printable(text: str) -> str:
 
 
 class Stream:
-    """One file descriptor to which many threads write whole lines.
+    """A file descriptor to which many threads write whole lines.
 
     `on_gone` is called once, from the writing thread, when its reader is gone; further lines are
     dropped.

@@ -66,7 +66,7 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
 
 
 def dry_run_line(program: Program) -> str:
-    """One line for `--dry-run`: the name, and a shell command that does the same."""
+    """A line for `--dry-run`: the name, and a shell command that does the same."""
     changes = [f"{name}={value}" for name, value in program.changes.items() if value is not None]
     environment = shlex.join(["env", *changes]) + " " if changes else ""
     folder = (

@@ -29,7 +29,7 @@ class FairTurns(Generic[T]):
         self._waiting[sender].append(item)
 
     def next(self) -> tuple[Hashable, T] | None:
-        """Take the next item, with its sender; None where none waits."""
+        """Take the next item, with its sender; None if none waits."""
         if not self._waiting:
             return None
         sender = min(self._waiting, key=self._used_s.__getitem__)

@@ -1,4 +1,4 @@
-"""What is looked at before a mesh reader gets a file: it may come from anywhere."""
+"""Checks before a mesh reader gets a file: it may come from anywhere."""
 
 import json
 import struct
@@ -119,7 +119,7 @@ def _check_stl(data: bytes) -> None:
 
 
 def small_picture(picture: Any) -> Any:
-    """A picture of Pillow's as it is sent to browsers. Raises MeshError where it is too large."""
+    """A picture of Pillow's as it is sent to browsers. Raises MeshError if it is too large."""
     width, height = picture.size
     if width * height > MOST_PIXELS:
         raise MeshError(f"its picture has {width} x {height} pixels")

@@ -1,4 +1,4 @@
-"""What one mesh file may be."""
+"""The limits of one mesh file."""
 
 # The largest file, and the most triangles in it.
 MOST_BYTES = 100_000_000

@@ -32,7 +32,7 @@ FetchBeside = Callable[[str], bytes]
 @dataclass(frozen=True)
 class MeshSource:
     """A mesh file: its `name` in the URDF, and its `path` on this machine, inside of `root`, or
-    None where it is fetched from its robot's namespace `origin`. `version` differs where the
+    None if it is fetched from its robot's namespace `origin`. `version` differs if the
     content may. `texture` is the name of the picture that the URDF gives it, "" for none, which is
     at `texture_path` if the mesh is on this machine.
     """
@@ -97,7 +97,7 @@ class MeshLoader:
             lane.close()
 
     def _load(self, source: MeshSource, reader: MeshReader, within_s: float) -> bool:
-        """Load a file; False where that takes longer."""
+        """Load a file; False if that takes longer."""
         deadline_s = math.inf
         try:
             # That it starts is not the file's doing.

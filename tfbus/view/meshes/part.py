@@ -1,4 +1,4 @@
-"""What a mesh file becomes: triangles of one look each."""
+"""The parts of a mesh file: triangles of one look each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -26,10 +26,10 @@ def read_mesh(
     texture: tuple[str, bytes] | None = None,
     heeds_up_axis: bool = False,
 ) -> list[Part]:
-    """The parts of a mesh file of a kind, such as "stl", in metres where it states its unit.
+    """The parts of a mesh file of a kind, such as "stl", in metres if it states its unit.
 
     A `texture`, by its name, is the picture of the parts that have texture coordinates and no look
-    of their own; where it cannot be, `references.refused` says why. With `heeds_up_axis` a DAE is
+    of their own; if it cannot be, `references.refused` says why. With `heeds_up_axis` a DAE is
     turned by the up axis that it states.
 
     Raises MeshError, and any error of a mesh reader.
@@ -118,7 +118,7 @@ def _placed(mesh: Any, matrix: Any, unit_m: float) -> Any:
 
 
 def _turn(dae: bytes) -> Any:
-    """What turns a DAE so that its up axis is z; None where that is so."""
+    """The rotation that turns a DAE so that its up axis is z; None if that is so."""
     found = _UP_AXIS.search(dae)
     return _TURNS.get(found[1]) if found else None
 
@@ -183,7 +183,7 @@ def _textured(trimesh: Any, mesh: Any) -> Part:
 
 
 def _look(mesh: Any, is_linear: bool) -> tuple[Color | None, float]:
-    """The colour and the opacity of a mesh without a picture; None where it has no colour."""
+    """The colour and the opacity of a mesh without a picture; None if it has no colour."""
     visual = mesh.visual
     if visual.kind == "texture":
         rgba = _base_color(visual.material)
@@ -204,7 +204,7 @@ def _look(mesh: Any, is_linear: bool) -> tuple[Color | None, float]:
 
 
 def _base_color(material: Any) -> Any:
-    """The colour of a material from 0 to 1, None where the file has none."""
+    """The colour of a material from 0 to 1, None if the file has none."""
     base = getattr(material, "baseColorFactor", None)
     if base is not None:
         numbers = np.asarray(base)

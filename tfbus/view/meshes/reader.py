@@ -37,7 +37,7 @@ class MeshReader:
         self._is_closed = False
 
     def read(self, request: MeshRequest, within_s: float = LONGEST_S) -> ReadMesh:
-        """Read a file. Raises MeshError, also where it takes longer."""
+        """Read a file. Raises MeshError, also if it takes longer."""
         answer = self._answer(self._process_now(), request, within_s)
         if answer is None:
             raise MeshError(f"reading it took more than {within_s:.0f} s, or too much memory")
@@ -46,13 +46,13 @@ class MeshReader:
         return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
 
     def start(self) -> None:
-        """Start the process, and wait until it can read. Raises MeshError where it cannot."""
+        """Start the process, and wait until it can read. Raises MeshError if it cannot."""
         self._process_now()
 
     def _answer(
         self, process: "subprocess.Popen[bytes]", request: MeshRequest | None, within_s: float
     ) -> dict[str, Any] | None:
-        """What the process answers, without a request that it is ready; None where it does not, and
+        """The answer of the process, without a request that it is ready; None if it does not, and
         is ended.
         """
         late = threading.Timer(within_s, process.kill)

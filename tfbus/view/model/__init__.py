@@ -1,1 +1,1 @@
-"""What the page shows; needs no browser."""
+"""The state of the page; needs no browser."""

@@ -23,7 +23,7 @@ class _Stream:
 
 @dataclass
 class _Sweep:
-    """What is open while the events pass by."""
+    """The open events while they pass by."""
 
     streams: dict[str, _Stream] = field(default_factory=dict)
     # By frame, the living streams that list it.
@@ -82,7 +82,7 @@ def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
 def _claim(
     sweep: _Sweep, name: str, former: frozenset[str], children: frozenset[str], at_ns: int
 ) -> Iterator[Mark]:
-    """The stream lists these frames from now on in the place of the former, none where it is gone.
+    """The stream lists these frames from now on in the place of the former, none if it is gone.
 
     Yields the conflicts that end with that.
     """

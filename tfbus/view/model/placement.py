@@ -1,4 +1,4 @@
-"""Where frames are in the fixed frame, at one time."""
+"""The poses of frames in the fixed frame, at one time."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -111,7 +111,7 @@ def arrow_points(
 
 
 def trail(buffer: Buffer, fixed_frame: str, name: str, end_ns: int, length_s: float) -> Floats:
-    """Where a frame was in the `length_s` before `end_ns`: (N, 3) in metres, oldest first.
+    """The positions of a frame in the `length_s` before `end_ns`: (N, 3) in metres, oldest first.
 
     Leaves out the times at which its pose is not known; empty for an unknown frame.
     """

@@ -1,4 +1,4 @@
-"""Where a recording is shown, and how it goes on; moved by all browsers together."""
+"""The cursor of a recording and its speed; moved by all browsers together."""
 
 import threading
 from dataclasses import dataclass, replace
@@ -96,7 +96,7 @@ class Playhead:
             self._set(replace(self.cursor, loops=loops))
 
     def advance(self, passed_s: float) -> Cursor:
-        """Let time pass, where it plays; the cursor then."""
+        """Let time pass, if it plays; the cursor then."""
         with self._lock:
             before = self.cursor
             self.cursor = before.after(passed_s, self.start_ns, self.end_ns)

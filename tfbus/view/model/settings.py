@@ -1,4 +1,4 @@
-"""What users have chosen to see, as one frozen value, and as a YAML file."""
+"""The choices of users, as one frozen value, and as a YAML file."""
 
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property

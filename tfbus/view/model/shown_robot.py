@@ -34,7 +34,7 @@ class ShownRobot:
 
     @property
     def title(self) -> str:
-        """What tells it from other robots."""
+        """The key that tells it from other robots."""
         return "/".join(filter(None, (self.origin, self.prefix.strip("/_"), self.robot.name)))
 
     @cached_property
@@ -68,7 +68,7 @@ class ShownRobot:
         return tuple(dict.fromkeys((*shown, *collide)))
 
     def source_of(self, mesh: Mesh, texture: str = "") -> MeshSource | str:
-        """Where a mesh is loaded from, with a texture of the URDF, or why it cannot be."""
+        """The file of a mesh, with a texture of the URDF, or why it cannot be."""
         file = mesh.file
         if file is not None and file.is_file():
             status = file.stat()

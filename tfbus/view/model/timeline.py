@@ -19,8 +19,8 @@ _MOST_NAMED = 3
 
 @dataclass(frozen=True)
 class Mark:
-    """What happened from `start_ns` to `end_ns`, by the log times of the recording; the two are the
-    same for what takes no time. `what` happened to the `streams`, where it is about some; `detail`
+    """An event from `start_ns` to `end_ns`, by the log times of the recording; the two are the
+    same for what takes no time. `what` happened to the `streams`, if it is about some; `detail`
     is what else to say.
     """
 
@@ -54,7 +54,7 @@ class Mark:
 @dataclass(frozen=True)
 class Timeline:
     """A recording from `start_ns` to `end_ns`. `marks` are in the order of their starts;
-    `activity` are counts of messages in equal parts of the span, () where they are not known.
+    `activity` are counts of messages in equal parts of the span, () if they are not known.
     """
 
     start_ns: int

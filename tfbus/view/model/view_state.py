@@ -1,4 +1,4 @@
-"""What the page shows, chosen by all its browsers together; safe from any thread."""
+"""The state of the page, chosen by all its browsers together; safe from any thread."""
 
 import threading
 from collections.abc import Callable

@@ -11,7 +11,7 @@ _NOTE_S = 4.0
 
 @dataclass(frozen=True)
 class CameraActions:
-    """What they do, by the number of the client: `focus` says why it cannot, "" if it can."""
+    """Their actions, by the number of the client: `focus` says why it cannot, "" if it can."""
 
     show_all: Callable[[int], object]
     focus: Callable[[int], str]

@@ -41,8 +41,8 @@ _STANDS_STILL = (
 
 
 def shown_position(joint: Joint, position: float) -> float:
-    """Where a slider shows a position: of a continuous joint the same angle within one turn, and
-    of others the nearest that they reach.
+    """The place of a position on a slider: of a continuous joint the same angle within one turn,
+    and of others the nearest that they reach.
     """
     lower, upper = joint.reach
     if joint.type == "continuous":

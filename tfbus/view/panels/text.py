@@ -1,4 +1,4 @@
-"""What the panels say, as HTML: facts about a frame, the way between two, what the page awaits."""
+"""Texts of the panels, as HTML: facts about a frame, the way between two, what the page awaits."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ def headline(
     empty: str = WAITING,
     loading: str = "",
 ) -> str:
-    """What the page shows, or what it waits for; `now_ns` is the time to judge a pause by.
+    """The headline of the page, or what it waits for; `now_ns` is the time to judge a pause by.
 
     `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
     to say without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
@@ -72,7 +72,7 @@ def headline(
 
 
 def robots_alone(titles: Sequence[str]) -> str:
-    """What to say of robots without any frame, as HTML."""
+    """The note on robots without any frame, as HTML."""
     named = escape(listed([printable(title) for title in titles], most=3))
     return (
         f"<b>No transforms yet.</b> <code>tfbus robot_state</code> publishes the frames of {named} "
@@ -81,7 +81,7 @@ def robots_alone(titles: Sequence[str]) -> str:
 
 
 def nothing_recorded(hint: str) -> str:
-    """What to say without a frame in a recording, as HTML; `hint` is where there are some."""
+    """The note on a recording without a frame, as HTML; `hint` is where there are some."""
     where = f" {escape(hint[:1].upper() + hint[1:])}." if hint else ""
     return f"<b>No transforms</b> had come by this moment of the recording.{where}"
 
@@ -108,7 +108,7 @@ def _local(stamp_ns: int) -> datetime:
 
 
 def mistakes(found: Sequence[str]) -> str:
-    """One line per mistake, at most five."""
+    """A line per mistake, at most five."""
     lines = [*found[:_MOST_MISTAKES]]
     if more := and_more(len(found), _MOST_MISTAKES):
         lines.append(f"{more.capitalize()}; see the log.")
@@ -127,7 +127,7 @@ def pose_text(found: TransformStamped) -> str:
 
 
 def facts(frame: ViewFrame, now_ns: int) -> str:
-    """Who publishes a frame, how often, and how old it is."""
+    """The publisher of a frame, its rate and its age."""
     info = frame.info
     rows = [("State", f"{sign(frame.state)} {escape(explained(frame))}")]
     if info.parent is not None:

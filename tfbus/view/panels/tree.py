@@ -27,7 +27,7 @@ _RATE_TOLERANCE = 0.15
 
 @dataclass(frozen=True)
 class _Browser:
-    """What one browser sees of the tree: with the frame that it has selected."""
+    """The tree as one browser sees it: with the frame that it has selected."""
 
     tree: Html
     actions: Html

@@ -74,7 +74,8 @@ class Window:
 def overview(
     middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Where to look from, and at which point, to see a ball whole; `toward` points to the camera.
+    """The place to look from, and the point to look at, to see a ball whole; `toward` points to the
+    camera.
 
     In a window much higher than wide the ball is in the upper half, above the panel.
     """
@@ -140,9 +141,9 @@ class Cameras:
     ) -> None:
         """Take the ball around all that is shown now.
 
-        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared. Those
-        whose camera is where it was left also follow it later, each time that `built` has grown:
-        how many robots have frames, and how many of their parts are there.
+        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
+        Browsers whose camera is where it was left also follow it later, each time that `built` has
+        grown: how many robots have frames, and how many of their parts are there.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
@@ -214,7 +215,7 @@ class Cameras:
         self._start_at(region)
 
     def _start_at(self, region: Region) -> None:
-        """Where browsers start that are opened later, and where viser's Reset View leads."""
+        """The camera of browsers that are opened later, and of viser's Reset View."""
         self._start = region
         initial: Any = self._server.initial_camera
         initial.position, initial.look_at = _overview(region)

@@ -1,4 +1,4 @@
-"""What a program draws into the scene: shapes by name, each attached to a frame."""
+"""Shapes that a program draws into the scene: shapes by name, each attached to a frame."""
 
 import math
 import threading
@@ -150,7 +150,7 @@ def image_of(image: ArrayLike) -> NDArray[np.uint8]:
 
 
 def place_of(pose: Transform | ArrayLike | None) -> dict[str, Any]:
-    """Where a shape is in its frame, in viser's words; from a pose there, or a point (3,)."""
+    """The pose of a shape in its frame, in viser's words; from a pose there, or a point (3,)."""
     if pose is None:
         return {}
     if not isinstance(pose, Transform):

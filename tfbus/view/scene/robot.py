@@ -37,7 +37,7 @@ class Look:
 @dataclass(eq=False)
 class _Node:
     """An object of viser: of the visuals or of the collisions. `opacity` is that of its material;
-    `parts` that has a picture is drawn in its mean colour where it is seen through.
+    `parts` that has a picture is drawn in its mean colour if it is seen through.
     """
 
     link: str
@@ -315,7 +315,7 @@ def _place(shape: Visual | Collision) -> dict[str, Any]:
 
 
 def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
-    """What cannot be shown, each once; with the robot where there are several."""
+    """The parts that cannot be shown, each once; with the robot if there are several."""
     for each in scenes:
         lead = f"{each.robot.title}: " if len(scenes) > 1 else ""
         for mistake in each.mistakes:

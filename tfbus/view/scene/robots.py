@@ -168,7 +168,7 @@ class RobotScenes:
         return scene.loaded, len(scene.sources)
 
     def mistakes(self) -> list[str]:
-        """What cannot be shown, in sentences that can be printed."""
+        """The parts that cannot be shown, in sentences that can be printed."""
         return [*self.source.mistakes(), *self._lacking()]
 
     def _lacking(self) -> list[str]:

@@ -20,12 +20,14 @@ T = TypeVar("T")
 DEADLINE_S = 120.0
 
 
-def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:
+def eventually(
+    condition: Callable[[], T], *, within_s: float = DEADLINE_S, every_s: float = 0.01
+) -> T:
     """The first true value of the condition; an AssertionError where none comes in time."""
     deadline = scheduler.monotonic() + within_s
     while not (value := condition()):
         assert scheduler.monotonic() < deadline, f"not within {within_s} s"
-        scheduler.sleep(0.01)
+        scheduler.sleep(every_s)
     return value
 
 

@@ -170,7 +170,7 @@ def terminal(
     (tmp_path / "script").write_text(script.stdout)
     terminal = Terminal(shell, env, tmp_path)
     terminal.type(f"{STARTED[shell][1]}; echo tak''en", "Enter")
-    eventually(lambda: "\ntaken" in terminal.screen())
+    eventually(lambda: "\ntaken" in terminal.screen(), every_s=0.1)
     yield terminal
     terminal.close()
 
@@ -201,15 +201,15 @@ def test_a_shell_completes_what_is_typed(
         ("tfbus launch turtle turtlename:=t", "tfbus launch turtle turtlename:=turtle1 X"),
     ):
         terminal.type("C-u", "C-l")
-        eventually(lambda: not terminal.line())
+        eventually(lambda: not terminal.line(), every_s=0.1)
         terminal.type(typed)
         shown = typed.rstrip()
-        eventually(partial(terminal.shows, shown))
+        eventually(partial(terminal.shows, shown), every_s=0.1)
         refresh(env)
         terminal.type("Tab")
-        eventually(partial(terminal.shows_no_longer, shown))
+        eventually(partial(terminal.shows_no_longer, shown), every_s=0.1)
         terminal.type("X")
-        eventually(lambda: terminal.line().endswith("X"))
+        eventually(lambda: terminal.line().endswith("X"), every_s=0.1)
         assert terminal.line() == completed
 
 

@@ -61,12 +61,12 @@ def by_tfbus(path: Path) -> list[float]:
 
 @pytest.fixture
 def killed(tmp_path: Path) -> Iterator[list[tuple[Path, int]]]:
-    """Four recordings that were killed at random moments, and how many messages they had on the
+    """Two recordings that were killed at random moments, and how many messages they had on the
     disk.
     """
     command = [sys.executable, "-m", "tests.processes.recording_process"]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    paths = [tmp_path / f"run{number}.mcap" for number in range(4)]
+    paths = [tmp_path / f"run{number}.mcap" for number in range(2)]
     processes = [Process([*command, str(path)], env, ROOT) for path in paths]
     try:
         for process in processes:

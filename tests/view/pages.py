@@ -2,19 +2,21 @@
 
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from signal import SIGKILL
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
-from tests import needs
+from tests import buses, needs
 from tests.buses import DEADLINE_S
 from tests.live_bus import Bus, Process, free_port
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, devtools_of
+
+T = TypeVar("T")
 
 # Chromium draws without a graphics card, on a machine with other work to do: a page that takes 5 s
 # alone takes a minute beside four others.
@@ -63,6 +65,11 @@ def browser(request: pytest.FixtureRequest, real: None) -> Iterator[Any]:
     with playwright.sync_playwright() as driver:
         address = request.getfixturevalue("chromium")
         yield driver.chromium.connect_over_cdp(address, timeout=PATIENCE_S * 1e3)
+
+
+def eventually(condition: Callable[[], T]) -> T:
+    """The first true value of the condition, which asks the browser and so is not for nothing."""
+    return buses.eventually(condition, within_s=PATIENCE_S, every_s=0.1)
 
 
 class View:

@@ -13,10 +13,10 @@ import rich.console
 
 from tests import needs
 from tests.builders import S, moved
-from tests.buses import DEADLINE_S, eventually
+from tests.buses import DEADLINE_S
 from tests.live_bus import free_port
-from tests.view.pages import PATIENCE_S
 from tests.view.pages import View as Page
+from tests.view.pages import eventually
 from tfbus import Buffer, InvalidArgumentException, Transform
 from tfbus.command import install_command
 from tfbus.view import View, show
@@ -262,9 +262,9 @@ def test_a_browser_shows_a_recording_and_what_is_drawn(
     page.headline("3 frames, seen from map")
     before = red_share(page)
     view.add_sphere("ball", "base", 0.6, color=(255, 0, 0))
-    eventually(lambda: red_share(page) > before + 0.002, within_s=PATIENCE_S)
+    eventually(lambda: red_share(page) > before + 0.002)
     view.clear()
-    eventually(lambda: red_share(page) < before + 0.002, within_s=PATIENCE_S)
+    eventually(lambda: red_share(page) < before + 0.002)
     assert page.page.title() == "tfbus"
 
     looks_at = partial(look_at_of_one, view)
@@ -272,12 +272,12 @@ def test_a_browser_shows_a_recording_and_what_is_drawn(
     page.page.get_by_text("Click on a frame first").wait_for()
     page.select("tool")
     page.page.keyboard.press("f")
-    eventually(lambda: looks_at() == pytest.approx((2.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
+    eventually(lambda: looks_at() == pytest.approx((2.0, 0.0, 0.0), abs=0.01))
     page.page.get_by_role("button", name="see from here").click()
     page.headline("seen from tool")
-    eventually(lambda: looks_at() == pytest.approx((0.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
+    eventually(lambda: looks_at() == pytest.approx((0.0, 0.0, 0.0), abs=0.01))
     page.button("All (H)")
-    eventually(lambda: looks_at() == pytest.approx((-1.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
+    eventually(lambda: looks_at() == pytest.approx((-1.0, 0.0, 0.0), abs=0.01))
     assert page.errors == []
 
 
@@ -308,4 +308,4 @@ def test_the_tree_of_frames_has_the_height_of_the_page(
         (top, bottom), row = page.page.evaluate(_PLACES)
         return bool(bottom < 800 and row and top <= row[0] and row[1] <= bottom + 1)
 
-    eventually(is_in_sight, within_s=PATIENCE_S)
+    eventually(is_in_sight)

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually
 from tests.live_bus import Bus
-from tests.view.pages import PATIENCE_S, Arm, View, start_view
+from tests.view.pages import Arm, View, eventually, start_view
 from tfbus import StaticTransformBroadcaster, Transform
 from tfbus import TransformStamped as Stamped
 
@@ -20,7 +19,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
     view.headline("Waiting for transforms")
-    eventually(lambda: re.match("tfbus · .*", view.page.title()), within_s=PATIENCE_S)
+    eventually(lambda: re.match("tfbus · .*", view.page.title()))
 
     arm = bus.node("arm")
     Arm(arm)
@@ -37,26 +36,21 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     pages.grant_permissions(["clipboard-read", "clipboard-write"])
     view.page.get_by_role("button", name="copy in its parent map").click()
     copied = "() => navigator.clipboard.readText()"
-    eventually(
-        lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"),
-        within_s=PATIENCE_S,
-    )
+    eventually(lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"))
     assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
 
-    other = View(pages.new_page(), address)
-    other.select("tool")
+    view.select("tool")
     view.page.get_by_label("show tool").uncheck()
-    eventually(lambda: not other.page.get_by_label("show tool").is_checked(), within_s=PATIENCE_S)
 
     arm.close()
     view.wait_for_status("tool", "gone")
     view.headline("gone")
+    assert view.page.locator("[data-row='tool'].tf-selected").is_visible()
     view.page.reload()
     view.wait_for_status("lamp", "gone")
     assert not view.page.get_by_label("show tool").is_checked()
-    assert other.page.locator("[data-row='tool'].tf-selected").is_visible()
     assert view.page.get_by_role("tab", name="Turtles").count() == 0
-    assert view.errors == other.errors == []
+    assert view.errors == []
 
 
 def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
@@ -70,17 +64,17 @@ def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
     def x_m() -> float:
         return float(re.findall(r"xyz +\[(\S+),", view.block("tf-in-parent"))[0])
 
-    eventually(lambda: x_m() > 1.5, within_s=PATIENCE_S)
+    eventually(lambda: x_m() > 1.5)
     view.page.get_by_role("button", name="Pause").click()
     view.headline("paused at")
-    held_m = eventually(lambda: (now := x_m()) == x_m() and now, within_s=PATIENCE_S)
+    held_m = eventually(lambda: (now := x_m()) == x_m() and now)
     ago = view.field("Seconds ago")
     ago.fill("-1")
     ago.press("Enter")
     # Ticks are 50 ms and 50 mm apart, more or less on a busy machine.
-    eventually(lambda: held_m - 1.5 < x_m() < held_m - 0.2, within_s=PATIENCE_S)
+    eventually(lambda: held_m - 1.5 < x_m() < held_m - 0.2)
     view.page.get_by_role("button", name="Follow").click()
-    eventually(lambda: x_m() > held_m, within_s=PATIENCE_S)
+    eventually(lambda: x_m() > held_m)
     assert view.errors == []
 
 
@@ -93,17 +87,14 @@ def test_all_browsers_share_their_choices(bus: Bus, pages: Any) -> None:
         view.wait_for_status("tool", "dynamic")
     views[0].page.get_by_role("button", name="none").click()
     for view in views:
-        eventually(
-            lambda view=view: not view.page.get_by_label("show tool").is_checked(),
-            within_s=PATIENCE_S,
-        )
+        eventually(lambda view=view: not view.page.get_by_label("show tool").is_checked())
     views[1].choose("Fixed frame", "tool")
     views[2].button("Pause")
     for view in views:
         view.headline("4 frames, seen from tool · paused at")
     views[1].page.close()
     views[0].button("Follow")
-    eventually(lambda: "paused" not in views[2].headline("4 frames"), within_s=PATIENCE_S)
+    eventually(lambda: "paused" not in views[2].headline("4 frames"))
     assert [view.errors for view in views] == [[], [], []]
 
 
@@ -132,5 +123,5 @@ def test_a_click_on_axes_selects_their_frame(bus: Bus, pages: Any, tmp_path: Pat
         view.click_at(middle_x, middle_y - 25)
         return view.shows(selected, 3.0)
 
-    eventually(clicked, within_s=PATIENCE_S)
+    eventually(clicked)
     assert view.errors == []

@@ -2,6 +2,8 @@
 
 import http.client
 import socket
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -27,12 +29,16 @@ def status_of(address: str, **headers: str) -> tuple[int, str]:
     return answer.status, text
 
 
-@pytest.mark.real
-def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
+@pytest.fixture(scope="module")
+def address(real: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a running view, of which the tests only read."""
+    with closing(Bus(tmp_path_factory.mktemp("bus"))) as bus:
+        view = bus.start("view", "--port", str(free_port()))
+        yield view.wait_for_line("View: http://").rpartition("View: ")[2]
+
+
+def test_the_page_refuses_pages_from_elsewhere(address: str) -> None:
     """A page from elsewhere may not use it, under any name of this machine."""
-    view = bus.start("view", "--port", str(free_port()))
-    line = view.wait_for_line("View: http://")
-    address = line.rpartition("View: ")[2]
     host = address.removeprefix("http://")
     assert status_of(address)[0] == 200
     assert status_of(address, Origin=address)[0] == 200
@@ -67,12 +73,9 @@ def test_a_view_for_others_must_be_public(bus: Bus) -> None:
     assert "add --public" in done.stderr and "ssh -L 8080:127.0.0.1:8080" in done.stderr
 
 
-@pytest.mark.real
-def test_pages_of_other_machines_cannot_frame_it(bus: Bus) -> None:
+def test_pages_of_other_machines_cannot_frame_it(address: str) -> None:
     """A click on one could be a click on the view; a notebook of this machine can."""
-    view = bus.start("view", "--port", str(free_port()))
-    line = view.wait_for_line("View: http://")
-    connection = http.client.HTTPConnection(line.rpartition("//")[2], timeout=DEADLINE_S)
+    connection = http.client.HTTPConnection(address.rpartition("//")[2], timeout=DEADLINE_S)
     connection.request("GET", "/")
     assert connection.getresponse().headers["Content-Security-Policy"] == (
         "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*"

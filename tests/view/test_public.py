@@ -4,7 +4,7 @@ import http.client
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,13 @@ def public_view(bus: Bus, *options: str, env: dict[str, str] | None = None) -> t
     printed = urlsplit(line.split("View: ")[1].split(" ")[0])
     query = f"/?{printed.query}" if printed.query else "/"
     return process, f"https://127.0.0.1:{printed.port}{query}"
+
+
+@pytest.fixture(scope="module")
+def public(real: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, str]]:
+    """A view that others reach, for all tests that change nothing of it, and its address."""
+    with closing(Bus(tmp_path_factory.mktemp("bus"))) as bus:
+        yield public_view(bus)
 
 
 def unchecked() -> ssl.SSLContext:
@@ -134,9 +141,9 @@ def test_the_printed_address_opens_the_page(bus: Bus, strangers: Any) -> None:
     view.page.get_by_role("button", name="Save settings").wait_for()
 
 
-def test_a_page_from_elsewhere_cannot_connect(bus: Bus, strangers: Any) -> None:
+def test_a_page_from_elsewhere_cannot_connect(public: tuple[Process, str], strangers: Any) -> None:
     """Not even in a browser that has the page open, from another port of the same machine."""
-    process, address = public_view(bus)
+    process, address = public
     View(strangers.new_page(), address)
     text = ELSEWHERE.format(address=f"wss://{urlsplit(address).netloc}/", version=viser.__version__)
     with served(text) as origin:
@@ -146,10 +153,9 @@ def test_a_page_from_elsewhere_cannot_connect(bus: Bus, strangers: Any) -> None:
     process.wait_for_line(f"Refused a browser: a page of '{origin}' may not use")
 
 
-@pytest.mark.real
-def test_a_websocket_needs_the_cookie_and_the_origin(bus: Bus) -> None:
+def test_a_websocket_needs_the_cookie_and_the_origin(public: tuple[Process, str]) -> None:
     """A program has the one by the token; a page of another origin is refused with both."""
-    process, address = public_view(bus)
+    process, address = public
     host = urlsplit(address).netloc
     with pytest.raises(InvalidStatus, match="401"):
         receives(address)
@@ -163,10 +169,9 @@ def test_a_websocket_needs_the_cookie_and_the_origin(bus: Bus) -> None:
     process.wait_for_line(r"Refused a browser: a page of 'https://evil\.example' may not use")
 
 
-@pytest.mark.real
-def test_every_path_needs_the_token_and_leads_to_the_page_only(bus: Bus) -> None:
+def test_every_path_needs_the_token_and_leads_to_the_page_only(public: tuple[Process, str]) -> None:
     """No file of the machine is served, with the token or without."""
-    process, address = public_view(bus)
+    process, address = public
     for path in ("/", "/index.html", "/%2e%2e/%2e%2e/etc/passwd", "/hdri/", "//["):
         assert ask(address, path).status == 401
     cookie = cookie_of(address)
@@ -178,10 +183,9 @@ def test_every_path_needs_the_token_and_leads_to_the_page_only(bus: Bus) -> None
     process.wait_for_line(r"Refused a browser: a wrong token from 127\.0\.0\.1")
 
 
-@pytest.mark.real
-def test_no_other_page_can_frame_it(bus: Bus) -> None:
+def test_no_other_page_can_frame_it(public: tuple[Process, str]) -> None:
     """A click on that one could be a click on this."""
-    _, address = public_view(bus)
+    _, address = public
     answer = ask(address, "/", Cookie=cookie_of(address))
     assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'self'"
 

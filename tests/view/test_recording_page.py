@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from tests import needs
-from tests.buses import eventually
 from tests.live_bus import Bus, Process, free_port
-from tests.view.pages import PATIENCE_S, View
+from tests.view.pages import PATIENCE_S, View, eventually
 from tests.view.recordings import at, record
 from tfbus import Buffer, InvalidArgumentException, Recording
 from tfbus.view import show
@@ -46,7 +45,7 @@ def time_of(view: View) -> float:
 
 def wait_for_time(view: View, seconds: float) -> None:
     """Wait until the bar shows this time."""
-    eventually(lambda: abs(time_of(view) - seconds) < 0.06, within_s=PATIENCE_S)
+    eventually(lambda: abs(time_of(view) - seconds) < 0.06)
 
 
 def drag(view: View, start_s: float, end_s: float) -> None:
@@ -64,7 +63,7 @@ def test_a_recording_plays_and_is_sought_in_a_browser(bus: Bus, path: Path, page
     _, address = start(bus, path)
     view = View(pages.new_page(), address)
     view.headline("3 frames, seen from map")
-    eventually(lambda: time_of(view) > 0.5, within_s=PATIENCE_S)
+    eventually(lambda: time_of(view) > 0.5)
     view.button("Pause")
     view.page.get_by_label("Play", exact=True).wait_for()
     view.button("To the beginning")
@@ -75,7 +74,7 @@ def test_a_recording_plays_and_is_sought_in_a_browser(bus: Bus, path: Path, page
     view.wait_for_status("lamp", "static")
     drag(view, 5.0, 3.6)
     view.wait_for_status("base", "stale")
-    eventually(lambda: 3.3 < time_of(view) < 3.9, within_s=PATIENCE_S)
+    eventually(lambda: 3.3 < time_of(view) < 3.9)
     view.button("List of events")
     view.page.get_by_text("'base' published by 'sim' and 'twin'").click()
     wait_for_time(view, 8.0)
@@ -104,14 +103,14 @@ def test_keys_play_seek_and_step(bus: Bus, path: Path, pages: Any) -> None:
     wait_for_time(view, 12.0)
     keys.press("]")
     speed = view.page.get_by_label("speed")
-    eventually(lambda: speed.input_value() == "2", within_s=PATIENCE_S)
+    eventually(lambda: speed.input_value() == "2")
     view.page.get_by_role("slider", name="time in the recording").focus()
     keys.press("ArrowLeft")
     wait_for_time(view, 11.0)
     keys.press("Home")
     wait_for_time(view, 0.0)
     keys.press("Space")
-    eventually(lambda: time_of(view) > 0.5, within_s=PATIENCE_S)
+    eventually(lambda: time_of(view) > 0.5)
     assert view.errors == []
 
 

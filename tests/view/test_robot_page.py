@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually
 from tests.live_bus import Bus
-from tests.view.pages import PATIENCE_S, View, start_view
+from tests.view.pages import View, eventually, start_view
 from tfbus.messages import JointState
 
 pytestmark = pytest.mark.real
@@ -38,12 +37,12 @@ def test_a_robot_on_the_bus_has_sliders_that_move_it_and_follow_it(
     view.tab("Robot")
     view.page.locator("[data-robot-row='arm']").get_by_text("2 links").wait_for()
     slider = view.field("lift")
-    eventually(lambda: slider.input_value() == "1", within_s=PATIENCE_S)
+    eventually(lambda: slider.input_value() == "1")
     slider.fill("1.25")
-    eventually(lambda: states and states[-1].positions == (1.25,), within_s=PATIENCE_S)
+    eventually(lambda: states and states[-1].positions == (1.25,))
     view.page.get_by_role("button", name="Zero", exact=True).click()
-    eventually(lambda: slider.input_value() == "1", within_s=PATIENCE_S)
-    eventually(lambda: states[-1].positions == (1.0,), within_s=PATIENCE_S)
+    eventually(lambda: slider.input_value() == "1")
+    eventually(lambda: states[-1].positions == (1.0,))
     view.page.get_by_role("checkbox", name="show robot arm").click()
     view.tab("Frames")
     assert view.errors == []

@@ -2,17 +2,17 @@
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import cycle
 from typing import Any
 
 import pytest
 
-from tests.buses import eventually
-from tests.live_bus import Bus, Process
-from tests.view.pages import PATIENCE_S, View, start_view
+from tests.live_bus import Bus
+from tests.view.pages import PATIENCE_S, View, eventually, start_view, window_of
 from tfbus import Node
-from tfbus.messages import Field, Pose
+from tfbus.messages import Empty, Field, Pose
 
 pytestmark = pytest.mark.real
 
@@ -20,11 +20,11 @@ pytestmark = pytest.mark.real
 class Witness:
     """The turtles as seen on the bus."""
 
-    def __init__(self, node: Node, simulator: Process) -> None:
-        self.simulator = simulator
+    def __init__(self, node: Node) -> None:
         self._node = node
         self._poses: dict[str, Pose] = {}
         self._field = node.create_client(Field, "field")
+        self._reset = node.create_client(Empty, "reset")
         self.watch("turtle1")
 
     def watch(self, turtle: str) -> None:
@@ -45,27 +45,60 @@ class Witness:
         """The simulator's field."""
         return self._field.call(Field.Request(), timeout_s=PATIENCE_S)
 
+    def reset(self) -> None:
+        """Let there be the one turtle in the middle, and wait until it is seen there."""
+        self._reset.call(Empty.Request(), timeout_s=PATIENCE_S)
+        self._poses.clear()
+        eventually(lambda: self.knows("turtle1"))
+
     def has_ink(self) -> bool:
         """Whether something is drawn on the field."""
         return any(zlib.decompress(self.field().ink))
 
 
-@pytest.fixture
-def witness(bus: Bus) -> Witness:
-    """A running simulator, and a node that follows its turtles."""
-    simulator = bus.start("simulator", "--headless")
-    witness = Witness(bus.node("witness"), simulator)
-    eventually(lambda: witness.knows("turtle1"), within_s=PATIENCE_S)
-    return witness
+class Stage:
+    """A simulator, a node that follows its turtles, and the turtles' tab of a page."""
+
+    def __init__(self, bus: Bus, window: Any) -> None:
+        self.bus = bus
+        self.simulator = bus.start("simulator", "--headless")
+        self.witness = Witness(bus.node("witness"))
+        eventually(lambda: self.witness.knows("turtle1"))
+        _, address = start_view(bus)
+        self.view = View(window.new_page(), address)
+
+    def begin(self) -> None:
+        """As it was at first, for the next test."""
+        if self.simulator.popen.poll() is not None:
+            self.simulator = self.bus.start("simulator", "--headless")
+        self.witness.reset()
+        self.view.tab("Turtles")
+
+
+@pytest.fixture(scope="module")
+def stage_of_all(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """The stage of all tests: to set it up takes longer than most of them."""
+    with window_of(browser) as window, closing(Bus(tmp_path_factory.mktemp("bus"))) as bus:
+        yield Stage(bus, window)
 
 
 @pytest.fixture
-def view(bus: Bus, pages: Any, witness: Witness) -> View:
-    """The turtles' tab of a page."""
-    _, address = start_view(bus)
-    view = View(pages.new_page(), address)
-    view.tab("Turtles")
-    return view
+def stage(stage_of_all: Stage) -> Stage:
+    """The stage as it was at first."""
+    stage_of_all.begin()
+    return stage_of_all
+
+
+@pytest.fixture
+def witness(stage: Stage) -> Witness:
+    """The turtles as seen on the bus."""
+    return stage.witness
+
+
+@pytest.fixture
+def view(stage: Stage) -> View:
+    """The turtles' tab of the page."""
+    return stage.view
 
 
 def reply(view: View, text: str) -> None:
@@ -84,7 +117,7 @@ def ask(view: View, button: str, text: str) -> None:
         view.button(button)
         return view.shows(answered, 3.0)
 
-    eventually(replied, within_s=PATIENCE_S)
+    eventually(replied)
 
 
 def is_at(witness: Witness, turtle: str, x: float, y: float, theta: float) -> bool:
@@ -108,17 +141,14 @@ def fill(view: View, label: str, *values: str) -> None:
 def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) -> None:
     """An arrow drives it, a key of the teleop turns it, F cancels that; the bus confirms it."""
     view.page.get_by_label("drive forward").click()
-    eventually(lambda: witness.pose().x > 5.6, within_s=PATIENCE_S)
+    eventually(lambda: witness.pose().x > 5.6)
     view.page.get_by_label("rotate to 90°").click()
     reply(view, "rotation of turtle1 succeeded: turned by")
     assert witness.pose().theta == pytest.approx(math.pi / 2, abs=0.1)
 
     view.page.get_by_label("drive by keyboard").focus()
     start_m = witness.pose().y
-    eventually(
-        lambda: view.page.keyboard.press("ArrowUp") or witness.pose().y > start_m + 0.1,
-        within_s=PATIENCE_S,
-    )
+    eventually(lambda: view.page.keyboard.press("ArrowUp") or witness.pose().y > start_m + 0.1)
     # Half a turn takes three seconds, and on a busy machine a key may take longer: then the next.
     half_turns = cycle([("v", -math.pi / 2), ("r", math.pi / 2)])
     report = view.page.get_by_role("log").filter(has_text="rotation of turtle1 canceled")
@@ -128,17 +158,17 @@ def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) 
         key, theta = next(half_turns)
         start = witness.pose().theta
         view.page.keyboard.press(key)
-        eventually(lambda: witness.pose().theta != start, within_s=PATIENCE_S)
+        eventually(lambda: witness.pose().theta != start)
         cancel()
         is_shown = view.shows(report, 3.0)
-        eventually(lambda: witness.pose().angular_velocity == 0.0, within_s=PATIENCE_S)
+        eventually(lambda: witness.pose().angular_velocity == 0.0)
         return is_shown and abs(witness.pose().theta - theta) > 0.1
 
     for cancel in (
         lambda: view.page.keyboard.press("f"),
         lambda: view.page.get_by_label("cancel the rotation").click(),
     ):
-        eventually(lambda cancel=cancel: is_ended_by(cancel), within_s=PATIENCE_S)
+        eventually(lambda cancel=cancel: is_ended_by(cancel))
     assert view.errors == []
 
 
@@ -146,18 +176,18 @@ def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View)
     """Each has its reply, also a refusal, and its effect on the bus."""
     fill(view, "x, y, °", "2", "3", "90")
     ask(view, "Teleport", "teleported turtle1 to (2, 3), 90°")
-    eventually(lambda: is_at(witness, "turtle1", 2.0, 3.0, math.pi / 2), within_s=PATIENCE_S)
+    eventually(lambda: is_at(witness, "turtle1", 2.0, 3.0, math.pi / 2))
 
     fill(view, "New name", "leo")
     ask(view, "Spawn", "spawned leo")
     witness.watch("leo")
-    eventually(lambda: is_at(witness, "leo", 2.0, 3.0, math.pi / 2), within_s=PATIENCE_S)
+    eventually(lambda: is_at(witness, "leo", 2.0, 3.0, math.pi / 2))
     ask(view, "Spawn", "spawn: A turtle named [leo] already exists")
 
-    eventually(lambda: view.choose("Turtle", "leo") is None, within_s=PATIENCE_S)
+    eventually(lambda: view.choose("Turtle", "leo") is None)
     fill(view, "x, y, °", "8", "1", "-90")
     ask(view, "Teleport", "teleported leo to (8, 1), -90°")
-    eventually(lambda: is_at(witness, "leo", 8.0, 1.0, -math.pi / 2), within_s=PATIENCE_S)
+    eventually(lambda: is_at(witness, "leo", 8.0, 1.0, -math.pi / 2))
 
     view.button("Kill")
     reply(view, "killed leo")
@@ -166,36 +196,36 @@ def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View)
 
 
 def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
-    """Clear removes the ink; a reset puts the turtle back into the middle.
-
-    The tab ends with the simulator.
-    """
+    """Clear removes the ink; a reset puts the turtle back into the middle."""
     view.page.get_by_label("drive forward").click()
-    eventually(witness.has_ink, within_s=PATIENCE_S)
+    eventually(witness.has_ink)
     view.button("Clear")
     reply(view, "cleared the field")
-    eventually(lambda: not witness.has_ink() or view.button("Clear"), within_s=PATIENCE_S)
+    eventually(lambda: not witness.has_ink() or view.button("Clear"))
     moved_m = witness.pose().x
     assert moved_m > 5.6
 
     view.button("Reset")
     reply(view, "reset the field")
-    eventually(lambda: witness.pose().x < moved_m, within_s=PATIENCE_S)
+    eventually(lambda: witness.pose().x < moved_m)
     assert witness.pose().x == pytest.approx(5.544, abs=1e-3)
-    witness.simulator.stop()
-    view.page.get_by_role("tab", name="Turtles").wait_for(state="detached")
     assert view.errors == []
 
 
-def test_the_way_between_two_frames_is_printed_as_by_echo(
-    bus: Bus, witness: Witness, view: View
-) -> None:
+def test_the_way_between_two_frames_is_printed_as_by_echo(stage: Stage, view: View) -> None:
     """The drone is behind its turtle and above."""
-    bus.start("broadcaster")
+    stage.bus.start("broadcaster")
     view.tab("Measure")
-    eventually(lambda: view.choose("Seen from", "turtle1") is None, within_s=PATIENCE_S)
+    eventually(lambda: view.choose("Seen from", "turtle1") is None)
     view.choose("Frame", "drone")
     echo = view.page.locator("#tf-echo").filter(has_text="Translation: [-0.500, 0.000, 1.000]")
     echo.wait_for()
     view.page.get_by_text("1.118 m apart").wait_for()
+    assert view.errors == []
+
+
+def test_the_tab_ends_with_the_simulator(stage: Stage, view: View) -> None:
+    """A page has it only while there are turtles."""
+    stage.simulator.stop()
+    view.page.get_by_role("tab", name="Turtles").wait_for(state="detached")
     assert view.errors == []

@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -212,7 +213,7 @@ def _definition(module: str, qualname: str) -> ast.ClassDef | ast.FunctionDef:
     names = module.split(".")[1:]
     file = PACKAGE.joinpath(*names)
     file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
-    node: ast.AST = ast.parse(file.read_text())
+    node = _tree(file)
     for name in qualname.split("."):
         node = next(
             child
@@ -223,6 +224,12 @@ def _definition(module: str, qualname: str) -> ast.ClassDef | ast.FunctionDef:
         )
     assert isinstance(node, ast.ClassDef | ast.FunctionDef)
     return node
+
+
+@cache
+def _tree(file: Path) -> ast.AST:
+    """The syntax tree of a file, which holds many definitions."""
+    return ast.parse(file.read_text())
 
 
 def _is_overload(node: ast.ClassDef | ast.FunctionDef) -> bool:
@@ -352,7 +359,7 @@ def _returned() -> set[type]:
 
 def _known_in(module: str, name: str) -> object:
     """What a name is in a module, also where it is imported for the checker of types only."""
-    for node in ast.walk(ast.parse(inspect.getsource(sys.modules[module]))):
+    for node in ast.walk(_tree(Path(inspect.getfile(sys.modules[module])))):
         if isinstance(node, ast.ImportFrom) and any(each.name == name for each in node.names):
             return getattr(import_module(str(node.module)), name)
     return getattr(sys.modules[module], name, None)

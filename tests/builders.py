@@ -94,7 +94,7 @@ def rows_of(batch: TransformBatch) -> list[tuple[str, str, int, tuple[float, ...
 
 def examples(count: int) -> int:
     """How many examples a test draws that draws `count` in `make test`: fewer in `make quick`."""
-    return max(5, count * settings().max_examples // 100)
+    return max(2, count * settings().max_examples // 100)
 
 
 lengths = st.floats(-10, 10)

@@ -1,5 +1,6 @@
 """Fixtures, options and settings that all tests share."""
 
+import gc
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,6 +30,12 @@ hypothesis.settings.register_profile("pinned", deadline=None, derandomize=True)
 # `make quick` draws the first quarter of them.
 hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
 hypothesis.settings.load_profile("pinned")
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector of garbage what lives to the end: modules, and the tests themselves."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

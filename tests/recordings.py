@@ -1,7 +1,9 @@
 """What tests of recordings record: items in a few words, and files of them."""
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.builders import Row, S, moved
@@ -131,10 +133,16 @@ def write_robot(path: Path) -> Path:
     odometry pauses from 42 to 44.1 s; arm is gone at 30 s; from 20 to 24 s a second node sends the
     frame of localization.
     """
+    path.write_bytes(_robot())
+    return path
+
+
+@cache
+def _robot() -> bytes:
+    """Its bytes: many tests have one."""
     localization, odometry = publisher("localization"), publisher("odometry")
     model, arm, test = publisher("model"), publisher("arm"), publisher("old_localization", 20.0)
-    return write(
-        path,
+    items = (
         *(node(each.node, streams=[each.name]) for each in (localization, odometry, model, arm)),
         described(localization, 0.0, ("map", "odom", False), pid=211),
         steadily(localization, 0.0, 60.0, ("map", "odom")),
@@ -153,3 +161,5 @@ def write_robot(path: Path) -> Path:
             for each in range(60)
         ],
     )
+    with TemporaryDirectory() as folder:
+        return write(Path(folder, "run.mcap"), *items).read_bytes()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from signal import SIGINT
-from typing import Any
+from typing import Any, Never
 from unittest.mock import patch
 
 from tests.buses import DEADLINE_S, eventually
@@ -124,12 +124,15 @@ def bare_host() -> Iterator[None]:
     def interface(index: int, name: str) -> Interface:
         return Interface(name, True, True, False, address=f"192.0.2.{index % 256}", number=index)
 
+    def none_joined(*_: object) -> Never:
+        raise OSError
+
     with (
         patch("tfbus.doctor.rtps._is_taken", lambda port: False),
-        patch("tfbus.doctor.rtps._joined", side_effect=OSError),
-        patch("tfbus.doctor.ros.RosWatch._look_at_router"),
+        patch("tfbus.doctor.rtps._joined", none_joined),
+        patch("tfbus.doctor.ros.RosWatch._look_at_router", lambda watch: None),
         patch("tfbus.bus.interfaces._interface", interface),
-        patch("tfbus.doctor.host.local_scouts", return_value=[]),
-        patch("tfbus.runtime.clone.commit_of_clone", return_value=""),
+        patch("tfbus.doctor.host.local_scouts", dict),
+        patch("tfbus.runtime.clone.commit_of_clone", lambda: ""),
     ):
         yield

@@ -98,7 +98,7 @@ def test_the_order_of_many_stamps_is_of_no_account(sampling, most, is_moved):
         buffer.set_transform(TransformStamped(S, "robot", "hand", Transform((1.0, 2.0, 3.0))))
     rng = np.random.default_rng(1)
     # Some lie outside of what is known, some at the ends of time.
-    stamps = np.concatenate([rng.integers(-S // 9, S + S // 9, 20_000), [-most, most, S, S]])
+    stamps = np.concatenate([rng.integers(-S // 9, S + S // 9, 4_000), [-most, most, S, S]])
     order = rng.permutation(len(stamps))
     in_order = np.sort(stamps)
     many, known = buffer.lookup_known_transforms("world", "hand", in_order, sampling=sampling)

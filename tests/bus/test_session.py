@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from tests.builders import examples
 from tests.buses import DEADLINE_S, eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
@@ -169,7 +170,7 @@ def test_a_publisher_may_end_while_another_thread_sends_by_it(bus: Bus) -> None:
     node = bus.node("sender")
     node.session.subscriber("a", lambda key, payload: None)
     payload = b"x" * 10_000
-    for _ in range(20):
+    for _ in range(examples(20)):
         publisher = node.session.publisher("a")
         sent: list[bytes] = []
         errors: list[BusError] = []

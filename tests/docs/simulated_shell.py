@@ -43,6 +43,7 @@ class SimulatedShell:
     def __init__(self, bus: Bus, folder: Path):
         self.folder = folder
         self._bus = bus
+        self._former_modules = set(sys.modules)
 
     def here(self, text: str) -> str:
         """The text of a page."""
@@ -85,8 +86,9 @@ class SimulatedShell:
 
     def forget_modules(self) -> None:
         """Let the next program import its own modules of the folder, as a process does."""
-        for name, module in list(sys.modules.items()):
-            if (getattr(module, "__file__", None) or "").startswith(str(self.folder)):
+        for name in sys.modules.keys() - self._former_modules:
+            file = getattr(sys.modules[name], "__file__", None)
+            if (file or "").startswith(str(self.folder)):
                 del sys.modules[name]
 
     def _start(

@@ -25,14 +25,13 @@ import click
 import pytest
 
 from tests import live_bus, simulated_bus
-from tests.docs.pages import CONFIGURATIONS, FENCE, PAGES, ROOT, Block, Section, name_of, sections
+from tests.docs.pages import CONFIGURATIONS, FENCE, PAGES, ROOT, Section, name_of, sections
 from tests.docs.reader import Reader
 from tests.docs.real_shell import PATH, RealShell
 from tests.docs.simulated_shell import SimulatedShell, can_follow
 from tfbus.cli import main
 
 SECTIONS = [section for page in PAGES for section in sections(page)]
-BLOCKS = [block for section in SECTIONS for block in section.blocks]
 
 
 RUN = [section for section in SECTIONS if any(block.is_run for block in section.blocks)]
@@ -72,14 +71,15 @@ def follow(section: Section, shell: RealShell | SimulatedShell) -> None:
     reader.end()
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=str)
-def test_every_block_says_what_it_is(block: Block) -> None:
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_says_what_it_is(page: Path) -> None:
     """A block has a language; one that is not run gives its reason, and compiles all the same."""
-    assert block.language, "write ```text where it is no program"
-    if block.rule == "not run:":
-        assert block.rule_value, "say why it is not run"
-    if block.language == "python":
-        compile(block.text, str(block), "exec")
+    for block in (block for section in sections(page) for block in section.blocks):
+        assert block.language, f"{block}: write ```text where it is no program"
+        if block.rule == "not run:":
+            assert block.rule_value, f"{block}: say why it is not run"
+        if block.language == "python":
+            compile(block.text, str(block), "exec")
 
 
 @pytest.mark.parametrize("page", [*PAGES, *CONFIGURATIONS], ids=name_of)

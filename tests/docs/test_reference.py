@@ -30,10 +30,11 @@ def test_the_page_of_commands_is_up_to_date() -> None:
     assert (REFERENCE / "commands.md").read_text() == commands.page(), "run `make docs-api`"
 
 
-@pytest.mark.parametrize("name", [*tfbus.__all__, *tfbus.testing.__all__])
-def test_the_api_page_has_every_public_name(name: str) -> None:
+def test_the_api_page_has_every_public_name() -> None:
     """Each name of tfbus and of tfbus.testing has a heading."""
-    assert f"\n### {name}\n" in (REFERENCE / "api.md").read_text()
+    page = (REFERENCE / "api.md").read_text()
+    names = [*tfbus.__all__, *tfbus.testing.__all__]
+    assert [name for name in names if f"\n### {name}\n" not in page] == []
 
 
 def message_types() -> Iterator[tuple[str, Any]]:

@@ -13,6 +13,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Argument, Process, Respawn
 from tfbus.launch.errors import LaunchArgumentError, LaunchError
+from tfbus.launch.read import reader
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
@@ -387,23 +388,33 @@ def test_a_mistake_has_its_line_and_key(tmp_path: Path, text: str, where: str, w
     assert what in reason
 
 
-def test_files_that_include_each_other_many_times_are_a_mistake(tmp_path: Path) -> None:
-    """Sixty includes five deep would be 777 million files."""
+def test_files_that_include_each_other_many_times_are_a_mistake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sixty includes five deep would be 777 million files; 1,000 are read, and here 100."""
+    assert reader._MOST_FILES == 1_000
+    monkeypatch.setattr(reader, "_MOST_FILES", 100)
     for depth in range(5):
         write(
             tmp_path, "includes: [" + f"{{file: ./{depth + 1}.yaml}}, " * 60 + "]", f"{depth}.yaml"
         )
     write(tmp_path, "nodes: [{node: sim}]", "5.yaml")
-    with pytest.raises(YamlFileError, match=r"^[^ ]*\d\.yaml:1: includes.*at most 1,000"):
+    with pytest.raises(YamlFileError, match=r"^[^ ]*\d\.yaml:1: includes.*at most 100 "):
         read_launch_file(tmp_path / "0.yaml")
 
 
-def test_a_launch_has_a_limited_number_of_processes(tmp_path: Path) -> None:
-    """Files that are included often may list many each."""
-    write(tmp_path, "nodes:\n" + "- node: sim\n" * 2_000, "many.yaml")
-    includes = "".join(f"- {{file: ./many.yaml, namespace: n{n}}}\n" for n in range(6))
-    with pytest.raises(YamlFileError, match="at most 10,000"):
-        read(tmp_path, f"includes:\n{includes}")
+def test_a_launch_has_a_limited_number_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files that are included often may list many each: 10,000 are read, and here 100."""
+    assert reader._MOST_PROCESSES == 10_000
+    monkeypatch.setattr(reader, "_MOST_PROCESSES", 100)
+    nodes = "".join(f"- {{node: sim, name: s{n}}}\n" for n in range(20))
+    write(tmp_path, f"nodes:\n{nodes}", "many.yaml")
+    includes = [f"- {{file: ./many.yaml, namespace: n{n}}}\n" for n in range(6)]
+    assert len(read(tmp_path, f"includes:\n{''.join(includes[:5])}")) == 100
+    with pytest.raises(YamlFileError, match="at most 100 "):
+        read(tmp_path, f"includes:\n{''.join(includes)}")
 
 
 def test_an_argument_does_not_grow_without_end(tmp_path: Path) -> None:
@@ -426,8 +437,8 @@ def test_what_is_nested_too_deeply_is_a_mistake(tmp_path: Path) -> None:
 
 def test_a_long_chain_of_nodes_that_wait_is_read(tmp_path: Path) -> None:
     """Each after the one before."""
-    nodes = [f"- {{node: sim, name: n{n}, after: [n{n - 1}]}}\n" for n in range(1, 3_000)]
-    assert len(read(tmp_path, "nodes:\n- {node: sim, name: n0}\n" + "".join(nodes))) == 3_000
+    nodes = [f"- {{node: sim, name: n{n}, after: [n{n - 1}]}}\n" for n in range(1, 1_100)]
+    assert len(read(tmp_path, "nodes:\n- {node: sim, name: n0}\n" + "".join(nodes))) == 1_100
 
 
 def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:

@@ -19,18 +19,19 @@ STATICS = 20
 class Joining:
     """A listener, and the frames that it has come to know."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, streams: int = STREAMS) -> None:
         self.buffer = Buffer()
+        self._streams = streams
         TransformListener(self.buffer, node)
 
     def knows_all(self) -> bool:
         """Whether each static frame of each stream is there, where it was put."""
-        if len(self.buffer.frames()) < STREAMS * STATICS + 1:  # and `world`
+        if len(self.buffer.frames()) < self._streams * STATICS + 1:  # and `world`
             return False
         return all(
             self.buffer.lookup_transform("world", frame(number, i)).transform.xyz.tolist()
             == [number, i, 0.0]
-            for number in range(STREAMS)
+            for number in range(self._streams)
             for i in range(STATICS)
         )
 
@@ -41,17 +42,18 @@ def publish_statics() -> None:
 
 
 def test_all_statics_are_known_whichever_process_starts_first(bus: simulated_bus.Bus) -> None:
-    """A listener comes to know the twenty static frames of each of fifty processes; it may come
+    """A listener comes to know the twenty static frames of each of twenty processes; it may come
     before, amid or after them.
     """
-    listeners = [Joining(bus.node("before"))]
+    streams = 20
+    listeners = [Joining(bus.node("before"), streams)]
     programs = [
         bus.network.program("outside", publish_statics, str(number), env=bus.env)
-        for number in range(STREAMS)
+        for number in range(streams)
     ]
-    for name, number in (("amid", STREAMS // 2), ("after", STREAMS)):
+    for name, number in (("amid", streams // 2), ("after", streams)):
         eventually(lambda number=number: sum(bool(each.err) for each in programs) >= number)
-        listeners.append(Joining(bus.node(name)))
+        listeners.append(Joining(bus.node(name), streams))
     for listener in listeners:
         eventually(listener.knows_all)
 

@@ -8,6 +8,7 @@ import pytest
 from tests.processes.fuzz_cdr import fuzz
 from tfbus import DecodeError
 from tfbus.messages import RobotDescription
+from tfbus.ros import value_codec
 from tfbus.ros.definitions import SEPARATOR, TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
@@ -74,20 +75,28 @@ def test_a_large_count_takes_no_memory(definition: Definition, count: int) -> No
         tracemalloc.stop()
 
 
-def test_a_message_of_more_than_a_million_values_is_refused() -> None:
+@pytest.fixture
+def most(monkeypatch: pytest.MonkeyPatch) -> int:
+    """The most values of a message: a million, and fewer here."""
+    assert value_codec.MOST_ITEMS == 1_000_000
+    monkeypatch.setattr(value_codec, "MOST_ITEMS", 20_000)
+    return 20_000
+
+
+def test_a_message_of_more_than_a_million_values_is_refused(most: int) -> None:
     """Each takes up to a hundred bytes: maps, texts, and the values in MessagePack."""
     maps = Definition("a/msg/T", f"N[] x\n{SEPARATOR}\nMSG: a/N\n")
     texts = Definition("a/msg/T", "string[] x\n")
     packed = Definition("tfbus_msgs/msg/T", "Msgpack[] x\n")
-    blob = b"\xdc\xea\x60" + b"\x80" * 60_000
+    blob = b"\xdc" + struct.pack(">H", most - 10) + b"\x80" * (most - 10)
     blobs = (struct.pack("<I", len(blob)) + blob + bytes(-len(blob) % 4)) * 20
     for definition, count, items in [
-        (maps, 1_000_001, bytes(1_000_001)),
-        (texts, 1_000_001, bytes(4) * 1_000_001),
+        (maps, most + 1, bytes(most + 1)),
+        (texts, most + 1, bytes(4) * (most + 1)),
         (packed, 20, blobs),
     ]:
         codec = MessageCodec.of_definition(definition)
-        with pytest.raises(DecodeError, match="more than 1000000 values"):
+        with pytest.raises(DecodeError, match=f"more than {most} values"):
             codec.decode(b"\0\1\0\0" + struct.pack("<I", count) + items)
 
 
@@ -119,10 +128,11 @@ def test_integers_of_one_byte_share_their_objects() -> None:
     assert found == expected
 
 
-def test_numbers_beside_each_other_count_too() -> None:
+def test_numbers_beside_each_other_count_too(most: int) -> None:
     """A list of messages of a thousand numbers each has fewer of them."""
     fields = "".join(f"uint8 x{number}\n" for number in range(1000))
     nested = Definition("a/msg/T", f"N[] x\n{SEPARATOR}\nMSG: a/N\n{fields}")
-    data = b"\0\1\0\0" + struct.pack("<I", 40_000) + bytes(40_000_000)
-    with pytest.raises(DecodeError, match="more than 1000000 values"):
+    count = most // 25
+    data = b"\0\1\0\0" + struct.pack("<I", count) + bytes(count * 1000)
+    with pytest.raises(DecodeError, match=f"more than {most} values"):
         MessageCodec.of_definition(nested).decode(data)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from tests import needs
+from tests.builders import examples
 from tests.simulation.scenarios import SCENARIOS
 from tests.simulation.stages import RealStage, SimulatedStage, Stage
 from tfbus.testing.network import Network
@@ -15,7 +16,7 @@ PLAYS = pytest.mark.parametrize("play", SCENARIOS.values(), ids=SCENARIOS)
 @PLAYS
 def test_the_model_plays_it(play: Callable[[Stage], None]) -> None:
     """The scenario holds in the model, however tasks interleave."""
-    for seed in range(5):
+    for seed in range(examples(5)):
         with Network(seed, interleaving=20) as network:
             play(SimulatedStage(network))
 

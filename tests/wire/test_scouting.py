@@ -23,10 +23,9 @@ def test_a_locator_may_be_long() -> None:
     assert decode_hello(encode_hello(hello)) == hello
 
 
-@pytest.mark.parametrize("end", range(len(PEER_BYTES)))
-def test_a_damaged_hello_is_none(end: int) -> None:
+def test_a_damaged_hello_is_none() -> None:
     """A Hello that is cut off anywhere is not taken."""
-    assert decode_hello(PEER_BYTES[:end]) is None
+    assert {decode_hello(PEER_BYTES[:end]) for end in range(len(PEER_BYTES))} == {None}
 
 
 @pytest.mark.parametrize("message", [b"", b"\x01\x09\x03", b"\x22\x08" + PEER_BYTES[2:]])

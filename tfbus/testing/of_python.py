@@ -16,7 +16,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -60,20 +60,47 @@ def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
             _rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
 
 
-# By module: how many names it had when it was searched, and those of its names that are replaced.
-_bound: dict[str, tuple[int, tuple[str, ...]]] = {}
+class _Searched:
+    """Modules that were searched for names that a simulation replaces."""
+
+    def __init__(self) -> None:
+        # There are thousands: beside each its names, and how many these were.
+        self._modules: list[Any] = []
+        self._namespaces: list[dict[str, Any]] = []
+        self._sizes: list[int] = []
+        # Those that have some of the names, and which.
+        self._bound: list[tuple[Any, tuple[str, ...]]] = []
+
+    def bound(self, replaced: Container[int]) -> list[tuple[Any, tuple[str, ...]]]:
+        """The modules that have some of the names, and which; all are searched where one is new, or
+        has new names.
+        """
+        modules = list(sys.modules.values())
+        if modules != self._modules or list(map(len, self._namespaces)) != self._sizes:
+            former = dict(zip(map(id, self._modules), self._sizes, strict=True))
+            bound = {id(module): attributes for module, attributes in self._bound}
+            self._modules, self._namespaces, self._bound = modules, [], []
+            for name, module in list(sys.modules.items()):
+                is_real = name.partition(".")[0] in _REAL
+                namespace = {} if is_real else getattr(module, "__dict__", {})
+                self._namespaces.append(namespace)
+                if former.get(id(module)) == len(namespace):
+                    found = bound.get(id(module), ())
+                else:
+                    found = tuple(n for n, value in namespace.items() if id(value) in replaced)
+                if found:
+                    self._bound.append((module, found))
+            self._sizes = list(map(len, self._namespaces))
+        return self._bound
+
+
+_searched = _Searched()
 
 
 def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
     """Replace names in modules that have bound them, as `from time import sleep` does."""
-    for name, module in list(sys.modules.items()):
-        if name.partition(".")[0] in _REAL:
-            continue
-        namespace = getattr(module, "__dict__", {})
-        size, attributes = _bound.get(name, (-1, ()))
-        if size != len(namespace):
-            attributes = tuple(each for each, value in namespace.items() if id(value) in replaced)
-            _bound[name] = len(namespace), attributes
+    for module, attributes in _searched.bound(replaced):
+        namespace = module.__dict__
         for attribute in attributes:
             if id(namespace.get(attribute)) in replaced:
                 setattr(module, attribute, replaced[id(namespace[attribute])][1])

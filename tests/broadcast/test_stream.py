@@ -323,6 +323,7 @@ def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
     sender = sent.sender()
     for count in (30_000, 29_999, 30_000):
         sender.send(Columns.of_batch(rows_of(count, 100 * S)))
+        assert sum(len(table.by_child) for table in sender._tables.values()) <= 50_000
     assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
     assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)
 

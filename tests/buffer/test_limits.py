@@ -39,6 +39,16 @@ def test_of_one_frame_only_so_many_samples_are_kept() -> None:
     assert "max_samples" in log.lines[0]
 
 
+def test_a_buffer_may_keep_the_last_sample_alone() -> None:
+    """The least limit is one sample."""
+    buffer = Buffer(max_samples=1)
+    for stamp in range(3):
+        buffer.set_transform(moved(stamp, "world", "robot"))
+    assert stamps_of(buffer) == [2]
+    with pytest.raises(InvalidArgumentException):
+        Buffer(max_samples=0)
+
+
 def test_a_late_sample_takes_the_place_of_the_oldest() -> None:
     """One that would be the oldest of too many is counted and not kept."""
     buffer = Buffer(max_samples=3)

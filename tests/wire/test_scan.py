@@ -113,8 +113,10 @@ def test_a_message_that_was_cut_off_is_left_to_the_other_way() -> None:
         SAMPLE.replace(b"world", b"\xed\xa0\x80ld"),
         SAMPLE.replace(b"\x93\xa5", b"\xdd\xff\xff\xff\xff\xa5"),
         SAMPLE.replace(b"\xc4\x10", b"\xc6\xff\xff\xff\xff", 1),
+        SAMPLE.replace(b"\x93\xa5", b"\x8f\xa5"),
+        SAMPLE.replace(b"\x93\xa5", b"\xa3\xa5"),
     ],
-    ids=range(21),
+    ids=range(23),
 )
 def test_what_is_unusual_is_left_to_the_other_way(payload: bytes) -> None:
     """A message with anything unusual in it is not found; the other way reads or refuses it."""

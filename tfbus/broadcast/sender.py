@@ -236,9 +236,9 @@ class TransformSender:
         rows = [(frames[parent], frames[child]) for parent, child in columns.pairs()]
         by_child = {child: (parent, False) for parent, child in rows}
         self._note_edges(by_child)
-        self._edges_remembered += max(len(rows), 1)
-        if self._edges_remembered > _MOST_EDGES:
+        if self._edges_remembered + len(rows) > _MOST_EDGES:
             self._forget_tables()
+        self._edges_remembered += max(len(rows), 1)
         stamp_rows = self._newest.rows([child for _, child in rows])
         table = _Table(
             frames,

@@ -1,6 +1,7 @@
 """Receiving one stream: epochs, misses, removals and marks, message by message."""
 
 import logging
+from typing import Any
 
 import pytest
 
@@ -272,11 +273,48 @@ def test_all_frames_of_a_stream_go_and_come_with_its_token(received: Received) -
     received.stream.appear()
     received.send(at(1, "robot"))
     received.send_static(at(2, "post"))
+    received.describe("robot", "post")
     received.stream.vanish()
     assert received.gone() == ["post", "robot"]
     assert (received.x_of("robot"), received.x_of("post")) == (1, 2)
     received.stream.appear()
     assert received.gone() == []
+
+
+def test_frames_that_no_list_names_are_back_with_the_first_message(received: Received) -> None:
+    """A token alone may be that of another process, which sends other frames."""
+    received.stream.appear()
+    received.send(at(1, "robot"), at(2, "arm"))
+    received.stream.vanish()
+    received.stream.appear()
+    assert received.gone() == ["arm", "robot"]
+    received.send(at(1, "robot", 2 * S))
+    assert received.gone() == []
+
+
+def test_no_frame_is_back_in_the_middle_of_a_restart(received: Received) -> None:
+    """Marks that are set before the former samples are dropped bring no frame back."""
+    received.send(at(1, "robot"), at(2, "arm"))
+    received.describe("robot", "arm")
+    received.stream.vanish()
+    back: list[str] = []
+    received.buffer.on_change(
+        lambda change: back.append(change.frame) if change.kind == "publisher back" else None
+    )
+
+    class Late:
+        """The buffer, which another thread reaches before the samples are dropped."""
+
+        def forget(self, *args: Any) -> None:
+            received.stream.mark()
+            received.buffer.forget(*args)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(received.buffer, name)
+
+    received.stream.buffer = Late()  # type: ignore[assignment]
+    received.send(at(1, "robot", 2 * S), epoch_ns=2)
+    assert back == ["robot"]
 
 
 def test_a_late_message_does_not_bring_a_publisher_back(received: Received) -> None:

@@ -2,18 +2,18 @@
 
 import argparse
 import logging
-import os
 import random
 import sys
 import time
+from contextlib import ExitStack
 
 from tests.simulation.histories import shrunk, violation
+from tests.simulation.message_log import logged
 from tests.simulation.plans import LARGE, SMALL, Plan
 
 
 def main() -> None:
     """Run them until one fails, which is printed with its seed, as small as it gets."""
-    repeat_in_all_processes("tests.simulation")
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # coroutines of killed processes
     options = _options()
     first = random.SystemRandom().randrange(2**40) if options.fresh else options.first
@@ -24,29 +24,24 @@ def main() -> None:
         _report(options, plan, found)
         sys.exit(1)
     begun, done, failed = time.monotonic(), 0, 0
-    for seed in range(first, first + options.seeds):
-        if time.monotonic() - begun > options.seconds:
-            break
-        plan = _plan(options, seed)
-        found = violation(plan)
-        done += 1
-        if found:
-            failed += 1
-            _report(options, plan, found)
-            if not options.go_on:
+    with ExitStack() as stack:
+        if options.log:
+            stack.enter_context(logged(stack.enter_context(open(options.log, "w"))))
+        for seed in range(first, first + options.seeds):
+            if time.monotonic() - begun > options.seconds:
                 break
+            plan = _plan(options, seed)
+            found = violation(plan)
+            done += 1
+            if found:
+                failed += 1
+                _report(options, plan, found)
+                if not options.go_on:
+                    break
     took_s = time.monotonic() - begun
     kind = "large histories" if options.large else "histories"
     print(f"{done} {kind} from seed {first} in {took_s:.1f} s, {failed} failed")
     sys.exit(bool(failed))
-
-
-def repeat_in_all_processes(module: str) -> None:
-    """Begin anew with hashes of texts that are always the same: the order of sets is by them."""
-    if os.environ.get("PYTHONHASHSEED") != "0":
-        os.environ["PYTHONHASHSEED"] = "0"
-        command = [sys.executable, "-m", module, *sys.argv[1:]]
-        os.execv(sys.executable, command)
 
 
 def _options() -> argparse.Namespace:
@@ -60,6 +55,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--shrink", type=int, metavar="SEED", help="make a known one smaller")
     parser.add_argument("--no-shrink", action="store_true")
     parser.add_argument("--go-on", action="store_true", help="also after one that failed")
+    parser.add_argument("--log", metavar="FILE", help="write all that is sent into a file")
     return parser.parse_args()
 
 

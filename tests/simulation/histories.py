@@ -319,7 +319,7 @@ class Run:
     def _race_timers(self, node: Any, process: Process | None) -> None:
         """Two timers that are due at once, the first of which cancels the second now and then."""
         assert process is not None
-        period_s = 2.5 * self.plan.period_s
+        period_s = 5.0 * self.plan.period_s
         cancelled = False
 
         def second() -> None:

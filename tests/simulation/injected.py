@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from tests.simulation.__main__ import repeat_in_all_processes
 from tests.simulation.histories import violation
 from tests.simulation.plans import Plan
 from tfbus.listen.claims import Claims, Starts
@@ -123,7 +122,6 @@ def injected(name: str) -> Iterator[None]:
 
 def main() -> None:
     """Put each defect in, and see when it is found."""
-    repeat_in_all_processes("tests.simulation.injected")
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # coroutines of killed processes
     parser = argparse.ArgumentParser()
     parser.add_argument("defects", nargs="*", help="all by default")

@@ -400,8 +400,7 @@ class Laws:
 
     def check_change(self, part: "Part", change: Any) -> None:
         """A frame is back only where a process is there that has sent it."""
-        # A task that gets no processor in the middle of a new epoch may show it for a moment.
-        if change.kind != "publisher back" or self._run.plan.stalls:
+        if change.kind != "publisher back":
             return
         slot = change.frame.partition("_")[0]
         now_s = self._run.now_s

@@ -1,7 +1,10 @@
 """Laws of the protocol under random histories: `python -m tests.simulation` runs more of them."""
 
+import os
 import subprocess
 import sys
+from itertools import zip_longest
+from pathlib import Path
 
 import pytest
 
@@ -10,10 +13,12 @@ from tests.simulation.injected import injected
 from tests.simulation.plans import Plan
 
 
-def _histories(*options: str) -> str:
-    """The output of the command; the order of sets, and so a history, never changes."""
+def _histories(*options: str, hashes: str = "random") -> str:
+    """The output of the command."""
     command = [sys.executable, "-m", "tests.simulation", *options]
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    environment = {**os.environ, "PYTHONHASHSEED": hashes}
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    return ended.stdout
 
 
 @pytest.mark.real
@@ -27,6 +32,18 @@ def test_a_seed_repeats_its_history_to_the_turn() -> None:
     """Two runs of a seed take the same turns at the same times."""
     first, second = (_turns(Plan.drawn(7)) for _ in range(2))
     assert first == second
+
+
+@pytest.mark.real
+def test_a_seed_repeats_its_history_to_the_message_in_every_process(tmp_path: Path) -> None:
+    """In two processes, whose hashes differ, a seed sends the same messages at the same times."""
+    logs = tmp_path / "first", tmp_path / "second"
+    for log, hashes in zip(logs, ("1", "2"), strict=True):
+        _histories("--seeds", "6", "--from", "104", "--log", str(log), hashes=hashes)
+    first, second = (log.read_text().splitlines() for log in logs)
+    assert len(first) > 1000
+    for one, other in zip_longest(first, second):
+        assert one == other
 
 
 def test_a_defect_that_is_put_back_is_found() -> None:

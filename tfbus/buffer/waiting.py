@@ -62,7 +62,8 @@ class Alarms:
     def __init__(self) -> None:
         self.arriving = _Queue()
         self.expiring = _Queue()
-        self.moving: set[Waiter] = set()
+        # In the order in which they began to wait.
+        self.moving: dict[Waiter, None] = {}
 
 
 class Waiters:
@@ -71,9 +72,9 @@ class Waiters:
     def __init__(self, tree: Tree, lock: Lock) -> None:
         self._tree = tree
         self._lock = lock
-        self._places: dict[Waiter, list[set[Waiter]]] = {}
+        self._places: dict[Waiter, list[dict[Waiter, None]]] = {}
         # By frames that are not in the tree yet.
-        self._unknown: dict[str, set[Waiter]] = {}
+        self._unknown: dict[str, dict[Waiter, None]] = {}
 
     def __len__(self) -> int:
         return len(self._places)
@@ -90,7 +91,7 @@ class Waiters:
         with self._lock:
             waiter.gone = True
             for place in self._places.pop(waiter):
-                place.discard(waiter)
+                place.pop(waiter, None)
             self._unknown = {name: those for name, those in self._unknown.items() if those}
             if not self._places:
                 self._tree.touched = self._tree.moved = None
@@ -132,7 +133,7 @@ class Waiters:
         ends = [self._tree.frames.get(frame) for frame in (target_frame, source_frame)]
         for frame, end in zip((target_frame, source_frame), ends, strict=True):
             if end is None:
-                self._place(waiter, self._unknown.setdefault(frame, set()))
+                self._place(waiter, self._unknown.setdefault(frame, {}))
         known = [end for end in ends if end is not None]
         if len(known) < 2:
             return
@@ -154,9 +155,9 @@ class Waiters:
             else:
                 alarms.expiring.push(stamp_ns, waiter)
 
-    def _place(self, waiter: Waiter, place: set[Waiter]) -> None:
+    def _place(self, waiter: Waiter, place: dict[Waiter, None]) -> None:
         if waiter not in place:
-            place.add(waiter)
+            place[waiter] = None
             self._places[waiter].append(place)
 
 

@@ -155,14 +155,15 @@ class Claims:
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
         """What may have changed over `contested`, what `update` of `stream` returned, by stream."""
         resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}
-        for child in contested:
+        for child in sorted(contested):
             claims = self._claims.get(child, {})
             if self.rule == "latest":
                 for each in claims:
                     resolutions.setdefault(each, Resolution(set(), set())).accepted.add(child)
                 continue
             first = self._firsts.get(child)
-            for name in claims.keys() & {first, stream, self._displaced.get(child)}:
+            concerned = first, stream, self._displaced.get(child)
+            for name in (each for each in claims if each in concerned):
                 resolution = resolutions.setdefault(name, Resolution(set(), set()))
                 resolution.accepted.discard(child)
                 (resolution.accepted if name == first else resolution.rejected).add(child)

@@ -57,7 +57,7 @@ class Conflicts:
         """Take the frames that a stream lists from those that do not list them."""
         senders = self._buffer.senders_of(frames)
         for stream in self._known([name]):
-            for sender in self._known(senders.keys() - {name}):
+            for sender in self._known(sorted(senders.keys() - {name})):
                 unlisted = senders[sender.name] - sender.listing.children
                 if unlisted:
                     stream.inherit(unlisted, sender.name)
@@ -73,7 +73,7 @@ class Conflicts:
         """
         resolutions = self._claims.resolutions(name, frames)
         listed = [each.listing.children for each in self._known([name])]
-        for each in self._known(resolutions.keys() - {name}):
+        for each in self._known(each for each in resolutions if each != name):
             accepted = resolutions[each.name].accepted
             each.inherit(accepted.difference(*listed), name)
             each.apply_statics(accepted)

@@ -98,14 +98,15 @@ class DescribedTree:
         """The child frames that a stream sends on one key."""
         return {edge.child for edge in self._streams.get(stream, ()) if edge.key == key}
 
-    def edges_needed(self, pairs: Iterable[Pair]) -> set[DescribedEdge]:
-        """The edges that lookups between the pairs of frames are made of.
+    def edges_needed(self, pairs: Iterable[Pair]) -> list[DescribedEdge]:
+        """The edges that lookups between the pairs of frames are made of, each once.
 
         They are those above the target and the source, up to the lowest frame that is above both,
         or to the roots where nothing joins them. Where streams disagree about the parent of a
         frame, only their transforms show which one counts: then all ways up are needed.
         """
-        return {edge for target, source in pairs for edge in self._between(target, source)}
+        needed = (edge for target, source in pairs for edge in self._between(target, source))
+        return list(dict.fromkeys(needed))
 
     def are_connected(self, target: str, source: str) -> bool:
         """Whether a frame is above both."""

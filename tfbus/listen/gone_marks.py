@@ -9,7 +9,7 @@ from tfbus.listen.static_set import StaticSet, children_of
 class Marks:
     """The marks of the frames of one stream, by its epochs, its statics and its list of frames.
 
-    Safe from any thread; not to be called with the stream's lock held, except `invalidate`.
+    Safe from any thread; `update` and `restore` are not to be called with the stream's lock held.
     """
 
     def __init__(
@@ -24,9 +24,23 @@ class Marks:
         self._listing = listing
         # Counts changes of epochs and lists.
         self._turns = 0
+        # How many epochs have begun while samples of former ones were not yet dropped.
+        self._begun = 0
 
     def invalidate(self) -> None:
         """An epoch or a list has changed, and `update` follows; with the stream's lock held."""
+        self._turns += 1
+
+    def begin_epoch(self) -> None:
+        """An epoch has begun, and `end_former` follows; with the stream's lock held."""
+        self._begun += 1
+        self._turns += 1
+
+    def end_former(self) -> None:
+        """The samples of the former epoch are dropped, and `update` follows; with the stream's lock
+        held.
+        """
+        self._begun -= 1
         self._turns += 1
 
     def update(self) -> None:
@@ -34,7 +48,8 @@ class Marks:
 
         All are gone where the publisher is. Else those are that a former epoch left behind: not
         listed, and without a sample of this epoch. Before this epoch has a list, those that were
-        gone stay so until they are sent.
+        gone stay so until they are sent: all of them where nothing of this epoch has come since the
+        publisher was gone, as the one that is there may be another.
         """
         marked = -1
         # It may change meanwhile, on another thread, whose marks must not be overwritten.
@@ -61,6 +76,9 @@ class Marks:
         present_ns, statics = self._epochs.present_ns, self._statics
         if self._listing.epoch_ns == present_ns:
             current |= self._listing.children
+        elif self._epochs.was_gone:
+            return frozenset(held)
         if statics.batch is not None and statics.epoch_ns == present_ns:
             current |= children_of(statics.batch)
-        return frozenset({frame for frame, samples in held.items() if not samples} - current)
+        former = {frame for frame, samples in held.items() if self._begun or not samples}
+        return frozenset(former - current)

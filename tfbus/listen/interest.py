@@ -124,7 +124,7 @@ class Interest:
         # Guards the questions and the tree; only the buffer is called while it is held.
         self._lock = scheduler.Lock()
         self._tree = DescribedTree(self._parent_here)
-        self._needed: set[Pair] = set()
+        self._needed: dict[Pair, None] = {}
         self._asked: dict[Pair, _Question] = {}
         self._subscriptions: dict[str, _Subscription] = {}
         self._closed = False
@@ -147,7 +147,7 @@ class Interest:
     def need(self, target: str, source: str) -> None:
         """Read what lookups of this pair need, from now until the end."""
         with self._lock:
-            self._needed.add((target, source))
+            self._needed[target, source] = None
         self._changed.set()
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:

@@ -181,18 +181,25 @@ class StreamReception:
         once it is.
         """
         with self.lock:
+            was_gone = self.epochs.was_gone
             if live:
                 verdict = self.epochs.judge_live(epoch_ns, self.counts.messages, self.now_s())
             else:
                 verdict = self.epochs.judge(epoch_ns)
+            is_back = was_gone and not self.epochs.was_gone
             if verdict is Verdict.PRESENT:
-                return True
-            if verdict is Verdict.OUTDATED:
+                if is_back:
+                    self._marks.invalidate()
+            elif verdict is Verdict.OUTDATED:
                 self.counts.outdated += 1
             elif not verdict.counts:
                 self.counts.disputed += 1
             else:
                 self._begin_epoch(verdict)
+        if verdict is Verdict.PRESENT:
+            if is_back:
+                self._marks.update()
+            return True
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:
             self._warn_of_two()
         if verdict is Verdict.FUTURE:
@@ -211,7 +218,10 @@ class StreamReception:
 
     def _begin_epoch(self, verdict: Verdict) -> None:
         """An epoch begins; with the lock held."""
-        self._marks.invalidate()
+        if verdict is Verdict.FIRST:
+            self._marks.invalidate()
+        else:
+            self._marks.begin_epoch()
         self.counts.forget_delays()
         if verdict is Verdict.TAKEOVER or (self.epoch_ns or 0) < (self.statics.epoch_ns or 0):
             # The set is of another process, or made up: that of an earlier epoch counts now.
@@ -237,6 +247,8 @@ class StreamReception:
         if is_takeover:
             self._warn_of_two()
         self.buffer.forget(self.name)
+        with self.lock:
+            self._marks.end_former()
         self._lines.info(
             ("restarted", self.name, is_takeover),
             "Stream %r restarted: %s; its samples so far are dropped, static transforms stay",

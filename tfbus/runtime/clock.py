@@ -149,7 +149,7 @@ class SimulatedClock(Clock):
         self._now_ns = 0
         # -1 before the first `set`, so that an alarm at 0 waits for that.
         self._elapsed_ns = -1
-        self._alarms: set[Alarm] = set()
+        self._alarms: dict[Alarm, None] = {}
         self._next_due_ns: int | None = None
         self._closed = False
         self._jump_callbacks: list[Jumped] = []
@@ -182,7 +182,7 @@ class SimulatedClock(Clock):
     def close(self) -> None:
         with self._lock:
             self._closed = True
-            alarms, self._alarms = self._alarms, set()
+            alarms, self._alarms = self._alarms, {}
         for alarm in alarms:
             alarm.wake()
 
@@ -198,7 +198,7 @@ class SimulatedClock(Clock):
         with self._lock:
             is_due = self._has_come(elapsed_ns)
             if not is_due:
-                self._alarms.add(alarm)
+                self._alarms[alarm] = None
                 if self._next_due_ns is None or elapsed_ns < self._next_due_ns:
                     self._next_due_ns = elapsed_ns
         if is_due:
@@ -208,7 +208,7 @@ class SimulatedClock(Clock):
     def cancel(self, alarm: Alarm) -> None:
         """Take the alarm back; one that is being woken at this moment still wakes."""
         with self._lock:
-            self._alarms.discard(alarm)
+            self._alarms.pop(alarm, None)
 
     def add_jump_callback(self, callback: Jumped) -> None:
         super().add_jump_callback(callback)
@@ -227,7 +227,8 @@ class SimulatedClock(Clock):
         if self._next_due_ns is None or not self._has_come(self._next_due_ns):
             return []
         due = [alarm for alarm in self._alarms if self._has_come(alarm.due_ns)]
-        self._alarms.difference_update(due)
+        for alarm in due:
+            del self._alarms[alarm]
         self._next_due_ns = min((alarm.due_ns for alarm in self._alarms), default=None)
         return sorted(due, key=lambda alarm: alarm.due_ns)
 

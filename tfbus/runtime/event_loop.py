@@ -34,14 +34,14 @@ class EventLoop:
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self._loop = scheduler.new_event_loop()
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], None] = {}
         # By their names: coroutines that have not ended.
         self.living: Counter[str] = Counter()
 
     def start(self, what: str, coroutine: Coroutine[Any, Any, Any]) -> None:
         """Run a coroutine, from the next turn on; `what` names it in the log."""
         task = self._loop.create_task(self._run(what, coroutine), name=what)
-        self._tasks.add(task)
+        self._tasks[task] = None
         self.living[what] += 1
         task.add_done_callback(lambda task: self._forget(what, task))
 
@@ -67,13 +67,13 @@ class EventLoop:
             task.cancel()
         if self._tasks:
             # A copy: those that end at once are forgotten before the wait begins.
-            ending = asyncio.wait(set(self._tasks), timeout=_LAST_STEPS_S)
+            ending = asyncio.wait(list(self._tasks), timeout=_LAST_STEPS_S)
             self._loop.run_until_complete(ending)
         self._loop.run_until_complete(self._loop.shutdown_asyncgens())
         self._loop.close()
 
     def _forget(self, what: str, task: "asyncio.Task[None]") -> None:
-        self._tasks.discard(task)
+        self._tasks.pop(task, None)
         self.living[what] -= 1
         self.living = +self.living
 

@@ -43,8 +43,10 @@ class Keys(dict[str, None]):
 
     def meets(self, key: str) -> bool:
         """Whether one of them has a key in common with a key or expression."""
+        if key in self:
+            return True
         others = self if "*" in key else self._expressions
-        return key in self or any(intersect(each, key) for each in others)
+        return bool(others) and any(intersect(each, key) for each in others)
 
 
 class Names:
@@ -61,7 +63,9 @@ class Names:
         """A key of the network, or an expression of keys, as the session names it; None for one of
         other namespaces only.
         """
-        if self._prefix and "*" in full:
+        if not self._prefix:
+            return full
+        if "*" in full:
             return _without(self._prefix.rstrip("/").split("/"), full.split("/"))
         return full.removeprefix(self._prefix) if full.startswith(self._prefix) else None
 

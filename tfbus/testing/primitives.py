@@ -30,6 +30,8 @@ class Waiting:
 
     def wake_one(self) -> None:
         """Wake one of them, by choice of the seed."""
+        if not self._waiting:
+            return
         living = [task for task in self._waiting if not task.place.is_dead]
         if living:
             task = living[int(self.tasks.random.random() * len(living))]
@@ -55,7 +57,20 @@ class Lock:
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         tasks = self._tasks
-        tasks.step()
+        tasks.steps_left -= 1
+        if not tasks.steps_left:
+            tasks.interleave()
+        if self.holder is None:
+            self.holder = tasks.current
+            self._depth = 1
+            return True
+        return self._acquire_held(blocking, timeout)
+
+    __enter__ = acquire
+
+    def _acquire_held(self, blocking: bool, timeout: float) -> bool:
+        """Take a lock that is held: again, or after a wait."""
+        tasks = self._tasks
         me = tasks.current
         if self._is_reentrant and self.holder is me:
             self._depth += 1
@@ -73,16 +88,22 @@ class Lock:
         return True
 
     def release(self) -> None:
+        tasks = self._tasks
         if self.holder is None:
-            if self._tasks.is_over:
+            if tasks.is_over:
                 return
             raise RuntimeError("release unlocked lock")
         self._depth -= 1
-        if self._depth == 0 or not self._is_reentrant:
-            self.holder = None
-            self._waiting.wake_one()
-            if not self._tasks.is_over:
-                self._tasks.step()
+        if self._depth and self._is_reentrant:
+            return
+        self.holder = None
+        self._waiting.wake_one()
+        tasks.steps_left -= 1
+        if not (tasks.steps_left or tasks.is_over):
+            tasks.interleave()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
     def locked(self) -> bool:
         return self.holder is not None
@@ -90,12 +111,6 @@ class Lock:
     def _is_owned(self) -> bool:
         # As Python's RLock, whose holder the interpreted kernel asks for.
         return self.holder is self._tasks.current
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
 
 
 class Event:

@@ -52,16 +52,20 @@ class Publications:
         self._session = session
         self._numbers = itertools.count(1)
         self._subscribers: dict[int, _Subscriber] = {}
+        # Those that a key meets, until one comes or goes.
+        self._met: dict[str, list[_Subscriber]] = {}
 
     def subscribe(self, full: str, handler: Handler, *, is_remote_only: bool) -> Declared:
         """Call the handler for each message that meets a key."""
         number = next(self._numbers)
         self._subscribers[number] = _Subscriber(full, handler, is_remote_only)
+        self._met.clear()
         declarations = self._session.declarations
         declarations.change(SUBSCRIBER, full, 1)
 
         def undeclare() -> None:
             if self._subscribers.pop(number, None):
+                self._met.clear()
                 declarations.change(SUBSCRIBER, full, -1)
 
         return Declared(self._session, undeclare)
@@ -69,6 +73,15 @@ class Publications:
     def clear(self) -> None:
         """Hear nothing more."""
         self._subscribers.clear()
+        self._met.clear()
+
+    def _of(self, full: str) -> list[_Subscriber]:
+        """The subscribers that a key meets, in the order of their declarations."""
+        found = self._met.get(full)
+        if found is None:
+            found = [each for each in self._subscribers.values() if intersect(each.full, full)]
+            self._met[full] = found
+        return found
 
     def send(self, message: Message, *, also_here: bool) -> None:
         """Send a message of this session; waits for room where it must arrive."""
@@ -86,7 +99,7 @@ class Publications:
                 self._pass_on(way, message, onwards)
             else:
                 session.fabric.dropped += 1
-        if any(intersect(each.full, message.full) for each in self._subscribers.values()):
+        if self._of(message.full):
             session.callers.post(face, lambda: self._deliver(message, is_remote=True))
 
     def _pass_on(self, face: "Face", message: Message, journey: Journey) -> None:
@@ -118,8 +131,7 @@ class Publications:
         seen = self._session.names.seen(message.full)
         if seen is None:
             return
-        for subscriber in list(self._subscribers.values()):
-            is_wanted = is_remote or not subscriber.is_remote_only
-            if is_wanted and intersect(subscriber.full, message.full):
+        for subscriber in self._of(message.full):
+            if is_remote or not subscriber.is_remote_only:
                 sample = Sample(seen, message.data, source=message.source)
                 guarded(partial(subscriber.handler.call, sample))

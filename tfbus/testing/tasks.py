@@ -6,7 +6,6 @@ interleave. Time stands while any task can run, then jumps to the next moment at
 """
 
 import _thread
-import heapq
 import itertools
 import random
 import sys
@@ -14,6 +13,8 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from heapq import heappop, heappush
 from typing import Any, Protocol
 
 from tfbus.errors import TfbusError
@@ -94,7 +95,8 @@ class Tasks:
         # The chance of a task at each step to get no processor, and for how many seconds at most.
         self.stalls = (0.0, 0.0)
         self._interleaving = interleaving
-        self._steps_left = 0
+        # How many steps of all tasks come before the next rest, and how many those were at first.
+        self.steps_left = self._steps = 0
         self._turns_at_once = 0
         self._rests_alone = 0
         self._ended = _thread.allocate_lock()
@@ -144,15 +146,19 @@ class Tasks:
 
     def step(self) -> None:
         """A place at which another task may have its turn."""
+        self.steps_left -= 1
+        if not self.steps_left:
+            self.interleave()
+
+    def interleave(self) -> None:
+        """The last step before a rest: the task gives its turn away, or gets no processor."""
+        steps = self._steps
+        self._draw_steps()
         chance, most_s = self.stalls
         may_stall = chance and self.current is not self.main and not self.is_over
-        if may_stall and self.random.random() < chance:
+        if may_stall and self.random.random() < chance * steps:
             self.wait("the processor", most_s * self.random.random())
-        if self._steps_left:
-            self._steps_left -= 1
-            if not self._steps_left:
-                self._draw_steps()
-                self._rest()
+        self._rest()
 
     def _rest(self) -> None:
         """Let another task have its turn; where none can, the work of this one takes time."""
@@ -176,19 +182,18 @@ class Tasks:
         task.was_woken = False
         task.wait_number += 1
         if timeout_s is not None:
-            number = task.wait_number
-
-            def give_up() -> None:
-                if task.waits_for and task.wait_number == number:
-                    self._end_wait(task)
-
-            self.call_at(self.end_ns(timeout_s), give_up)
+            self.call_at(self.end_ns(timeout_s), partial(self._give_up, task, task.wait_number))
         try:
             while task.waits_for:  # again where only a signal had to be handled
                 self._give_turn()
         finally:
             task.waits_for = ""
         return task.was_woken
+
+    def _give_up(self, task: Task, number: int) -> None:
+        """The time of a wait is over, unless it has ended before."""
+        if task.waits_for and task.wait_number == number:
+            self._end_wait(task)
 
     def end_ns(self, timeout_s: float) -> int:
         """When a wait of this length ends; rounded up, as one that ends just before its time would
@@ -240,7 +245,7 @@ class Tasks:
 
     def call_at(self, due_ns: int, call: Callable[[], object]) -> None:
         """Call this at a time of the simulation, between two turns: it must not wait."""
-        heapq.heappush(self._alarms, (due_ns, next(self._order), call))
+        heappush(self._alarms, (due_ns, next(self._order), call))
 
     def call_after(self, delay_s: float, call: Callable[[], object]) -> None:
         """As `call_at`, after a delay."""
@@ -262,7 +267,8 @@ class Tasks:
 
     def _draw_steps(self) -> None:
         if self._interleaving:
-            self._steps_left = self.random.randrange(1, 2 * self._interleaving + 1)
+            self._steps = self.random.randrange(1, 2 * self._interleaving + 1)
+            self.steps_left = self._steps
 
     def _give_turn(self) -> None:
         """Let the next task run; returns when it is the turn of the current one again."""
@@ -285,7 +291,8 @@ class Tasks:
 
     def _turn_to(self, task: Task) -> None:
         self.current = task
-        self._enter(task.place)
+        if task.place is not self._here:
+            self._enter(task.place)
 
     def _enter(self, place: Place) -> None:
         if place is not self._here:
@@ -317,17 +324,21 @@ class Tasks:
 
     def _next(self) -> Task:
         """The next task to run; time passes where none can now."""
+        able, alarms = self._able, self._alarms
         while True:
-            while self._able:
-                able = self._able
-                index = 0 if len(able) == 1 else int(self.random.random() * len(able))
-                task = able[index]
-                able[index] = able[-1]
-                able.pop()
-                if task.place.is_dead:
+            while able:
+                if len(able) == 1:
+                    task = able.pop()
+                else:
+                    index = int(self.random.random() * len(able))
+                    task = able[index]
+                    able[index] = able[-1]
+                    able.pop()
+                place = task.place
+                if place.is_dead:
                     continue
-                if task.place.is_stopped:
-                    task.place.parked.append(task)
+                if place.is_stopped:
+                    place.parked.append(task)
                     continue
                 self._turns_at_once += 1
                 if self._turns_at_once > _MOST_TURNS_AT_ONCE:
@@ -336,9 +347,9 @@ class Tasks:
                         self._error(f"{_named(task)} runs for ever without any time passing")
                     )
                 return task
-            if not self._alarms:
+            if not alarms:
                 return self._main_for(self._error("all tasks wait for ever"))
-            due_ns, _, call = heapq.heappop(self._alarms)
+            due_ns, _, call = heappop(alarms)
             if due_ns > self.now_ns:
                 self.now_ns = due_ns
                 self._turns_at_once = 0

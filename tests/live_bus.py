@@ -111,7 +111,7 @@ class Process:
         self.popen.wait(DEADLINE_S)
 
 
-def _config(*, scouting_delay_ms: int = 60000) -> str:
+def _config(*, scouting_delay_ms: int = 5000) -> str:
     # On a busy machine a link may be silent for longer than tfbus allows by default, and without
     # multicast peers that have lost each other take some time to meet again.
     return (

@@ -35,7 +35,7 @@ def test_the_supplied_configurations_work_together(bus: Bus, tmp_path: Path) -> 
         *("--config", f"{tmp_path}/configs/peer.json5", "--listen", "tcp/127.0.0.1:0"),
     )
     echo = bus.run(
-        *("echo", "world", "camera", "--once", "--timeout", "10", *at_router),
+        *("echo", "world", "camera", "--once", "--timeout", "100", *at_router),
         *("--config", f"{tmp_path}/configs/client.json5"),
     )
     assert "- Translation: [1.000, 0.000, 0.000]" in echo.stdout

@@ -62,7 +62,8 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
             "setParameters", parameters=[{"name": "/sim.background_r", "value": 100}], id="s"
         )
         eventually(lambda: client.parameters["/sim.background_r"] == 100)
-        assert bus.run("param", "get", "sim", "background_r", "--hide-type").stdout == "100\n"
+        get = ("param", "get", "sim", "background_r", "--hide-type")
+        eventually(lambda: bus.run(*get).stdout == "100\n")
         assert client.call("/spawn", {"x": 2.0, "y": 3.0, "name": "late"}) == {"name": "late"}
         client.subscribe("/late/pose")
     with Client(port) as late:

@@ -118,7 +118,7 @@ def test_one_that_reads_nothing_holds_up_nobody(server: Server, front: Front) ->
                 channel.send(big if number % 10 else b"small", number)
             channel.send(b"last", 0)
             eventually(lambda: b"last" in client.of("/topic"))
-        assert front.clients == 1
+        eventually(lambda: front.clients == 1)
 
 
 def test_a_client_with_a_wrong_id_harms_no_other(server: Server, front: Front) -> None:
@@ -150,7 +150,8 @@ def test_one_that_ends_without_reading_harms_no_newcomer(
             for number in range(500):
                 channel.send(b"0" * 100_000, number)
             deaf.shutdown(socket.SHUT_WR)
-            eventually(lambda: _open_files() == before)
+            # What another test left may be closed meanwhile.
+            eventually(lambda: _open_files() <= before)
             newcomer.settimeout(DEADLINE_S)
             newcomer.connect(("127.0.0.1", front.port))
             newcomer.sendall(UPGRADE)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.buses import eventually
 from tests.live_bus import Bus, free_port
 
 pytestmark = pytest.mark.real
@@ -17,7 +18,7 @@ def test_it_logs_who_joins_and_who_leaves(bus: Bus) -> None:
         "static", "map", "base", "--name", "mount", "--namespace", "robot7", env=through
     )
     router.wait_for_line(r"/robot7/mount has joined")
-    assert bus.run("node", "list", env=through).stdout.split() == ["/robot7/mount"]
+    eventually(lambda: bus.run("node", "list", env=through).stdout.split() == ["/robot7/mount"])
     sim.stop()
     router.wait_for_line(r"/robot7/mount has left")
     second = bus.start(

@@ -192,3 +192,29 @@ def test_a_node_that_loses_ticks_names_the_callback() -> None:
     assert table.headings[-1] == "lost"
     assert [row.cells[-1].text for row in table.rows] == ["72 by topic scan", ""]
     assert [row.cells[-1].value for row in table.rows] == [72, float("inf")]
+
+
+# A signal in the midst of Textual's code, wherever that is.
+_INTERRUPTED = """
+import signal, sys
+from tfbus.top.app import TopApp
+look, looks = TopApp._look, []
+def interrupted(self):
+    looks.append(1)
+    if len(looks) == 2:
+        signal.raise_signal(signal.SIGINT)
+    look(self)
+TopApp._look = interrupted
+from tfbus.__main__ import main
+main()
+"""
+
+
+@pytest.mark.real
+def test_a_signal_ends_it_as_its_key_does(tmux: Tmux, tmp_path: Path) -> None:
+    """Ctrl-C that is sent as a signal leaves no process, and the terminal as it was."""
+    program = tmp_path / "interrupted.py"
+    program.write_text(_INTERRUPTED)
+    begun = f"{sys.executable} {program} top; echo left $? $(stty -a | grep -o .icanon); cat"
+    tmux("new-session", "-d", "-x", "80", "-y", "24", begun)
+    eventually(lambda: "left 0 icanon" in tmux("capture-pane", "-p").replace("  ", " "))

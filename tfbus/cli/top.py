@@ -17,7 +17,7 @@ from tfbus.wire.fleet import Fleet
 def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:
-        from tfbus.top.app import TopApp
+        from tfbus.top.app import show
         from tfbus.top.source import Source
     except ImportError as error:
         raise TfbusError(
@@ -28,4 +28,4 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
             "top needs a terminal: in scripts use tfbus frames, monitor or doctor with --json"
         )
     with listening(settings, fleet, goes_on=True) as heard:
-        TopApp(Source(heard)).run()
+        show(Source(heard))

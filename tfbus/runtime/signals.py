@@ -46,6 +46,11 @@ class StopSignals:
         """Whether SIGTERM has come or `stop` was called, or in a script SIGINT has come."""
         return self._stop.called
 
+    @property
+    def readable(self) -> int:
+        """The file that becomes readable when `stopped` becomes true, for an event loop."""
+        return self._stop.readable
+
     def stop(self) -> None:
         """Stop as SIGTERM does; from any thread, twice is fine."""
         self._ended.call()
@@ -139,6 +144,7 @@ class _SimulatedStop:
 
     def __init__(self) -> None:
         self.called = False
+        self.readable = -1  # no event loop waits for it
         self._event = scheduler.Event()
         self.ring = self.interrupt = self._event.set
 
@@ -174,20 +180,20 @@ class _Stop:
 
     def __init__(self) -> None:
         self.called = False
-        self._readable, self._writable = os.pipe()
+        self.readable, self._writable = os.pipe()
         _stops.add(self)
 
     # One that outlives this module, as Python ends, finds none of its names.
     def __del__(self, close: Callable[[int], None] = os.close) -> None:
-        close(self._readable)
+        close(self.readable)
         close(self._writable)
 
     def leave_to_parent(self) -> None:
         """In a forked child: it has come, and the parent's file is the parent's."""
-        os.close(self._readable)
+        os.close(self.readable)
         os.close(self._writable)
         self.called = True
-        self._readable, self._writable = os.pipe()
+        self.readable, self._writable = os.pipe()
 
     def call(self) -> None:
         if not self.called:
@@ -206,7 +212,7 @@ class _Stop:
     ) -> bool:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         poll = select.poll()
-        poll.register(self._readable, select.POLLIN)
+        poll.register(self.readable, select.POLLIN)
         for other in (wakeup, signalled):
             if other:
                 poll.register(other.readable, select.POLLIN)

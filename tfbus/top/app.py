@@ -1,5 +1,6 @@
 """The screen: four tables, a filter, and the details of one frame. Drawn by Textual."""
 
+import asyncio
 from typing import ClassVar
 
 from rich.text import Text
@@ -21,6 +22,7 @@ from textual.widgets import (
 )
 
 from tfbus.frames.state import State
+from tfbus.runtime.signals import StopSignals
 from tfbus.top.rows import Row, Table, chosen, fitting, is_service
 from tfbus.top.source import Source
 from tfbus.wording import counted, duration
@@ -164,9 +166,10 @@ class TopApp(App[None]):
         Binding("escape", "clear", "Clear", show=False),
     ]
 
-    def __init__(self, source: Source):
+    def __init__(self, source: Source, signals: StopSignals):
         super().__init__()
         self._source = source
+        self._signals = signals
         self._tables: dict[str, Table] = {}
         self._column = dict.fromkeys(_NAMES, 0)
         self._descending = dict.fromkeys(_NAMES, False)
@@ -185,11 +188,16 @@ class TopApp(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
+        asyncio.get_running_loop().add_reader(self._signals.readable, self._end)
         self._look()
         self._ask()
         self.set_interval(_LOOK_EVERY_S, self._look)
         self.set_interval(_ASK_EVERY_S, self._ask)
         self.set_focus(self._table_of("frames"))
+
+    def _end(self) -> None:
+        asyncio.get_running_loop().remove_reader(self._signals.readable)
+        self.exit()
 
     # Keys
 
@@ -351,3 +359,17 @@ def _fill(table: "DataTable[Text]", rows: list[Row], columns: list[int]) -> None
     under = keys[at] if at < len(keys) else ""
     found = [number for number, row in enumerate(rows) if row.key == under]
     table.move_cursor(row=found[0] if found else min(at, max(len(rows) - 1, 0)))
+
+
+def show(source: Source) -> None:
+    """Show the screen until the user leaves it, or a signal comes.
+
+    A KeyboardInterrupt in the midst of Textual would leave its threads running, and the terminal
+    as it is: the screen ends as by its key.
+    """
+    signals = StopSignals()
+    try:
+        with signals.held():
+            TopApp(source, signals).run()
+    finally:
+        signals.uninstall()

@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -87,8 +87,8 @@ _INNER = {
 
 # A class whose methods are those of another, row by row or of a file: where both have one, the
 # text stands at the other, but for these.
-_LIKE = {
-    tfbus.TransformArray: (tfbus.Transform, {"apply", "from_matrix", "interpolate", "rotate"}),
+_LIKE: dict[type, tuple[type, set[str]]] = {
+    tfbus.TransformArray: (tfbus.Transform, {"apply", "from_matrix", "from_rpy", "rotate"}),
     tfbus.Recording: (tfbus.Buffer, {"frames", "samples", "trajectory"}),
 }
 
@@ -174,8 +174,7 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
     if bases:
         parts.append(f"A {' and '.join(f'`{base}`' for base in bases)}.\n")
     parts.append(_paragraphs(_docstring(value)))
-    is_inherited = issubclass(value, Exception) and "__init__" not in vars(value)
-    if made and not is_inherited and (signature := _constructor(value)):
+    if made and not issubclass(value, Exception) and (signature := _constructor(value)):
         parts.append(f"- `{name}({signature})`\n")
     if not made and (fields := _fields(value)):
         parts.append(f"- fields: {', '.join(f'`{field}`' for field in fields)}\n")
@@ -184,6 +183,10 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
             signature = f"{nested.__qualname__}({_constructor(nested)})"
             parts.append(_item(Member(nested.__name__, signature, _docstring(nested))))
     parts += [_item(member) for member in _members(value)]
+    if shared := _shared(value):
+        other, _ = _LIKE[value]
+        names = ", ".join(f"`{name}`" for name in shared)
+        parts.append(f"As of `{other.__name__}`: {names}.\n")
     return "\n".join(part for part in parts if part)
 
 
@@ -246,24 +249,35 @@ def _bodies(value: type) -> Iterator[ast.ClassDef]:
             yield node
 
 
+def _shared(value: type) -> list[str]:
+    """The methods whose texts stand at another class, in the order of the source."""
+    if value not in _LIKE:
+        return []
+    other, own = _LIKE[value]
+    names = dict.fromkeys(
+        node.name
+        for body in _bodies(value)
+        for node in body.body
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node)
+    )
+    return [name for name in names if hasattr(other, name) and name not in own and name[0] != "_"]
+
+
 def _members(value: type) -> list[Member]:
     """The methods and properties with a docstring, each as its most derived class says it."""
     found: dict[str, Member] = {}
     inherited: dict[str, Member] = {}
     inner = _INNER.get(value.__name__, "").split()
-    other, own = _LIKE.get(value, (object, set()))
+    shared = _shared(value)
     for body in _bodies(value):
         for node in body.body:
             if (
                 isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
                 and _is_public(node)
-                and node.name not in inner
+                and node.name not in (*inner, *shared)
             ):
                 into = found if body.name == value.__name__ else inherited
-                member = _function(node, value.__name__)
-                if node.name not in own and hasattr(other, node.name):
-                    member = replace(member, text="")
-                into.setdefault(node.name, member)
+                into.setdefault(node.name, _function(node, value.__name__))
     return [*found.values(), *(member for name, member in inherited.items() if name not in found)]
 
 

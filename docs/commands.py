@@ -22,9 +22,9 @@ _HEAD = """\
 # Commands
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
-`tfbus COMMAND --help` prints the same, `--help-all` also the options of every node. A command exits
-with 0 on success, 1 if it failed, 2 for a mistake on the command line. A command that [joins the
-bus](#options-of-every-command-that-joins-the-bus) has `[NODE OPTIONS]` in its usage; after *Also*
+`tfbus COMMAND --help` prints the same with examples, `--help-all` the options of every node too. A
+command exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. One that [joins
+the bus](#options-of-every-command-that-joins-the-bus) has `[NODE OPTIONS]` in its usage; after *Also*
 stand options that [several commands share](#options-that-several-commands-share).
 """
 
@@ -114,8 +114,6 @@ def _sections(
     if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:
         each = ", ".join(f"`{name.rstrip(',')}`" for name in also)
         yield f"*Also* {each}.\n"
-    if command.epilog:
-        yield _examples(command.epilog)
     for verb, below in _below(command, context):
         yield from _sections(below, verb, context, of_nodes, shared)
 
@@ -123,15 +121,6 @@ def _sections(
 def _usage(command: click.Command, context: click.Context, is_node: bool) -> list[str]:
     pieces = command.collect_usage_pieces(context)
     return ["[NODE OPTIONS]", *pieces] if is_node else pieces
-
-
-def _examples(epilog: str) -> str:
-    """What stands at the end of the help: mostly `Examples: tfbus one; tfbus two`."""
-    word, colon, text = " ".join(epilog.split()).partition(": ")
-    if not colon or not word.startswith("Example"):
-        return f"{_paragraphs(epilog)}\n"
-    lines = text.replace("; tfbus ", "\ntfbus ")
-    return f"{word}:\n\n```text\n{lines}\n```\n"
 
 
 def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:

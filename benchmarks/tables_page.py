@@ -72,9 +72,7 @@ By `make bench ARGS="--only bus"`, between processes on loopback. {place}
   in the middle sends a message of the same size.
 - **The bridge**: `tfbus ros2 --via zenoh`; beside it a relay in Python.
 - **A message that comes alone**: {paced_rate} a second of one transform each, at an even pace.
-- **The first lookup** counts from the start of the process; its parts:
-
-{starts}
+- **The first lookup** counts from the start of the process.
 """
 
 _VIEW = """\

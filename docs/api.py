@@ -93,8 +93,8 @@ _LIKE: dict[type, tuple[type, set[str]]] = {
 }
 
 _MESSAGES = """\
-[Messages](messages.md) says what they mean. A value that is not finite or out of range raises
-ValueError; on the bus such a message is dropped and counted.
+[Messages](messages.md) has their fields, and `tfbus topic show NAME` prints types and defaults. A
+value that is not finite or out of range raises ValueError; on the bus such a message is dropped.
 """
 
 _TESTING = """\
@@ -134,7 +134,7 @@ def page() -> str:
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
     parts += ["## tfbus.messages\n", _MESSAGES]
     parts += [
-        _message(name, value)
+        f"### {name}\n"
         for name, value in vars(tfbus.messages).items()
         if inspect.isclass(value) and value.__module__ == "tfbus.messages"
     ]
@@ -154,15 +154,6 @@ def _each_text_once(text: str) -> str:
     return re.sub(
         r"^(?P<signature>- `.*`\n)\n(?P<text>(?:    .*\n|\n(?=    ))+)", kept, text, flags=re.M
     )
-
-
-def _message(name: str, value: type) -> str:
-    """The fields of a message, or of those in a service or action."""
-    parts = [f"### {name}\n"]
-    nested = [each for each in vars(value).values() if inspect.isclass(each)]
-    for each in nested or [value]:
-        parts.append(f"- `{each.__qualname__}({_constructor(each)})`\n")
-    return "\n".join(parts)
 
 
 def _entry(name: str, value: object, *, made: bool = True) -> str:
@@ -317,8 +308,8 @@ def _fields(value: type) -> list[str]:
     for body in reversed(list(_bodies(value))):
         for node in body.body:
             if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
-                default = f"={_default(node.value)}" if node.value else ""
-                found.append(f"{ast.unparse(node.target)}: {_plain(node.annotation)}{default}")
+                default = _default(node.value) if node.value else ""
+                found.append(_named(ast.unparse(node.target), node.annotation, default))
     return found
 
 
@@ -349,8 +340,14 @@ def _arguments(arguments: ast.arguments) -> str:
 
 
 def _argument(argument: ast.arg, default: ast.expr | None) -> str:
-    kind = f": {_plain(argument.annotation)}" if argument.annotation else ""
-    return f"{argument.arg}{kind}{f'={ast.unparse(default)}' if default else ''}"
+    return _named(argument.arg, argument.annotation, ast.unparse(default) if default else "")
+
+
+def _named(name: str, annotation: ast.expr | None, default: str) -> str:
+    """A parameter or field; a number, a text, True or False as the default says its type."""
+    is_told = default[:1] in {"'", "(", "-", *"0123456789"} or default in ("True", "False")
+    kind = f": {_plain(annotation)}" if annotation and not is_told else ""
+    return f"{name}{kind}{f'={default}' if default else ''}"
 
 
 def _plain(annotation: ast.expr | None) -> str:

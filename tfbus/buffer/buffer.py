@@ -632,8 +632,7 @@ class Buffer:
         """The transforms at N stamps (N,): a sequence of N, whose arrays are `xyz` (N, 3) in metres
         and `quat_xyzw` (N, 4).
 
-        Raises as `lookup_transform` if one of the stamps cannot be answered. The lock is
-        released after every 256 stamps, so writers wait for microseconds only.
+        Raises as `lookup_transform` if one of the stamps cannot be answered.
         """
         stamps = _stamps(stamps_ns)
         answers, known = self.lookup_known_transforms(
@@ -919,8 +918,8 @@ class Buffer:
     def load(cls, path: str | os.PathLike[str]) -> "Buffer":
         """The buffer that was saved to a file: every lookup has the same answer, to the last bit.
 
-        A file may come from anyone: loading runs no code in it, and checks all that it has. Raises
-        DecodeError for another file, or one cut short; OSError.
+        It runs no code of the file, and checks it. Raises DecodeError for another file, or one cut
+        short; OSError.
         """
         from tfbus.buffer.saved import read
 

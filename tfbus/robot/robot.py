@@ -307,7 +307,7 @@ class Robot:
         """Parent, child and pose of each joint that `positions` names and of those that mimic it.
 
         A mimic joint follows the first of its chain that is named, unless it is named itself;
-        `prefix` is put before the names. Raises as `fk`, and if a pose is not finite.
+        `prefix` is put before the names. Raises as `fk`, and for a pose that is not finite.
         """
         values = self._positions.of_one(positions)
         moved = dict.fromkeys(positions)

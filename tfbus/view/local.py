@@ -272,7 +272,7 @@ class View:
         *,
         pose: Transform | ArrayLike | None = None,
     ) -> None:
-        """Write a text, which always faces the browser, at the origin of the frame, or at `pose`."""
+        """Write a text that always faces the browser, at the origin of the frame, or at `pose`."""
         from tfbus.view.scene.drawn import place_of
 
         place = place_of(pose)

@@ -24,14 +24,7 @@ tfbus is faster, or smaller. Numbers differ on other machines, ratios less.
 
 ![The time of one lookup by depth, number of frames and number of samples](performance.svg)
 
-{growth}
-
-A lookup searches each edge on its path once, where the first guess is mostly right, and
-interpolates; edges of one publisher whose samples have the same stamps share the search. The latest
-needs neither search nor interpolation where the newest samples of all edges have one time. Answers
-that are kept need new memory, with every library, so that their ratios are lower. transform-tree
-and pytransform3d answer with matrices; transform-tree has a fixed topology, and its latest is by a
-plan made in advance.
+transform-tree and pytransform3d answer with matrices; transform-tree has a fixed topology.
 
 ## The bus
 
@@ -42,11 +35,6 @@ publishers of 100,000 transforms a second in all.
 {bus}
 
 ![The CPU of a listener, by publishers and by frames](performance-bus.svg)
-
-A listener of 10,000 transforms a second in all, from more and more streams of one frame, then of
-more and more frames of one stream:
-
-{bus_growth}
 
 [Scaling](../guide/scaling.md) says what follows; [an hour of faults](soak.md) has memory, files and
 threads of listeners while others are killed.
@@ -98,16 +86,6 @@ _COLUMNS = {
     "pytransform3d": "pytransform3d",
 }
 
-_GROWTH = (
-    ("deep", "1", "along 1 edge"),
-    ("deep", "10", "along 10 edges"),
-    ("deep", "100", "along 100 edges"),
-    ("deep", "1,000", "along 1,000 edges"),
-    ("frames", "100", "between any two of 100 frames"),
-    ("frames", "100,000", "between any two of 100,000 frames"),
-    ("samples", "1,000,000", "at any of 1,000,000 samples of an edge"),
-)
-
 _BUS = (
     "single-transform messages into the buffer",
     "transforms, 50 to a message, a core",
@@ -152,11 +130,9 @@ def made() -> str:
         versions=_versions(buffer),
         peers=_peers(buffer).as_markdown(),
         others=_others(bus, files, robots).as_markdown(),
-        growth=_growth(buffer).as_markdown(),
         bus=_only(
             bus.tables["measures"], measures, ("measure", "tfbus", "beside it")
         ).as_markdown(),
-        bus_growth=_bus_growth(bus).as_markdown(),
         hour=files.facts["hour"],
         files=_files(files).as_markdown(),
         arm=robots.facts["arm"],
@@ -247,31 +223,8 @@ def _fine(ratio: str) -> str:
     return f"{number:.2f} x" if number < 2 else _short(ratio)
 
 
-def _growth(buffer: Part) -> Table:
-    rows = []
-    for name, size, text in _GROWTH:
-        row = buffer.tables[name].row(size)
-        rows.append([text, row["tfbus"], row["tf2 from C++"]])
-    return Table(["one lookup", "tfbus", "tf2 from C++"], rows)
-
-
 def _only(table: Table, names: Iterable[str], headings: Sequence[str]) -> Table:
     rows = [[table.row(name)[heading] for heading in headings] for name in names]
-    return Table(headings, rows)
-
-
-def _bus_growth(bus: Part) -> Table:
-    rows = []
-    for name, size in (
-        ("publishers", "1"),
-        ("publishers", "1,000"),
-        ("frames", "1,000"),
-        ("frames", "100,000"),
-    ):
-        row = bus.tables[name].row(size)
-        what = f"{size} {name.removesuffix('s') if size == '1' else name}"
-        rows.append([what, row["CPU"], row["until all were there"], row["memory grown by"]])
-    headings = ["", "CPU", "until all were there", "memory grown by"]
     return Table(headings, rows)
 
 
@@ -287,8 +240,8 @@ def _files(files: Part) -> Table:
 
 def _view(view: Part) -> Table:
     table = view.tables["costs"]
-    rows = [[row[0], *row[2:5]] for row in table.rows if row[1] == "1"]
-    return Table([table.headings[0], *table.headings[2:5]], rows, words=0)
+    rows = [[row[0], *row[2:6]] for row in table.rows if row[1] == "1"]
+    return Table([table.headings[0], *table.headings[2:6]], rows, words=0)
 
 
 def _robots(robots: Part) -> Table:

@@ -28,8 +28,6 @@ _BUFFER = """\
 
 By `make bench`. {place} {versions}.
 
-{peers}
-
 All have the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps of
 today. A lookup goes from end to end of a chain and interpolates on every edge, at stamps scattered
 over the last tenth of a second unless the row says 10 s. Each peer is a warmed-up process; those of
@@ -74,17 +72,13 @@ By `make bench ARGS="--only bus"`, between processes on loopback. {place}
   in the middle sends a message of the same size.
 - **The bridge**: `tfbus ros2 --via zenoh`; beside it a relay in Python.
 - **A message that comes alone**: {paced_rate} a second of one transform each, at an even pace.
-- **The first lookup** counts from the start of the process; its parts:
-
-{starts}
+- **The first lookup** counts from the start of the process.
 """
 
 _VIEW = """\
 ## The view
 
 By `python -m benchmarks.view --write`. {place} {versions}.
-
-{costs}
 
 - All frames move at 30 Hz, each message has all of them, and `tfbus view` sends at most 30 updates
   a second, to browsers that draw nothing. CPU is of all threads of the view.
@@ -104,8 +98,6 @@ By `make bench ARGS="--only recordings"`. {place} {versions}.
 
 A robot of 50 frames at 50 Hz, one message a tick: 3,000 messages in a minute, {hour} in an hour.
 Numbers are CPU of a process that did the same before; medians of runs that take turns.
-
-{files}
 
 - **Write**: tfbus makes CDR of columns; mcap has the bytes made in advance; rosbags serialises its
   own messages.
@@ -128,8 +120,6 @@ _ROBOTS = """\
 ## Robots
 
 By `python -m benchmarks.robots --write`. {place} {versions}.
-
-{peers}
 
 CPU, medians of {runs} runs that take turns, of made-up robots: an arm with {arm}, a humanoid with
 {humanoid}, two of three revolute and one fixed. Angles are a map by joint (yourdfpy: an array). Of

@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -87,14 +87,14 @@ _INNER = {
 
 # A class whose methods are those of another, row by row or of a file: where both have one, the
 # text stands at the other, but for these.
-_LIKE = {
-    tfbus.TransformArray: (tfbus.Transform, {"apply", "from_matrix", "interpolate", "rotate"}),
+_LIKE: dict[type, tuple[type, set[str]]] = {
+    tfbus.TransformArray: (tfbus.Transform, {"apply", "from_matrix", "from_rpy", "rotate"}),
     tfbus.Recording: (tfbus.Buffer, {"frames", "samples", "trajectory"}),
 }
 
 _MESSAGES = """\
-[Messages](messages.md) says what they mean. A value that is not finite or out of range raises
-ValueError; on the bus such a message is dropped and counted.
+[Messages](messages.md) has their fields, and `tfbus topic show NAME` prints types and defaults. A
+value that is not finite or out of range raises ValueError; on the bus such a message is dropped.
 """
 
 _TESTING = """\
@@ -134,7 +134,7 @@ def page() -> str:
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
     parts += ["## tfbus.messages\n", _MESSAGES]
     parts += [
-        _message(name, value)
+        f"### {name}\n"
         for name, value in vars(tfbus.messages).items()
         if inspect.isclass(value) and value.__module__ == "tfbus.messages"
     ]
@@ -156,15 +156,6 @@ def _each_text_once(text: str) -> str:
     )
 
 
-def _message(name: str, value: type) -> str:
-    """The fields of a message, or of those in a service or action."""
-    parts = [f"### {name}\n"]
-    nested = [each for each in vars(value).values() if inspect.isclass(each)]
-    for each in nested or [value]:
-        parts.append(f"- `{each.__qualname__}({_constructor(each)})`\n")
-    return "\n".join(parts)
-
-
 def _entry(name: str, value: object, *, made: bool = True) -> str:
     if not inspect.isclass(value):
         node = _definition(value.__module__, name)
@@ -174,8 +165,7 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
     if bases:
         parts.append(f"A {' and '.join(f'`{base}`' for base in bases)}.\n")
     parts.append(_paragraphs(_docstring(value)))
-    is_inherited = issubclass(value, Exception) and "__init__" not in vars(value)
-    if made and not is_inherited and (signature := _constructor(value)):
+    if made and not issubclass(value, Exception) and (signature := _constructor(value)):
         parts.append(f"- `{name}({signature})`\n")
     if not made and (fields := _fields(value)):
         parts.append(f"- fields: {', '.join(f'`{field}`' for field in fields)}\n")
@@ -184,6 +174,10 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
             signature = f"{nested.__qualname__}({_constructor(nested)})"
             parts.append(_item(Member(nested.__name__, signature, _docstring(nested))))
     parts += [_item(member) for member in _members(value)]
+    if shared := _shared(value):
+        other, _ = _LIKE[value]
+        names = ", ".join(f"`{name}`" for name in shared)
+        parts.append(f"As of `{other.__name__}`: {names}.\n")
     return "\n".join(part for part in parts if part)
 
 
@@ -246,24 +240,35 @@ def _bodies(value: type) -> Iterator[ast.ClassDef]:
             yield node
 
 
+def _shared(value: type) -> list[str]:
+    """The methods whose texts stand at another class, in the order of the source."""
+    if value not in _LIKE:
+        return []
+    other, own = _LIKE[value]
+    names = dict.fromkeys(
+        node.name
+        for body in _bodies(value)
+        for node in body.body
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node)
+    )
+    return [name for name in names if hasattr(other, name) and name not in own and name[0] != "_"]
+
+
 def _members(value: type) -> list[Member]:
     """The methods and properties with a docstring, each as its most derived class says it."""
     found: dict[str, Member] = {}
     inherited: dict[str, Member] = {}
     inner = _INNER.get(value.__name__, "").split()
-    other, own = _LIKE.get(value, (object, set()))
+    shared = _shared(value)
     for body in _bodies(value):
         for node in body.body:
             if (
                 isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
                 and _is_public(node)
-                and node.name not in inner
+                and node.name not in (*inner, *shared)
             ):
                 into = found if body.name == value.__name__ else inherited
-                member = _function(node, value.__name__)
-                if node.name not in own and hasattr(other, node.name):
-                    member = replace(member, text="")
-                into.setdefault(node.name, member)
+                into.setdefault(node.name, _function(node, value.__name__))
     return [*found.values(), *(member for name, member in inherited.items() if name not in found)]
 
 
@@ -303,8 +308,8 @@ def _fields(value: type) -> list[str]:
     for body in reversed(list(_bodies(value))):
         for node in body.body:
             if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
-                default = f"={_default(node.value)}" if node.value else ""
-                found.append(f"{ast.unparse(node.target)}: {_plain(node.annotation)}{default}")
+                default = _default(node.value) if node.value else ""
+                found.append(_named(ast.unparse(node.target), node.annotation, default))
     return found
 
 
@@ -335,8 +340,14 @@ def _arguments(arguments: ast.arguments) -> str:
 
 
 def _argument(argument: ast.arg, default: ast.expr | None) -> str:
-    kind = f": {_plain(argument.annotation)}" if argument.annotation else ""
-    return f"{argument.arg}{kind}{f'={ast.unparse(default)}' if default else ''}"
+    return _named(argument.arg, argument.annotation, ast.unparse(default) if default else "")
+
+
+def _named(name: str, annotation: ast.expr | None, default: str) -> str:
+    """A parameter or field; a number, a text, True or False as the default says its type."""
+    is_told = default[:1] in {"'", "(", "-", *"0123456789"} or default in ("True", "False")
+    kind = f": {_plain(annotation)}" if annotation and not is_told else ""
+    return f"{name}{kind}{f'={default}' if default else ''}"
 
 
 def _plain(annotation: ast.expr | None) -> str:

@@ -22,10 +22,10 @@ _HEAD = """\
 # Commands
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
-`tfbus COMMAND --help` prints the same, `--help-all` also the options of every node. A command exits
-with 0 on success, 1 if it failed, 2 for a mistake on the command line. A command that [joins the
-bus](#options-of-every-command-that-joins-the-bus) has `[NODE OPTIONS]` in its usage; after *Also*
-stand options that [several commands share](#options-that-several-commands-share).
+`tfbus COMMAND --help` prints the same with examples, `--help-all` the options of every node. It
+exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. Commands that [join
+the bus](#options-of-every-command-that-joins-the-bus) have `[NODE OPTIONS]`; after *Also* stand
+options that [several commands share](#options-that-several-commands-share).
 """
 
 _OF_NODES = """\
@@ -45,7 +45,7 @@ Row = tuple[str, str]
 
 def page() -> str:
     """The whole page."""
-    parts = [_HEAD, ",\n".join(f"[`{name}`](#tfbus-{name})" for name in sorted(_texts())) + ".\n"]
+    parts = [_HEAD]
     of_nodes = _rows(_node_parameters())
     root = click.Context(tfbus, info_name="tfbus", max_content_width=100)
     commands = [(each, tfbus.get_command(root, each)) for each in sorted(_texts())]
@@ -106,16 +106,14 @@ def _sections(
     is_node = any(names in names_of_nodes for names, _ in rows)
     yield f"{'##' if parent.parent is None else '###'} {context.command_path}\n"
     yield f"{_paragraphs(command.help or '')}\n"
-    if not isinstance(command, click.Group):
-        pieces = [context.command_path, *_usage(command, context, is_node)]
-        yield f"`{' '.join(pieces)}`\n"
+    usage = [each for each in _usage(command, context, is_node) if each != "[OPTIONS]"]
+    if usage and not isinstance(command, click.Group):
+        yield f"`{' '.join(usage)}`\n"
     if own:
         yield _list(own)
     if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:
         each = ", ".join(f"`{name.rstrip(',')}`" for name in also)
         yield f"*Also* {each}.\n"
-    if command.epilog:
-        yield _examples(command.epilog)
     for verb, below in _below(command, context):
         yield from _sections(below, verb, context, of_nodes, shared)
 
@@ -123,15 +121,6 @@ def _sections(
 def _usage(command: click.Command, context: click.Context, is_node: bool) -> list[str]:
     pieces = command.collect_usage_pieces(context)
     return ["[NODE OPTIONS]", *pieces] if is_node else pieces
-
-
-def _examples(epilog: str) -> str:
-    """What stands at the end of the help: mostly `Examples: tfbus one; tfbus two`."""
-    word, colon, text = " ".join(epilog.split()).partition(": ")
-    if not colon or not word.startswith("Example"):
-        return f"{_paragraphs(epilog)}\n"
-    lines = text.replace("; tfbus ", "\ntfbus ")
-    return f"{word}:\n\n```text\n{lines}\n```\n"
 
 
 def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:

@@ -30,14 +30,13 @@ class TransformBroadcaster:
     """Sends dynamic transforms: those that change with time.
 
     All broadcasters of a node send in the stream with the node's name, unless they name another
-    `stream`; those of one stream must have the same options. Each call sends one message or, with
-    `split`, one message for each frame on its own key, so that listeners need not receive all. Of
-    two publishers of one frame, listeners with `conflicts="priority"` accept the one with the
-    higher `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for
-    listeners that join later and query them.
+    `stream`; those of one must have the same options. With `split`, each frame is a message on its
+    own key. Of two publishers of one frame, listeners with `conflicts="priority"` accept the higher
+    `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for listeners
+    that query them.
 
-    When the stamps of a frame go back by more than 1 s, as after the reset of a simulator, all
-    listeners forget what the stream sent before, except its static transforms.
+    When the stamps of a frame go back by more than 1 s, all listeners forget what the stream sent
+    before, except its static transforms.
 
     Raises InvalidArgumentException if `history_s` or `priority` is invalid, or if the stream
     already has other options.

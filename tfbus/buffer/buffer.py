@@ -89,25 +89,21 @@ if not COMPILED:
 class Buffer:
     """The transforms of the last `cache_time_s` seconds, by their own stamps; math.inf keeps all.
 
-    `set_transform` stores an edge from parent to child; a lookup follows the edges between two
-    frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
-    unless `sampling` says otherwise.
+    A lookup follows the edges between two frames, at one time. Semantics are tf2's unless
+    `sampling` says otherwise.
 
-    Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch, of
-    which at most 256 bring new frames; a lookup with a timeout sleeps without the lock until what
-    it needs has come, and never polls.
+    Safe from any thread. One lock is held for one lookup, or for the rows of one batch, of which at
+    most 256 bring new frames; a lookup with a timeout sleeps without it.
 
-    A signal handler, or a finalizer that the garbage collector calls, may run in the middle of a
-    call of the same thread. It may use the buffer: lookups answer at once, without waiting, and
-    what it stores or removes counts as done and is done when the interrupted call ends.
+    A signal handler or finalizer may use the buffer in the middle of a call of the same thread:
+    lookups answer at once, and inserts and removals are done when the interrupted call ends.
 
-    `clock` returns the time, in nanoseconds since the Unix epoch, and decides the age of samples.
-    If it is simulated (`node.clock`), timeouts are in simulated seconds, otherwise in real ones. A
-    TransformListener sets the buffer's clock to its node's, unless the buffer has another.
+    `clock` returns the time for the age of samples. If it is simulated (`node.clock`), timeouts are
+    in simulated seconds. A TransformListener sets it to its node's, unless the buffer has another.
 
-    Of one frame at most `max_samples` are kept, whatever their stamps: then the oldest gives way to
-    a newer one, `FrameInfo.crowded_out` counts them, and the first is logged. None is 10,000 for
-    each second of `cache_time_s`, and at least 100,000.
+    Of one frame at most `max_samples` are kept: then the oldest gives way, `FrameInfo.crowded_out`
+    counts it, and the first is logged. None is 10,000 for each second of `cache_time_s`, at least
+    100,000.
 
     Raises InvalidArgumentException for a `cache_time_s` below 0, and for `max_samples` below 1.
     """
@@ -181,10 +177,9 @@ class Buffer:
         """Store one transform; a static one holds at all times.
 
         Returns False if it is older than the newest of its child frame by more than the cache time.
-        A transform that repeats a stamp replaces the previous one; if the two differ, that is a
-        conflict, which is counted and passed to `on_change`. Raises InvalidArgumentException for a
-        frame that is its own parent, LoopException for an edge that would close a loop; then
-        nothing has changed.
+        Of equal stamps the last counts; if the two differ, that is a conflict, which is passed to
+        `on_change`. Raises InvalidArgumentException for a frame that is its own parent,
+        LoopException for an edge that would close a loop.
         """
         if not isinstance(transform, TransformStamped):
             raise InvalidArgumentException(
@@ -215,8 +210,7 @@ class Buffer:
     ) -> int:
         """Store the rows of a batch, or several TransformStamped; returns how many were stored.
 
-        A row that cannot be stored does not affect the others: it is counted in `rejected`, by its
-        reason.
+        A row that cannot be stored is counted in `rejected`, by its reason.
         """
         columns = batch if isinstance(batch, Columns) else _columns(batch)
         if type(authority) is not str:
@@ -434,13 +428,13 @@ class Buffer:
     ) -> TransformStamped:
         """The transform that takes data in `source_frame` into `target_frame`.
 
-        This is the pose of the source seen from the target, at the stamp. None means the latest
-        time for which every edge between the two has data, which is 0 if all of them are static.
+        This is the pose of the source seen from the target. The stamp None means the latest time
+        for which every edge between the two has data, 0 if all are static.
 
-        Waits at most `timeout_s` seconds for data that may still arrive. Raises
-        InvalidArgumentException for a malformed name, LookupException for an unknown frame,
-        ConnectivityException if no path joins the two, a kind of ExtrapolationException if the
-        stamp is outside the samples, and TimeoutException, with the reason, after waiting.
+        Waits at most `timeout_s` for data that may still arrive. Raises InvalidArgumentException
+        for a malformed name, LookupException for an unknown frame, ConnectivityException if no path
+        joins the two, a kind of ExtrapolationException for a stamp outside the samples, and
+        TimeoutException, with the reason, after waiting.
 
         Raises StaleException if the newest sample of a dynamic edge is older than `max_age_s`, or,
         with `living`, if the publisher of an edge is gone.
@@ -638,8 +632,7 @@ class Buffer:
         """The transforms at N stamps (N,): a sequence of N, whose arrays are `xyz` (N, 3) in metres
         and `quat_xyzw` (N, 4).
 
-        Raises as `lookup_transform` if one of the stamps cannot be answered. The lock is
-        released after every 256 stamps, so writers wait for microseconds only.
+        Raises as `lookup_transform` if one of the stamps cannot be answered.
         """
         stamps = _stamps(stamps_ns)
         answers, known = self.lookup_known_transforms(
@@ -688,9 +681,8 @@ class Buffer:
 
         `stamps_ns` is one stamp, or one for each point (N,); None means the latest. With a
         `fixed_frame` all points are transformed into the target as it was at `target_stamp_ns`
-        (None: the latest), which undistorts a lidar scan, whose points have a stamp each.
-        Raises as `lookup_transform`, and InvalidArgumentException for a `target_stamp_ns` without a
-        `fixed_frame`.
+        (None: the latest), which undistorts a lidar scan. Raises as `lookup_transform`, and
+        InvalidArgumentException for a `target_stamp_ns` without a `fixed_frame`.
         """
         if isinstance(points, str):
             raise InvalidArgumentException(
@@ -753,10 +745,10 @@ class Buffer:
     ) -> TwistStamped:
         """The velocity of `frame` relative to `reference_frame`: linear in m/s, angular in rad/s.
 
-        Both are in the axes that `observation_frame` (by default the reference) has at that time.
-        Estimated from the samples in a window of `window_s` around the stamp, shifted to where
-        there are samples; None means the latest common time. Exact if the motion in the window is
-        a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
+        Both are in the axes of `observation_frame` (by default the reference) at that time,
+        estimated from the samples in a window of `window_s` around the stamp (None: the latest
+        common time), shifted to the samples that there are. Exact for a line, a circle or a screw
+        at constant speed. Raises as `lookup_transform`.
         """
         from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 
@@ -926,8 +918,8 @@ class Buffer:
     def load(cls, path: str | os.PathLike[str]) -> "Buffer":
         """The buffer that was saved to a file: every lookup has the same answer, to the last bit.
 
-        A file may come from anyone: loading runs no code in it, and checks all that it has. Raises
-        DecodeError for another file, or one cut short; OSError.
+        It runs no code of the file, and checks it. Raises DecodeError for another file, or one cut
+        short; OSError.
         """
         from tfbus.buffer.saved import read
 
@@ -1032,10 +1024,8 @@ class Buffer:
     ) -> None:
         """Show the trees: drawn in a notebook, printed elsewhere.
 
-        With two frames the path between them is marked, and the transform of
-        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none, as
-        of an unknown frame. `tfbus.view.show(buffer)` opens a page with all frames in three
-        dimensions.
+        With two frames the path between them is marked, and their transform is shown, or why there
+        is none. `tfbus.view.show(buffer)` opens a page in three dimensions.
         """
         from tfbus.buffer.drawing import display
 

@@ -59,14 +59,12 @@ class FrameInfo(Struct):
 class Change(Struct):
     """A change of one frame.
 
-    `kind` is "added"; "removed"; "reparented"; "became static" or "became dynamic", the history
-    being kept; "conflict", a sample that replaced a different one of the same stamp; "too old", a
-    sample refused because it is older than the cache; "publisher gone" or "publisher back", as a
-    listener noticed. `parent` and `authority` are those of the transform that made the change,
-    `former_parent` and `former_authority` those before. `stamp_ns` is the stamp of that transform.
+    `kind` is "added", "removed", "reparented", "became static", "became dynamic", "conflict" (a
+    sample of the same stamp was replaced), "too old" (a sample was refused), "publisher gone" or
+    "publisher back". `parent` and `authority` are those of the transform that made the change,
+    `stamp_ns` its stamp, `former_parent` and `former_authority` those before.
 
-    Two living publishers of one frame are a "conflict" too, which the listener reports once:
-    `authority` and `former_authority` are the two.
+    Two living publishers of one frame, `authority` and `former_authority`, are a "conflict" too.
     """
 
     kind: Kind

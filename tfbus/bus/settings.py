@@ -65,13 +65,10 @@ class NodeSettings(Struct):
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
     `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`,
-    `TFBUS_LIMITS`), so one setting serves all processes of a machine. `mode` is "peer", "client",
-    "router", or "" for that of the configuration file ("peer" without one). Endpoints are Zenoh's
-    (`tcp/host:7447`): several, or one as a str. `secure` is the folder of an identity, as `tfbus
-    keys add` makes it: then all links are encrypted, and each side has the rights of its
-    certificate. With `sim_time` the node's time comes from the topic `clock`. `limits` are the
-    largest messages that it reads and sends, by kind; in the environment `topic=64MB,
-    service=8MB`.
+    `TFBUS_LIMITS`). `mode` is "peer", "client", "router", or "" for that of the configuration file.
+    Endpoints are Zenoh's (`tcp/host:7447`): several, or one as a str. `secure` is the folder of an
+    identity of a closed bus. `limits` are the largest messages that it reads and sends; in the
+    environment `topic=64MB, service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """

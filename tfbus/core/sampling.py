@@ -17,12 +17,11 @@ class Sampling(Struct):
     - "screw": along the screw between two samples, which does not depend on a frame's origin;
     - "nearest": the nearest sample unchanged, if it is within `tolerance_s` of the time.
 
-    `max_gap_s` is how far apart two samples may be that the times between them are computed from:
-    across a longer gap there is no answer, but at the samples themselves. None is any distance.
-    Static frames have no gaps.
+    Across a gap between two samples of more than `max_gap_s` there is no answer. None is any
+    distance.
 
     `extrapolation_s` lets an edge continue beyond its last two samples for at most that many
-    seconds, at the twist between them, or back before its first two; the answer then has
+    seconds, at the twist between them, or back before its first two; the answer has
     `extrapolated_ns`.
     """
 

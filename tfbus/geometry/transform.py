@@ -198,10 +198,9 @@ class Transform:
     ) -> "Transform":
         """The pose of a frame at `eye` that looks at `target`, in the frame of these points (3,).
 
-        With the convention "robot" x points at the target, y to the left and z upwards, as robots
-        and their sensors are mounted; with "camera" z points at the target, x to the right and y
-        downwards, as optical frames are (both: ROS REP 103). The upper side is as near to `up` (3,)
-        as that allows.
+        With the convention "robot" x points at the target, y to the left and z upwards; with
+        "camera", as of optical frames, z points at the target, x to the right and y downwards. The
+        upper side is as near to `up` (3,) as that allows.
 
         Raises InvalidArgumentException if eye and target are the same point, or `up` is
         parallel to the line between them.
@@ -477,11 +476,8 @@ class TransformStamped:
     """A transform between two frames at one time; immutable.
 
     `frame_id` is the parent, `child_frame_id` the child; the transform takes points of the child
-    into the parent. `stamp_ns` is nanoseconds since the Unix epoch; `tfbus.stamp_ns` makes it of
-    seconds or a datetime. A static transform needs no stamp: by name the others are enough, as in
-    `TransformStamped(frame_id="base", child_frame_id="lidar", transform=T)`. `extrapolated_ns` is
-    how far the answer of a lookup lies beyond the samples it was made from: 0 unless the caller
-    asked for more than interpolation.
+    into the parent. `stamp_ns` is nanoseconds since the Unix epoch; a static transform needs none.
+    `extrapolated_ns` is how far the answer of a lookup lies beyond the samples it was made from.
 
     Raises InvalidArgumentException for frame ids that are empty or begin with a slash, and for a
     stamp that is no integer.

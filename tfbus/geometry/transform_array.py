@@ -52,9 +52,8 @@ class TransformArray(Sequence[Transform]):
     """A sequence of N transforms: `xyz` (N, 3) in metres, `quat_xyzw` (N, 4) unit quaternions.
 
     `len`, iteration and `array[i]` give each `Transform`; a slice, a mask (N,) or indices give a
-    `TransformArray`. All methods work row by row; one of N = 1, or a single `Transform`, is
-    combined with each row of another. `==` compares all numbers exactly. The conventions are those
-    of `Transform`.
+    `TransformArray`. All methods work row by row, with arrays of N rows for one; a single
+    `Transform` is combined with each row. `==` compares all numbers exactly.
 
     Either array may be a single row, (3,) or (4,), for all rows of the other; both are
     kept without a copy if they can be. A row of NaN is an unknown transform, as

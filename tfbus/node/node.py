@@ -54,25 +54,22 @@ _IN_RCLPY = {
 class Node:
     """A named member of the bus, from its construction until `close()` or the end of its `with`.
 
-    All callbacks of a node (topics, services, actions, timers, parameters) run one at a time on
-    its own thread, `executor`: they need no locks among them, and there is nothing to spin. A
-    callback that waits, for a lookup or a service, holds up the others, also those that send what
-    it waits for. So let it be an `async def`, which gives way to the others while it awaits; or
-    give it a
-    `callback_group`, whose callbacks run on further threads, at most `callback_threads` at once.
+    All callbacks (topics, services, actions, timers, parameters) run one at a time on its own
+    thread: they need no locks among them, and there is nothing to spin. A callback that waits, for
+    a lookup or a service, holds up the others, also those that send what it waits for. So let it be
+    an `async def`, or give it a `callback_group`, whose callbacks run on further threads, at most
+    `callback_threads` at once.
 
     Ctrl-C ends the `spin()` or `wait()` that the main thread is in, and the script goes on;
     elsewhere in the main thread it raises KeyboardInterrupt, which the node's `with` ends quietly.
-    SIGTERM does the same and ends all later waits too. In a notebook or at Python's prompt Ctrl-C
-    raises KeyboardInterrupt from `spin()` and `wait()` as from any call. The node works until it
-    is closed.
+    SIGTERM ends all later waits too. In a notebook or at Python's prompt Ctrl-C raises
+    KeyboardInterrupt from any call. The node works until it is closed.
 
-    Its time is that of `clock`: the system's, or with `sim_time` in its settings that of the topic
-    `clock`; then timers, `wait` and the timeouts of lookups count simulated seconds.
+    With `sim_time` in its settings its time, and the seconds of timers, `wait` and lookups, are
+    those of the topic `clock`.
 
-    `settings` says how to join the bus; without it, `name`, `namespace`, `parameters` and the
-    environment do (see NodeSettings). A client waits for its router for at most `patience_s`
-    seconds. Raises BusError if it cannot join the bus.
+    `settings`, or `name`, `namespace`, `parameters` and the environment, say how to join the bus. A
+    client waits for its router for at most `patience_s`. Raises BusError if it cannot join.
     """
 
     def __init__(
@@ -233,8 +230,8 @@ class Node:
         self._signals.stop()
 
     def ready(self, text: str = "ready") -> None:
-        """Log in one line that the node works now, and whether it listens for any process of the
-        network (`--listen`); only the first call does.
+        """Log that the node works now, and whether it listens (`--listen`); only the first call
+        does.
         """
         if not self._is_ready:
             self._is_ready = True
@@ -252,9 +249,9 @@ class Node:
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait for `timeout_s` seconds (None: for ever), or until Ctrl-C or the node's shutdown.
 
-        Returns whether the time has passed without these, so that `while node.wait(1.0):` is a
-        loop that Ctrl-C ends. A round takes 1 s and what the loop does; `create_timer` keeps a
-        rate. The seconds are those of the node's clock, unless another is given.
+        Returns whether the time has passed without these: `while node.wait(1.0):` is a loop that
+        Ctrl-C ends. `create_timer` keeps a rate. Seconds are those of the node's clock, unless
+        another is given.
         """
         forks.check()
         clock = clock or self.clock
@@ -329,8 +326,8 @@ class Node:
     ) -> Subscription[M]:
         """Call `callback(message)` for each message on the topic; it may be an `async def`.
 
-        With `retained` it is called first for the last message of each publisher that is retained,
-        also of those that come later. A message may come again after a link was lost.
+        With `retained` it is called first for the last message of each retained publisher. A
+        message may come again after a link was lost.
         """
         call = "create_subscription(message_type, topic, callback)"
         check_message_type(call, message_type)
@@ -356,9 +353,8 @@ class Node:
         """A publisher of messages that are bytes already, of a type known by its name only;
         `retained` as of `create_publisher`.
 
-        A type of ROS has its full name, `sensor_msgs/msg/Imu`, and messages have its fields under
-        their names in ROS. The `definition` of one that is not standard, as `ros2msg` of MCAP with
-        all messages in it, lets others record and show it as that type.
+        A type of ROS has its full name, `sensor_msgs/msg/Imu`, and its fields. A `definition`, as
+        `ros2msg` of MCAP, lets others record one that is not standard.
         """
         topic = self._resolve(topic)
         self.settings.check_right("topics", topic)
@@ -467,9 +463,9 @@ class Node:
         """Call `callback()` every `period_s` seconds, the first time after one period; it may be an
         `async def`.
 
-        The rate does not drift; if a call takes longer than a period, or an `async def` awaits
-        for longer, whole periods are left out. The seconds are those of the node's clock, unless
-        another is given. Raises ValueError if the period is not more than 0.
+        The rate does not drift; periods that a call or an `async def` takes longer than are left
+        out. Seconds are those of the node's clock, unless another is given. Raises ValueError for a
+        period of 0 or less.
         """
         forks.check()
         call = "create_timer(period_s, callback)"
@@ -500,8 +496,7 @@ class Node:
         """A parameter of the type of its default; `.value` is its value now.
 
         `on_change(value)` is called before a value from the bus is taken, and may raise
-        ParameterError to refuse it. Raises ParameterError if the value given at the node's
-        start is invalid.
+        ParameterError to refuse it. Raises ParameterError for an invalid value at the node's start.
         """
         call = "declare_parameter(name, default, on_change=...)"
         check_plain(call, on_change)

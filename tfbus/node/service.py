@@ -125,9 +125,9 @@ class Client(Caller):
     def call(self, request: Any, *, timeout_s: float | None = 5.0) -> Any:
         """Send a Request and return the Response.
 
-        Waits for the service and for its answer, together at most `timeout_s` (None: for ever).
-        Raises TypeError if the request is of another type, ServiceError if the service is
-        not there or does not answer in that time, or refuses, with its reason.
+        Waits for the service and its answer, together at most `timeout_s` (None: for ever). Raises
+        TypeError for a request of another type, ServiceError if there is no service or answer in
+        that time, or it refuses.
         """
         check_part(f"service {self.name!r}", self.service_type.Request, request)
         wait_s = seconds_to_wait(timeout_s)

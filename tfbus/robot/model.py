@@ -136,10 +136,9 @@ class Joint:
     """The connection of a link to its parent, and the motion that it allows.
 
     `type` is "revolute", "continuous", "prismatic", "planar", "floating" or "fixed". `origin` is
-    the pose of the joint's frame in the parent link; the child link's is the same at position 0.
-    `axis` is a unit vector in the joint's frame: what a revolute or continuous joint turns about,
-    a prismatic one slides along, and the normal of a planar one's plane. `soft_limits`, lower and
-    upper, are those of its safety controller.
+    the pose of the joint's frame in the parent link, and of the child link at position 0. `axis` is
+    a unit vector in the joint's frame: of rotation, of sliding, or the normal of a plane.
+    `soft_limits`, lower and upper, are those of its safety controller.
     """
 
     name: str
@@ -181,8 +180,8 @@ class Joint:
     def reach(self) -> tuple[float, float]:
         """From where to where a program moves it, in rad or m: finite, lower <= upper.
 
-        These are its limits, and the soft ones if they are narrower. If it is not limited it
-        goes half a turn or 1 m to either side, or beyond its only limit.
+        These are its limits, or narrower soft ones; if it is not limited, half a turn or 1 m to
+        either side, or beyond its only limit.
         """
         lower, upper = -inf, inf
         if self.limits is not None and self.limits.lower <= self.limits.upper:

@@ -42,17 +42,16 @@ Edge = tuple[str, str, Transform]
 class Robot:
     """A robot of a URDF: its links and joints, and the frames of the links (forward kinematics).
 
-    `links` and `joints` are by name in the order of the URDF, `root` is the link at the top.
-    `free_joints` are those with a position of their own: neither fixed nor mimics. `text` is the
-    URDF, expanded if it was xacro; `files` are those that were read. `warnings` are sentences on
-    what the URDF leaves out.
+    `links` and `joints` are by name in the order of the URDF, `root` is the top link, `free_joints`
+    are neither fixed nor mimics. `text` is the URDF, expanded if it was xacro, of the `files`.
+    `warnings` are sentences on what it leaves out.
 
-    Positions are radians or metres, by joint: a map of names, or an array with the numbers of
-    `free_joints` one after the other. A planar joint has three numbers (x, y, angle), a floating
-    one seven (x y z qx qy qz qw), or in a map a `Transform`. In a map a joint that is not named is
-    at its `zero`; a mimic joint follows its joint unless it is named itself.
+    Positions are radians or metres: a map of names, or an array with the numbers of `free_joints`
+    one after the other. A planar joint has three (x, y, angle), a floating one seven (x y z qx qy
+    qz qw), or in a map a `Transform`. A joint that is not in the map is at its `zero`, a mimic
+    follows its joint.
 
-    Robots are immutable, and may be used by several threads.
+    Robots are immutable.
     """
 
     def __init__(self, model: Model, text: str, files: tuple[Path, ...] = ()) -> None:
@@ -78,8 +77,7 @@ class Robot:
         """The robot of a URDF file, or of a xacro file: one whose name ends in `.xacro`.
 
         `package_path` are folders that hold the packages of `package://` and `$(find ...)`, or are
-        such a package; they are searched before what ROS has installed. `xacro_args` are the
-        arguments of a xacro file by name.
+        one, searched first. `xacro_args` are the arguments of a xacro file by name.
 
         Raises UrdfError, with the line, if the file cannot be read or is not a URDF.
         """
@@ -115,8 +113,8 @@ class Robot:
     ) -> "Robot":
         """The robot of a URDF's text, such as came over the network. xacro is not expanded.
 
-        Paths of meshes begin in `folder`; without one, only those in packages have a file.
-        `name_of_source` is what mistakes call the text. Raises as `from_urdf`.
+        Paths of meshes begin in `folder`, if given. Mistakes call the text `name_of_source`. Raises
+        as `from_urdf`.
         """
         files = MeshFiles(None if folder is None else Path(folder), _folders(package_path))
         return Robot(read_model(text, name_of_source, files), text)
@@ -202,8 +200,8 @@ class Robot:
     ) -> dict[str, TransformArray]:
         """The poses of each link in the root in N configurations at once.
 
-        `positions` are a map of arrays (N,) by joint, (N, 3) of a planar and (N, 7) of a floating
-        one, or one array (N, numbers of `free_joints`). A single number is for all configurations.
+        `positions` are a map of arrays (N,) by joint, (N, 3) or (N, 7), or one array (N, numbers of
+        `free_joints`). A single number is for all.
         """
         values, count = self._positions.of_many(positions)
         names, numbers, way = self._wanted(links)
@@ -264,9 +262,9 @@ class Robot:
         """The Jacobian (6, `dof`) of a link: how fast it moves for the speeds of the free joints.
 
         The rows are the linear velocity of the link's origin (m/s), then its angular velocity
-        (rad/s), both in the axes of the root. The columns are the free joints in order, with what
-        moves in mimicry of them: one each; of a planar joint x, y and angle; of a floating one the
-        linear, then the angular velocity of its child in the axes of the joint's frame.
+        (rad/s), in the axes of the root. The columns are the free joints in order, with their
+        mimics: one each; of a planar joint x, y and angle; of a floating one the linear, then the
+        angular velocity of its child in the axes of the joint's frame.
         """
         values = self._positions.of_one(positions)
         number = self._link_number(link)
@@ -309,7 +307,7 @@ class Robot:
         """Parent, child and pose of each joint that `positions` names and of those that mimic it.
 
         A mimic joint follows the first of its chain that is named, unless it is named itself;
-        `prefix` is put before the names. Raises as `fk`, and if a pose is not finite.
+        `prefix` is put before the names. Raises as `fk`, and for a pose that is not finite.
         """
         values = self._positions.of_one(positions)
         moved = dict.fromkeys(positions)

@@ -39,13 +39,13 @@ def stamp_ns(time: "Time | Sequence[Time] | NDArray[Any]") -> "int | NDArray[np.
     `time` is seconds since the epoch, or a datetime, or a numpy datetime64; of an array (N,) or a
     list of them the answer is an int64 array (N,).
 
-    - A float is read as it is written: 1.1 is 1100000000. Today's seconds are exact to 0.2 us in
-      a float; an int, Decimal or Fraction is exact.
+    - A float is read as it is written: 1.1 is 1100000000. Today's seconds are exact to 0.2 us; an
+      int, Decimal or Fraction is exact.
     - A datetime without a time zone is local time, as Python has it.
     - A datetime64 is UTC. Of a pandas Timestamp the nanoseconds are kept.
 
-    For the way back there are `stamp_ns / 1e9` and `np.datetime64(stamp_ns, "ns")`. Raises
-    InvalidArgumentException for other types, and for times that are not within 146 years of 1970.
+    Back: `stamp_ns / 1e9`, `np.datetime64(stamp_ns, "ns")`. Raises InvalidArgumentException for
+    other types, and for times not within 146 years of 1970.
     """
     if isinstance(time, list | tuple) or (hasattr(time, "ndim") and time.ndim):
         return _stamps(time)

@@ -45,9 +45,9 @@ class Trajectory:
     metres, `quat_xyzw` (N, 4) unit quaternions x, y, z, w. Without quaternions nothing is turned.
     The poses take points of the child into the parent. The arrays are read-only copies.
 
-    It is a sequence: an index gives a TransformStamped, a slice or a mask a Trajectory, a loop the
-    transforms one by one. `==` compares frames and numbers exactly.
-    `pandas.DataFrame(trajectory.as_columns())` is a table of it.
+    It is a sequence: an index gives a TransformStamped, a slice or a mask a Trajectory. `==`
+    compares frames and numbers exactly. Files that cannot be read raise OSError, and DecodeError,
+    which names the line.
 
     Raises InvalidArgumentException for wrong shapes, invalid names, numbers that are not finite,
     quaternions whose norm is not 1, and stamps that do not rise.
@@ -89,9 +89,8 @@ class Trajectory:
         """The poses of a CSV file with a header, as `write_csv` and `tfbus echo --format csv` write
         it: stamp_ns, frame_id, child_frame_id, x, y, z, qx, qy, qz, qw.
 
-        Further columns do not count; of equal stamps the last one does. Raises DecodeError, which
-        names the line, for another file, also for one with several pairs of frames; OSError if
-        it cannot be read.
+        Further columns do not count; of equal stamps the last one does. Several pairs of frames are
+        an error.
         """
         from tfbus.trajectory.table import read_one
 

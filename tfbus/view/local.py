@@ -71,10 +71,10 @@ class _Program:
 class View:
     """A page with the frames of a buffer, from `show` until `close()` or the end of its `with`.
 
-    It follows the buffer; a recording it plays. Each `add_` draws a shape by a name, in the axes of
-    a frame, with which it moves; a shape of the same name is replaced. Lengths are in metres,
-    colours red, green and blue from 0 to 255. All methods are safe from any thread. They raise
-    InvalidArgumentException for wrong names, shapes and numbers.
+    Each `add_` draws a shape by a name, in the axes of a frame, with which it moves; a shape of the
+    same name is replaced. `pose` is a Transform, or a point (3,), in the frame. Lengths are metres,
+    colours red, green and blue from 0 to 255. Safe from any thread. Raises InvalidArgumentException
+    for wrong names, shapes and numbers.
     """
 
     def __init__(
@@ -110,9 +110,8 @@ class View:
         self._replay().playhead.seek(at_ns)
 
     def play(self, speed: float | None = None) -> None:
-        """Play a recording while a browser shows it, from where it is, or at its end from the
-        beginning; with `speed` times as fast as it was recorded, by the nearest of the page's
-        speeds from 0.1 to 10.
+        """Play a recording while a browser shows it, `speed` (0.1 to 10) times as fast; at its end
+        from the beginning.
         """
         playhead = self._replay().playhead
         if speed is not None:
@@ -229,9 +228,7 @@ class View:
         color: ArrayLike = _GREY,
         opacity: float = 1.0,
     ) -> None:
-        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose` in it: a
-        Transform, or a point (3,).
-        """
+        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose`."""
         from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
 
         sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
@@ -254,9 +251,7 @@ class View:
         color: ArrayLike = _GREY,
         opacity: float = 1.0,
     ) -> None:
-        """Draw a sphere around the origin of the frame, or at `pose` in it: a Transform, or a point
-        (3,).
-        """
+        """Draw a sphere around the origin of the frame, or at `pose`."""
         from tfbus.view.scene.drawn import color_of, length_of, place_of
 
         radius, place = length_of(radius_m, "radius_m"), place_of(pose)
@@ -277,9 +272,7 @@ class View:
         *,
         pose: Transform | ArrayLike | None = None,
     ) -> None:
-        """Write a text at the origin of the frame, or at `pose` in it: a Transform, or a point
-        (3,). It always faces the browser.
-        """
+        """Write a text that always faces the browser, at the origin of the frame, or at `pose`."""
         from tfbus.view.scene.drawn import place_of
 
         place = place_of(pose)
@@ -303,10 +296,9 @@ class View:
     ) -> None:
         """Draw what a camera sees: its frustum, and with `image` the picture in it.
 
-        `frame` is the optical one: z ahead, x to the right, y down, as in ROS and OpenCV. The
-        angle is `fov_y_rad` from top to bottom (by default 1.0), or that of a `camera_matrix`
-        (3, 3) for pictures of `size_px`, width by height, which an image has by itself. The
-        picture is `depth_m` ahead; it is uint8 of shape (H, W, 3), red first, or (H, W).
+        `frame` is the optical one: z ahead, x to the right, y down. The angle is `fov_y_rad` from
+        top to bottom (1.0), or that of a `camera_matrix` (3, 3) for pictures of `size_px`, width by
+        height. The picture, `depth_m` ahead, is uint8 (H, W, 3), red first, or (H, W).
         """
         from tfbus.view.scene.drawn import color_of, image_of, length_of
 
@@ -347,9 +339,8 @@ class View:
         *,
         pose: Transform | ArrayLike | None = None,
     ) -> None:
-        """Draw an image (H, W, 3) or (H, W), uint8, such as a map or a sign, in the plane of x and
-        y around the frame's origin, or at `pose` in the frame, a Transform or a point (3,): x to
-        its right, y up.
+        """Draw an image (H, W, 3) or (H, W), uint8, such as a map, in the plane of x (to its right)
+        and y (up) around the frame's origin, or at `pose`.
         """
         from tfbus.view.scene.drawn import image_of, length_of, place_of, point_of
 
@@ -464,15 +455,13 @@ def show(
     The page follows a buffer. A recording it plays from its beginning once a browser has it, or
     holds at the log time `at_ns`.
 
-    No bus is needed; a buffer that a listener fills works as well. In a notebook the page appears
-    below the cell. The port is the first free one from `port` on. The slider goes back
-    `history_s` seconds, by default as far as the buffer, from 30 s to an hour. Ages are judged by
-    the newest sample, so that a recording is not stale.
+    In a notebook the page appears below the cell. The port is the first free one from `port` on.
+    The slider goes back `history_s` seconds, by default as far as the buffer, from 30 s to an hour.
 
     For browsers of other machines give a `host` such as 0.0.0.0, and `public=True`: then the page
-    is encrypted, by a certificate that is made, and `view.url` has the token that it asks for.
+    is encrypted, and `view.url` has the token.
 
-    Raises TfbusError without the extra `view`, or for a public page `secure`, and if it cannot
+    Raises TfbusError without the extra `view` (`secure` for a public page), and if it cannot
     listen.
     """
     if not public and not is_local(host):

@@ -31,9 +31,10 @@ from tfbus.broadcast import newest_stamps
 from tfbus.broadcast.announcer import FrameAnnouncer
 from tfbus.broadcast.keys import RowsOfKey
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
+from tfbus.broadcast.node_streams import NodeStreams
 from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
-from tfbus.bus.retained import declare_retained_subscriber
+from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
@@ -55,6 +56,7 @@ class Sent:
         self.epoch_ns = 0
         self.back_ns: list[tuple[str, int]] = []
         self.declared: list[Any] = []
+        self.later: list[Callable[[], None]] = []
 
     def publisher(self, key: str, *, urgent: bool = False) -> Any:
         """A publisher of the key."""
@@ -75,7 +77,13 @@ class Sent:
         return self.publishers_within(key)
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
-        """Nothing happens later."""
+        """It happens when the test says so."""
+        self.later.append(callback)
+
+    def run(self) -> None:
+        """Do what is due later."""
+        while self.later:
+            self.later.pop()()
 
     def begin_epoch(self, child: str, back_ns: int) -> int:
         """Epochs are 0, 1, 2 ..."""
@@ -161,6 +169,7 @@ def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
         name = f"person{number}"
         sender.send(Columns.of_transforms([at(child=name, stamp_ns=-number * 10 * S)]))
         sender.remove(name)
+        sent.later.clear()
 
     for number in range(50):
         detect(number)
@@ -594,6 +603,32 @@ def test_many_frames_can_be_taken_out_at_once(sender: Node, buffer: Buffer) -> N
     static.remove(*(f"post{count}" for count in range(1, 2_000)))
     dynamic.remove("arm", "leg")
     eventually(lambda: buffer.frames() == ["post0", "world"])
+
+
+def test_a_closed_stream_retains_nothing(sender: Node, receiver: Node) -> None:
+    """Neither its static transforms nor its description."""
+    StaticTransformBroadcaster(sender).send_transform(at(1, "arm"))
+
+    def retained() -> list[str]:
+        within = ("tf_static/*", "@tfbus/stream/*")
+        return [answer.key for key in within for answer in ask_retained(receiver.session, key)]
+
+    eventually(lambda: sorted(set(retained())) == ["@tfbus/stream/sender", "tf_static/sender"])
+    NodeStreams.of(sender).close(sender.name)
+    assert retained() == []
+
+
+def test_frames_that_are_described_are_not_described_again() -> None:
+    """In whatever order and company they are sent."""
+    sent = Sent()
+    sender = sent.sender()
+    sender.send(Columns.of_transforms([at(child="a"), at(child="b")]))
+    sent.run()
+    for children in ("ba", "a", "b"):
+        sender.send(Columns.of_transforms(at(child=child) for child in children))
+        assert not sent.later
+    sender.send(Columns.of_transforms([at(child="c")]))
+    assert len(sent.later) == 1
 
 
 def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer: Buffer) -> None:

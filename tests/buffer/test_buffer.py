@@ -559,6 +559,11 @@ def test_sampling_is_checked_when_made():
         Sampling(extrapolation_s=-1.0)
     with pytest.raises(InvalidArgumentException):
         Sampling("nearest", extrapolation_s=1.0)
+    with pytest.raises(InvalidArgumentException, match='only for interpolation="nearest"'):
+        Sampling(tolerance_s=1.0)
+    assert Sampling(extrapolation_s=1e6).extrapolation_s == 1e6
+    with pytest.raises(InvalidArgumentException, match="from 0 to 1e6, not 1000001"):
+        Sampling(extrapolation_s=1_000_001)
 
 
 # Changes

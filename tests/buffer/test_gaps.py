@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from bisect import bisect_right
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,10 +111,11 @@ def test_one_sample_makes_no_gap() -> None:
     buffer = Buffer()
     buffer.set_transform(moved(S, "map", "base", 1.0))
     assert x(buffer, 1.0, HALF) == 1.0
-    for other in (0.5, 1.5):
-        with pytest.raises(ExtrapolationException) as caught:
-            x(buffer, other, HALF)
-        assert not isinstance(caught.value, GapException)
+    for sampling in (HALF, replace(HALF, extrapolation_s=2.0)):
+        for other in (0.5, 1.5):
+            with pytest.raises(ExtrapolationException) as caught:
+                x(buffer, other, sampling)
+            assert not isinstance(caught.value, GapException)
 
 
 def test_the_nearest_sample_has_a_tolerance_and_no_largest_gap() -> None:

@@ -7,7 +7,7 @@ from tfbus import InvalidArgumentException, TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.listen.names import StreamNames
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.fleet import Fleet, FrameNames, has_name, shared_name
 from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
 
 NAMES = FrameNames("robot7", ("world", "map"))
@@ -34,6 +34,39 @@ def test_without_a_namespace_names_stay() -> None:
     names = FrameNames("")
     assert names.outside("base") == "base"
     assert names.all_outside(("map", "base")) == ("map", "base")
+
+
+@pytest.mark.parametrize(
+    ("name", "is_its"),
+    [
+        ("base", True),
+        ("robot7/base", True),
+        ("fleet/robot7/base", True),
+        ("7/base", False),
+        ("robot8/base", False),
+        ("fleet/base", False),
+        ("robot7", False),
+        ("arm", False),
+    ],
+)
+def test_a_frame_has_its_name_in_each_namespace_above(name: str, is_its: bool) -> None:
+    """Its own, and those with the namespaces in front."""
+    assert has_name("base", "fleet/robot7", name) is is_its
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "shared"),
+    [
+        ("robot7/world", "robot8/world", "world"),
+        ("robot7/world", "robot8/map", ""),
+        ("robot7/world", "robot7/world", ""),
+        ("world", "robot7/world", ""),
+        ("robot7/world", "world", ""),
+    ],
+)
+def test_frames_of_two_robots_may_be_shared(first: str, second: str, shared: str) -> None:
+    """Where they have one name in two namespaces."""
+    assert shared_name(first, second) == shared
 
 
 def test_a_table_of_names_is_made_once() -> None:

@@ -2,7 +2,9 @@
 
 import pytest
 
+from tests.builders import at
 from tfbus import SettingsError
+from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_rights import StreamRights
 from tfbus.secure.rights import RIGHTS, ROLES, Identity, Rights
 from tfbus.wire.descriptions import StreamDescription
@@ -158,6 +160,43 @@ def test_an_identity_needs_the_rights_of_few() -> None:
     )
     assert list(rights.seen_by(fleet[0]).identities) == ["robot1", "hub", "ben"]
     assert rights.seen_by(rights.of("hub")) == rights.seen_by(rights.of("ben")) == rights
+
+
+@pytest.mark.parametrize(
+    ("key", "is_fleet", "allowed"),
+    [
+        ("tf/arm", False, {"arm/left"}),
+        # Shared frames have none in front.
+        ("robot7/tf/arm", True, {"arm/left", "robot7/arm/left"}),
+        # Without a fleet frames have no namespace in front.
+        ("robot7/tf/arm/arm%2Fleft", False, {"arm/left"}),
+        ("tf/unknown", False, {"arm/left", "leg", "robot7/arm/left", "robot7/leg"}),
+    ],
+)
+def test_a_listener_takes_the_frames_that_a_stream_may_have(
+    key: str, is_fleet: bool, allowed: set[str]
+) -> None:
+    """By its key, and by the names of its frames as they are called here; others are named."""
+    rights = Rights({"arm": Identity("arm", "publisher", frames=("arm/*",))})
+    refused: list[str] = []
+    of_stream = StreamRights(rights, "").frames(key, refused.append, is_fleet=is_fleet)
+    children = {"arm/left", "leg", "robot7/arm/left", "robot7/leg"}
+    rows = Columns.of_transforms(at(child=child) for child in sorted(children))
+    for _ in range(2):
+        kept = rows if of_stream is None else of_stream.allowed_of(rows)
+        assert set(kept.children()) == allowed
+        assert set(refused) == children - allowed
+
+
+def test_a_description_is_judged_by_its_child_frames() -> None:
+    """Whatever their parents are called."""
+    rights = Rights({"arm": Identity("arm", "publisher", frames=("arm/*",))})
+    rows = (("leg", "arm/left", False), ("arm/left", "leg", False))
+    kept, mistake = StreamRights(rights, "").checked(
+        "@tfbus/stream/arm", StreamDescription(1, "/arm", 1, rows)
+    )
+    assert kept is not None and kept.frames == rows[:1]
+    assert mistake == "may not publish 'leg', only arm/*"
 
 
 class Counted(str):

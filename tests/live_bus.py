@@ -111,11 +111,21 @@ class Process:
         self.popen.wait(DEADLINE_S)
 
 
-def _config(*, scouting_delay_ms: int = 5000) -> str:
+# A session is open once it is linked, and the others have told what they declare. By default Zenoh
+# connects in the background, and overlooks what comes before it has noted who is there: it then
+# waits for the whole delay, as one session in five did on a busy machine.
+_MEETING = (
+    "{connect: {exit_on_failure: {peer: true}, timeout_ms: {peer: 60000}},"
+    " scouting: {multicast: {enabled: false}, delay: 5000},"
+)
+_AT_ONCE = "{scouting: {multicast: {enabled: false}, delay: 10},"
+
+
+def _config(beginning: str) -> str:
     # On a busy machine a link may be silent for longer than tfbus allows by default, and without
     # multicast peers that have lost each other take some time to meet again.
     return (
-        f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
+        f"{beginning}"
         " transport: {link: {tx: {lease: 60000}}},"
         " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
     )
@@ -127,11 +137,11 @@ class Bus:
     def __init__(self, folder: Path):
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.config = folder / "zenoh.json5"
-        self.config.write_text(_config())
+        self.config.write_text(_config(_MEETING))
         # A process has found the others when its session is open; a node of the test itself is
         # open at once, and the test waits for what it needs.
         self.quick_config = folder / "quick.json5"
-        self.quick_config.write_text(_config(scouting_delay_ms=10))
+        self.quick_config.write_text(_config(_AT_ONCE))
         self.options = ["--config", str(self.config), "--connect", self.endpoint]
         self.env = {
             **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},

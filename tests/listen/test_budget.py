@@ -125,24 +125,6 @@ def test_frames_without_end_on_one_key_are_bounded(bus: Bus) -> None:
 
 
 @pytest.mark.usefixtures("narrow")
-def test_a_stream_that_was_given_up_has_no_priority(bus: Bus) -> None:
-    """Its frames are taken from another stream, though it was started first."""
-    greedy, other = bus.node("greedy"), bus.node("other")
-    buffer = Buffer()
-    with TransformListener(buffer, bus.node("receiver"), conflicts="first") as listener:
-        statics = StaticTransformBroadcaster(greedy)
-        statics.send_transform([at(1, f"post{number}") for number in range(100)])
-
-        def is_given_up() -> bool:
-            state = listener._watch.streams().get("greedy", StreamState("greedy"))
-            return state.alive and state.description is None
-
-        eventually(is_given_up)
-        StaticTransformBroadcaster(other).send_transform(at(2, "post7"))
-        eventually(lambda: x_of(buffer, "world", "post7") == 2)
-
-
-@pytest.mark.usefixtures("narrow")
 def test_a_stream_that_was_given_up_is_described_again(bus: Bus) -> None:
     """What it says later is taken as that of a new one."""
     buffer = Buffer()

@@ -153,8 +153,14 @@ def test_a_stream_of_a_new_process_has_its_clock(bus: Bus) -> None:
 
 def test_a_node_that_joins_is_measured_at_once(bus: Bus) -> None:
     """Though the nodes before it are due in half a minute only."""
-    node = bus.node("listener")
-    offsets = ClockOffsets(node.session, node.log)
+    node, asked = bus.node("listener"), list[str]()
+
+    class Counted(ClockOffsets):
+        def _measure(self, key: str) -> ClockOffset | None:
+            asked.append(key)
+            return super()._measure(key)
+
+    offsets = Counted(node.session, node.log)
     for robot in (bus.node("first"), bus.node("second")):
         key, session = clock_key(robot.name), robot.session.id
         eventually(lambda key=key: list(node.session.ask(key)))
@@ -162,9 +168,10 @@ def test_a_node_that_joins_is_measured_at_once(bus: Bus) -> None:
         offsets.watch(robot.name, StreamDescription(1, robot.full_name, 1, (), session=session))
         eventually(lambda session=session: offsets.of(session))
         assert scheduler.monotonic() - begun_s < 10.0
-        # It rests from here on.
-        due_s = begun_s + 20.0
-        eventually(lambda session=session, due_s=due_s: offsets._publishers[session].due_s > due_s)
+        # From then on it rests.
+        rests_s = scheduler.monotonic() + 1.0
+        eventually(lambda rests_s=rests_s: scheduler.monotonic() > rests_s)
+    assert asked == [clock_key("first"), clock_key("second")]
     offsets.close()
 
 

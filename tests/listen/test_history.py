@@ -148,6 +148,17 @@ def test_without_a_history_and_after_the_end_nothing_is_expected(is_closed: bool
     assert past.questions == []
 
 
+def test_an_answer_after_the_end_is_expected_by_none() -> None:
+    """A question may be on its way when the listener is closed."""
+    past = Past()
+    past.history.close()
+    past.ask()
+    past.questions[0][1](Answer("tf/sim", b"late"))
+    past.questions[0][2]()
+    past.run(1.0)
+    assert not past.is_expected
+
+
 def test_a_stream_that_is_back_is_asked_again() -> None:
     """Answers to the former question are no longer taken."""
     past = Past()

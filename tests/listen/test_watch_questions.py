@@ -85,6 +85,8 @@ def questions(monkeypatch: pytest.MonkeyPatch) -> Questions:
     questions.describe(KEY, encode_message(description(7)))
     questions.run(0.0)
     assert (questions.is_alive(), questions.epoch_ns()) == (True, 7)
+    # No session has signed it.
+    assert not questions.watch.streams()["sim"].confirmed
     return questions
 
 

@@ -69,14 +69,14 @@ _OF_PUBLISHERS = frozenset(
 PLAIN = "plain"
 
 _OF_LISTENERS = frozenset(("restart_listener", "close_listener", "listen_again"))
-# The largest share of each fault of Zenoh's.
+# How often each fault of Zenoh's is drawn, and its largest share.
 _FAULTS = {
-    "lost_declarations": 0.3,
-    "half_links": 1.0,
-    "late_tokens": 0.5,
-    "repeated_tokens": 0.5,
-    "short_queries": 0.1,
-    "endless_queries": 0.1,
+    "lost_declarations": (0.5, 0.3),
+    "half_links": (0.25, 1.0),
+    "late_tokens": (0.25, 0.5),
+    "repeated_tokens": (0.25, 0.5),
+    "short_queries": (0.25, 0.1),
+    "endless_queries": (0.25, 0.1),
 }
 _CLOCK_STEPS_S = (0.4, 3.0, 30.0, 90.0, 4000.0)
 
@@ -120,6 +120,8 @@ class Plan:
         ]
         for _ in range(draw.randint(*size.actions)):
             found += _drawn_actions(draw, hosts, list(senders), list(readers), size.seconds)
+        if draw.random() < 0.5:
+            found += _joins_at_last(draw, list(readers), size.seconds)
         return cls(
             seed,
             size,
@@ -130,8 +132,8 @@ class Plan:
             period_s=draw.choice(size.periods_s),
             faults=tuple(
                 (fault, round(share * draw.random(), 3))
-                for fault, share in _FAULTS.items()
-                if draw.random() < 0.25
+                for fault, (chance, share) in _FAULTS.items()
+                if draw.random() < chance
             ),
             stalls=draw.choice((0.0, 0.0, 0.001, 0.01)),
             rule=draw.choice(("first", "priority")),
@@ -166,6 +168,13 @@ def _drawn_actions(
         at_s = round(at_s + draw.choice((0.01, 0.1, 1.0, 3.0)) * draw.uniform(0.5, 1.5), 3)
         found.append(_drawn_action(draw, at_s, hosts, senders, readers))
     return found
+
+
+def _joins_at_last(draw: random.Random, readers: list[str], end_s: float) -> list[Action]:
+    """Listeners join when hardly anything more happens that would tell them what they missed."""
+    return [
+        Action(round(draw.uniform(0.9, 1.1) * end_s, 3), "restart_listener", who) for who in readers
+    ]
 
 
 def _join_and_remove(

@@ -27,3 +27,30 @@ def test_a_listener_whose_clock_is_set_back_brings_no_dead_publisher_back(
     network.host("h2").step_clock(-8.0)
     network.run(30.0)
     assert changes == ["publisher gone"]
+
+
+def test_a_publisher_that_begins_anew_on_a_host_an_hour_ahead_is_taken(network: Network) -> None:
+    """Its token comes before the end of the former one, whose process answers no more."""
+    former, ahead, base = network.host("h1"), network.host("h2", offset_s=3600.0), "h3"
+    network.path(former, network.host(base), delay_s=0.5)
+
+    def publish(x: float) -> None:
+        node = tfbus.Node("sim")
+        pose = tfbus.Transform((x, 0.0, 0.0))
+        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
+        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        node.spin()
+
+    with network.process(base, "listener"):
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        return buffer.lookup_transform("world", "mount").transform.x
+
+    network.start(former, "sim", publish, 1.0)
+    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(5.0)
+    network.kill("h1/sim")
+    network.start(ahead, "sim", publish, 2.0)
+    network.run(until=lambda: x() == 2.0)

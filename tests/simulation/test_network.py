@@ -125,6 +125,19 @@ def test_a_host_whose_power_fails_is_gone_after_the_lease(network: Network) -> N
     assert 1.0 < network.run(until=lambda: not eye.sees("arm")) < 3.0
 
 
+def test_a_process_whose_farewell_is_lost_is_gone_after_the_lease(network: Network) -> None:
+    """It closes its session, and its path fails before the news of that have arrived."""
+    arm = _tree(network, "robot", "arm")
+    eye = _Eye(network, "base")
+    network.run(until=lambda: eye.sees("arm"))
+    network.run(5.0)
+    network.path("robot", "base", delay_s=3.0)
+    network.signal(arm, signal.SIGINT)
+    network.run(until=lambda: arm.is_dead)
+    network.cut("robot", "base", both_ways=False)
+    network.run(until=lambda: not eye.sees("arm"), timeout_s=5.0)
+
+
 def test_a_host_that_roams_is_back(network: Network) -> None:
     """Its links are lost, and it is met again at its new address, with all its frames."""
     _tree(network, "robot", "arm")

@@ -66,7 +66,8 @@ class StreamWatch:
     it, only that session changes it, or another session by a description of its own with a later
     epoch: a second process that publishes the stream. Where the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
-    answers. What others send at the key is `rejected`.
+    answers; neither does one with an epoch in the future. What others send at the key is
+    `rejected`.
     """
 
     def __init__(
@@ -252,10 +253,12 @@ class StreamWatch:
             is_later = description.epoch > former.description.epoch
             if not is_later and description.epoch != asked_epoch_ns:
                 return
-            if is_from_future(description.epoch):
+            is_future = is_from_future(description.epoch)
+            if is_future and not is_later:
                 self._reject(former.name, "another session sent it, with an epoch in the future")
                 return
-            if is_later and former.held and not owner_is_silent:
+            # A new process on a host whose clock is wrong, unless the owner is still there.
+            if is_later and (former.held or is_future) and not owner_is_silent:
                 self._ask_owner(former, description, sender)
                 return
             # An earlier epoch is asked for where its messages go on beside the later one.

@@ -105,6 +105,8 @@ class Fabric:
         for face in list(session.faces.values()):
             face.send(lambda far: self.lose(far))
             self._close(face)
+            # Where the news of its end does not come, no keep-alive does either.
+            self._watch_silence(face.far, face.lane.busy_s() + LEASE_S)
         self._sessions.pop(session, None)
 
     # Asked by sessions

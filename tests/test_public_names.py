@@ -83,7 +83,10 @@ MESSAGES = [
     "PlayNext",
     "PlayProgress",
     "Pose",
+    "Pose3D",
     "PoseStamped",
+    "PoseWithCovariance",
+    "Quaternion",
     "RobotDescription",
     "RobotMesh",
     "RotateAbsolute",
@@ -97,6 +100,7 @@ MESSAGES = [
     "TeleportAbsolute",
     "TeleportRelative",
     "Twist",
+    "TwistWithCovariance",
     "Vector3",
 ]
 

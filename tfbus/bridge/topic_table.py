@@ -44,6 +44,12 @@ class TopicLine:
         return self.counterpart.definition.name
 
     @property
+    def has_fields_of_ros(self) -> bool:
+        """Whether its fields are those of ROS, not those of a user's type."""
+        usual = LIVE_COUNTERPARTS.get(self.type_name)
+        return self.type_name == self.ros_type or self.counterpart is usual
+
+    @property
     def goes_to_ros(self) -> bool:
         return self.direction in ("both", "to-ros")
 

@@ -5,7 +5,8 @@ Unix epoch. A value that is not finite or out of range raises ValueError; on the
 is dropped and counted.
 
 A message that ROS has too has ROS's fields, by ROS's names; only its `header` is `stamp_ns` and
-`frame_id`. `__ros__` names its type in ROS, and `__former__` the names that its fields had before.
+`frame_id`. `__ros__` names its type in ROS, and `__former__` the names that its fields had before;
+a type with a `__msgtype__` is on the bus under that name of ROS's, in ROS's layout.
 """
 
 from collections import Counter

@@ -10,7 +10,7 @@ from typing import Any
 
 from tfbus import messages
 from tfbus.errors import DecodeError
-from tfbus.ros.definitions import STRING, Definition, message_named, standard_definition
+from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
 from tfbus.ros.message_type import Message, Sequence, Type
 from tfbus.ros.value_codec import UnfitError
 from tfbus.wire.codec import renewed_map
@@ -176,10 +176,14 @@ _OTHERWISE: Mapping[str, tuple[_ToRos, _OfRos]] = {
 _NOT_RECORDED = ("Clock", "Pose", "Twist")
 
 
+def as_in_ros(definition: Definition) -> Counterpart:
+    """A type that has its name and fields of ROS on the bus, too."""
+    return Counterpart(definition.name, definition, dict, dict)
+
+
 def _counterpart(message_type: type) -> Counterpart:
     name = message_type.__name__
-    definition = standard_definition(message_type.__ros__)  # type: ignore[attr-defined]
-    assert definition is not None, name
+    definition = known_definition(message_type.__ros__)  # type: ignore[attr-defined]
     to_ros, of_ros = _OTHERWISE.get(name) or _by_rule(message_type, _ADDED.get(name, {}))
     return Counterpart(name, definition, to_ros, _refusing(definition, of_ros))
 
@@ -203,4 +207,11 @@ BY_ROS_TYPE: Mapping[str, Counterpart] = {
     each.definition.name: each
     for each in LIVE_COUNTERPARTS.values()
     if each.definition.name != STRING.name
+}
+
+# Types of tfbus.messages that are on the bus as in ROS, by their name, which is ROS's.
+AS_IN_ROS: Mapping[str, Counterpart] = {
+    name: as_in_ros(known_definition(name))
+    for each in vars(messages).values()
+    if (name := getattr(each, "__msgtype__", ""))
 }

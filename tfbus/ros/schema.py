@@ -9,7 +9,7 @@ from typing import Any
 from tfbus import messages
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.ros.cdr import CdrWriter
-from tfbus.ros.counterparts import COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.fitted import fitted
@@ -55,6 +55,8 @@ class MessageCodec:
         counterpart = COUNTERPARTS.get(name)
         if counterpart is not None and getattr(messages, name) is message_type:
             return MessageCodec.of_definition(counterpart.definition, counterpart)
+        if name in AS_IN_ROS:
+            return MessageCodec.of_definition(AS_IN_ROS[name].definition)
         return _codec(type_of_dataclass(message_type), names)
 
     @staticmethod

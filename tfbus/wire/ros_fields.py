@@ -38,8 +38,9 @@ def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
     stamp_ns = stamp["sec"] * _SECOND_NS + stamp["nanosec"]
     if type(stamp_ns) is not int:
         raise TypeError("the stamp must be of integers")
-    others = {name: value for name, value in values.items() if name != HEADER}
-    return {"stamp_ns": stamp_ns, "frame_id": header["frame_id"], **others}
+    of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
+    others = {name: value for name, value in values.items() if name != HEADER and name not in _OURS}
+    return {**of_header, **others}
 
 
 def renewed(

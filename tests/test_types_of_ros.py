@@ -27,7 +27,18 @@ from tfbus.wire.codec import as_map, decode_message, encode_message, type_name
 STAMP_NS = 7_000_000_005
 
 # One of each type, with a value in each of its fields.
-MESSAGES: tuple[Any, ...] = ()
+MESSAGES: tuple[Any, ...] = (
+    messages.Imu(
+        STAMP_NS,
+        "imu",
+        messages.Quaternion(z=0.6, w=0.8),
+        (0.25, *[0.0] * 8),
+        messages.Vector3(0.5),
+        (0.5, *[0.0] * 8),
+        messages.Vector3(z=9.81),
+        (-1.0, *[0.0] * 8),
+    ),
+)
 
 every_type = pytest.mark.parametrize("message", MESSAGES, ids=lambda each: type(each).__name__)
 

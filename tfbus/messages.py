@@ -287,6 +287,32 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True)
+class Imu:
+    """Measurements of an inertial sensor at stamp_ns, in the frame of the sensor, `frame_id`.
+
+    `angular_velocity` is in rad/s, `linear_acceleration` in m/s², with that of gravity. Each
+    covariance has 3 by 3 numbers about x, y and z, row by row: all are 0 where it is not known, and
+    the first is -1 where the sensor does not measure the value, such as the `orientation`.
+    """
+
+    __msgtype__: ClassVar[str] = "sensor_msgs/msg/Imu"
+
+    stamp_ns: int
+    frame_id: str
+    orientation: Quaternion = field(default_factory=Quaternion)
+    orientation_covariance: tuple[float, ...] = (0.0,) * 9
+    angular_velocity: Vector3 = field(default_factory=Vector3)
+    angular_velocity_covariance: tuple[float, ...] = (0.0,) * 9
+    linear_acceleration: Vector3 = field(default_factory=Vector3)
+    linear_acceleration_covariance: tuple[float, ...] = (0.0,) * 9
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        for value in ("orientation", "angular_velocity", "linear_acceleration"):
+            _check_count(f"{value}_covariance", getattr(self, f"{value}_covariance"), 9)
+
+
+@dataclass(frozen=True, slots=True)
 class Color:
     """A colour; each part from 0 to 255."""
 

@@ -232,6 +232,23 @@ class PoseStamped:
 
 
 @dataclass(frozen=True, slots=True)
+class Path:
+    """A way to go at stamp_ns: poses one behind the other, in the frame `frame_id`.
+
+    A pose may have a stamp of its own, when to be there, and another frame.
+    """
+
+    __msgtype__: ClassVar[str] = "nav_msgs/msg/Path"
+
+    stamp_ns: int
+    frame_id: str
+    poses: tuple[PoseStamped, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
 class PoseWithCovariance:
     """A pose, and how sure it is.
 

@@ -38,6 +38,13 @@ MESSAGES: tuple[Any, ...] = (
             ),
         ),
     ),
+    messages.PoseWithCovarianceStamped(
+        STAMP_NS,
+        "map",
+        messages.PoseWithCovariance(
+            messages.Pose3D(messages.Vector3(1.5)), (0.25, *[0.0] * 34, 0.5)
+        ),
+    ),
     messages.Imu(
         STAMP_NS,
         "imu",

@@ -264,6 +264,20 @@ class PoseWithCovariance:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseWithCovarianceStamped:
+    """A pose in the frame `frame_id` at stamp_ns, and how sure it is, as localisation gives it."""
+
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+    stamp_ns: int
+    frame_id: str
+    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
 class TwistWithCovariance:
     """A velocity, and how sure it is, as in PoseWithCovariance."""
 

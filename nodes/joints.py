@@ -113,14 +113,14 @@ class Joints:
             self.say_once("table", "Ignored joint_targets: the joints move as the file says")
             return
         self._merge(targets)
-        self._held.update(name for name in targets.names if name in self._board.posture.ranges)
+        self._held.update(name for name in targets.name if name in self._board.posture.ranges)
 
     def merge(self, state: JointState) -> None:
         """Take positions of another publisher."""
         self._merge(state)
 
     def _merge(self, state: JointState) -> None:
-        unknown = self._board.set(dict(zip(state.names, state.positions, strict=False)))
+        unknown = self._board.set(dict(zip(state.name, state.position, strict=False)))
         if unknown:
             names = listed([f"'{printable(name, 60)}'" for name in unknown])
             self.say_once("unknown", "Ignored names that are of no free joint: %s", names)

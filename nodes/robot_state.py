@@ -138,7 +138,7 @@ class RobotState:
             self._broadcaster.remove(*gone)
 
     def _on_joint_state(self, state: JointState) -> None:
-        if state.names and not state.positions:
+        if state.name and not state.position:
             self._say_once("positions", "Ignored a JointState without positions")
             return
         frames = self._frames

@@ -3,14 +3,23 @@
 Lengths are metres, angles radians (counter-clockwise, zero along x), times nanoseconds since the
 Unix epoch. A value that is not finite or out of range raises ValueError; on the bus such a message
 is dropped and counted.
+
+A message that ROS has too has ROS's fields, by ROS's names; only its `header` is `stamp_ns` and
+`frame_id`. `__ros__` names its type in ROS, and `__former__` the names that its fields had before;
+a type with a `__msgtype__` is on the bus under that name of ROS's, in ROS's layout.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import hypot, isfinite
+from typing import ClassVar
 
 # How far from 1 the length of a quaternion may be.
 _UNIT_WITHIN = 1e-3
+
+# Where a field with a former name is now, as a path; of a list, a path for each item.
+Former = Mapping[str, str | tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +37,46 @@ class Vector3:
 
 
 @dataclass(frozen=True, slots=True)
+class Quaternion:
+    """A rotation, or no value where all are 0; the length is checked where it must be 1."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_finite("x", self.x)
+        _check_finite("y", self.y)
+        _check_finite("z", self.z)
+        _check_finite("w", self.w)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose3D:
+    """A pose in space, geometry_msgs/Pose: `position` in m, `orientation` a unit quaternion.
+
+    `Pose` is turtlesim's.
+    """
+
+    position: Vector3 = field(default_factory=Vector3)
+    orientation: Quaternion = field(default_factory=Quaternion)
+
+    def __post_init__(self) -> None:
+        turn = self.orientation
+        if abs(hypot(turn.x, turn.y, turn.z, turn.w) - 1.0) > _UNIT_WITHIN:
+            raise ValueError(f"orientation must be a unit quaternion, not {turn}")
+
+
+@dataclass(frozen=True, slots=True)
 class Twist:
     """Velocities in the frame of the body: `linear` in m/s, `angular` in rad/s about each axis.
 
     A turtle drives forward by linear.x, turns by angular.z, and moves left by linear.y if the
     simulator is holonomic.
     """
+
+    __ros__: ClassVar[str] = "geometry_msgs/msg/Twist"
 
     linear: Vector3 = field(default_factory=Vector3)
     angular: Vector3 = field(default_factory=Vector3)
@@ -46,6 +89,8 @@ class Pose:
     x and y in m, theta in rad in [-pi, pi). The velocities are the commanded ones, in m/s and
     rad/s; linear_velocity is a magnitude and never negative.
     """
+
+    __ros__: ClassVar[str] = "turtlesim/msg/Pose"
 
     stamp_ns: int
     x: float
@@ -66,32 +111,41 @@ class Pose:
 class JointState:
     """The positions of a robot's joints at stamp_ns, on the topic joint_states.
 
-    `positions`, `velocities` and `efforts` are in the order of `names`, or empty if they are not
+    `position`, `velocity` and `effort` are in the order of `name`, or empty if they are not
     known: rad, rad/s and N m for joints that turn, m, m/s and N for those that slide. Positions are
     finite; a velocity or an effort that is not known is NaN. The stamp 0 stands for the time at
-    which the message arrives. No name is there twice.
+    which the message arrives. No name is there twice. `frame_id` is not used.
     """
 
+    __ros__: ClassVar[str] = "sensor_msgs/msg/JointState"
+    __former__: ClassVar[Former] = {
+        "names": "name",
+        "positions": "position",
+        "velocities": "velocity",
+        "efforts": "effort",
+    }
+
     stamp_ns: int
-    names: tuple[str, ...] = ()
-    positions: tuple[float, ...] = ()
-    velocities: tuple[float, ...] = ()
-    efforts: tuple[float, ...] = ()
+    frame_id: str = field(default="", kw_only=True)
+    name: tuple[str, ...] = ()
+    position: tuple[float, ...] = ()
+    velocity: tuple[float, ...] = ()
+    effort: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         _check_stamp("stamp_ns", self.stamp_ns)
-        for field_name in ("positions", "velocities", "efforts"):
+        for field_name in ("position", "velocity", "effort"):
             numbers = getattr(self, field_name)
-            if numbers and len(numbers) != len(self.names):
+            if numbers and len(numbers) != len(self.name):
                 raise ValueError(
-                    f"{field_name} must be empty or as many as names, which are {len(self.names)}, "
+                    f"{field_name} must be empty or as many as name, which are {len(self.name)}, "
                     f"not {len(numbers)}"
                 )
-        if len(set(self.names)) != len(self.names):
-            [(twice, _)] = Counter(self.names).most_common(1)
-            raise ValueError(f"joint {twice[:60]!r} must be in names once, not twice")
-        if not all(map(isfinite, self.positions)):
-            for name, position in zip(self.names, self.positions, strict=True):
+        if len(set(self.name)) != len(self.name):
+            [(twice, _)] = Counter(self.name).most_common(1)
+            raise ValueError(f"joint {twice[:60]!r} must be in name once, not twice")
+        if not all(map(isfinite, self.position)):
+            for name, position in zip(self.name, self.position, strict=True):
                 _check_finite(f"the position of joint {name[:60]!r}", position)
 
 
@@ -102,6 +156,8 @@ class RobotDescription:
     `urdf` is its description, all xacro expanded. Its frames are the names of its links behind
     `prefix`. `source` says for people where it is from, such as a file.
     """
+
+    __ros__: ClassVar[str] = "std_msgs/msg/String"
 
     urdf: str
     prefix: str = ""
@@ -158,42 +214,133 @@ class RobotMesh:
 
 @dataclass(frozen=True, slots=True)
 class PoseStamped:
-    """A pose in the frame `frame` at stamp_ns: position in m, rotation as a unit quaternion."""
+    """A pose in the frame `frame_id` at stamp_ns."""
+
+    __ros__: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
+    __former__: ClassVar[Former] = {
+        "frame": "frame_id",
+        "position": "pose.position",
+        "quat_xyzw": tuple(f"pose.orientation.{axis}" for axis in "xyzw"),
+    }
 
     stamp_ns: int
-    frame: str
-    position: Vector3 = field(default_factory=Vector3)
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    frame_id: str
+    pose: Pose3D = field(default_factory=Pose3D)
 
     def __post_init__(self) -> None:
         _check_stamp("stamp_ns", self.stamp_ns)
-        _check_rotation("quat_xyzw", self.quat_xyzw)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A way to go at stamp_ns: poses one behind the other, in the frame `frame_id`.
+
+    A pose may have a stamp of its own, when to be there, and another frame.
+    """
+
+    __msgtype__: ClassVar[str] = "nav_msgs/msg/Path"
+
+    stamp_ns: int
+    frame_id: str
+    poses: tuple[PoseStamped, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithCovariance:
+    """A pose, and how sure it is.
+
+    The covariance has 6 by 6 numbers, row by row, in the order x, y, z and rotations about x, y, z;
+    all are 0 if it is not known.
+    """
+
+    pose: Pose3D = field(default_factory=Pose3D)
+    covariance: tuple[float, ...] = (0.0,) * 36
+
+    def __post_init__(self) -> None:
+        _check_count("covariance", self.covariance, 36)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithCovarianceStamped:
+    """A pose in the frame `frame_id` at stamp_ns, and how sure it is, as localisation gives it."""
+
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+    stamp_ns: int
+    frame_id: str
+    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class TwistWithCovariance:
+    """A velocity, and how sure it is, as in PoseWithCovariance."""
+
+    twist: Twist = field(default_factory=Twist)
+    covariance: tuple[float, ...] = (0.0,) * 36
+
+    def __post_init__(self) -> None:
+        _check_count("covariance", self.covariance, 36)
 
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
     """The pose of a robot by its own reckoning at stamp_ns, and its velocity.
 
-    `position` (m) and `quat_xyzw`, a unit quaternion, are the pose of `child_frame` in `frame`;
-    `twist` is its velocity, in `child_frame`, in m/s and rad/s. Each covariance has 6 by 6 numbers,
-    row by row, in the order x, y, z and rotations about x, y, z; all are 0 if it is not known.
+    `pose` is that of `child_frame_id` in `frame_id`; `twist` is its velocity, in `child_frame_id`,
+    in m/s and rad/s.
     """
 
+    __ros__: ClassVar[str] = "nav_msgs/msg/Odometry"
+    __former__: ClassVar[Former] = {
+        "frame": "frame_id",
+        "child_frame": "child_frame_id",
+        "position": "pose.pose.position",
+        "quat_xyzw": tuple(f"pose.pose.orientation.{axis}" for axis in "xyzw"),
+        "pose_covariance": "pose.covariance",
+        "twist": "twist.twist",
+        "twist_covariance": "twist.covariance",
+    }
+
     stamp_ns: int
-    frame: str
-    child_frame: str
-    position: Vector3 = field(default_factory=Vector3)
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    twist: Twist = field(default_factory=Twist)
-    pose_covariance: tuple[float, ...] = (0.0,) * 36
-    twist_covariance: tuple[float, ...] = (0.0,) * 36
+    frame_id: str
+    child_frame_id: str
+    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
+    twist: TwistWithCovariance = field(default_factory=TwistWithCovariance)
 
     def __post_init__(self) -> None:
         _check_stamp("stamp_ns", self.stamp_ns)
-        _check_rotation("quat_xyzw", self.quat_xyzw)
-        for name in ("pose_covariance", "twist_covariance"):
-            if len(getattr(self, name)) != 36:
-                raise ValueError(f"{name} must be 36 numbers, not {len(getattr(self, name))}")
+
+
+@dataclass(frozen=True, slots=True)
+class Imu:
+    """Measurements of an inertial sensor at stamp_ns, in the frame of the sensor, `frame_id`.
+
+    `angular_velocity` is in rad/s, `linear_acceleration` in m/s², with that of gravity. Each
+    covariance has 3 by 3 numbers about x, y and z, row by row: all are 0 where it is not known, and
+    the first is -1 where the sensor does not measure the value, such as the `orientation`.
+    """
+
+    __msgtype__: ClassVar[str] = "sensor_msgs/msg/Imu"
+
+    stamp_ns: int
+    frame_id: str
+    orientation: Quaternion = field(default_factory=Quaternion)
+    orientation_covariance: tuple[float, ...] = (0.0,) * 9
+    angular_velocity: Vector3 = field(default_factory=Vector3)
+    angular_velocity_covariance: tuple[float, ...] = (0.0,) * 9
+    linear_acceleration: Vector3 = field(default_factory=Vector3)
+    linear_acceleration_covariance: tuple[float, ...] = (0.0,) * 9
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        for value in ("orientation", "angular_velocity", "linear_acceleration"):
+            _check_count(f"{value}_covariance", getattr(self, f"{value}_covariance"), 9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +363,8 @@ class Clock:
 
     `rate` is how many simulated seconds go by in a real one while it is not paused.
     """
+
+    __ros__: ClassVar[str] = "rosgraph_msgs/msg/Clock"
 
     stamp_ns: int
     rate: float = 1.0
@@ -516,11 +665,9 @@ def _check_finite(name: str, value: float) -> None:
         raise ValueError(f"{name} must be finite, not {value}")
 
 
-def _check_rotation(name: str, quat_xyzw: tuple[float, ...]) -> None:
-    for number in quat_xyzw:
-        _check_finite(name, number)
-    if abs(hypot(*quat_xyzw) - 1.0) > _UNIT_WITHIN:
-        raise ValueError(f"{name} must be a unit quaternion, not {quat_xyzw}")
+def _check_count(name: str, numbers: tuple[float, ...], count: int) -> None:
+    if len(numbers) != count:
+        raise ValueError(f"{name} must be {count} numbers, not {len(numbers)}")
 
 
 def _check_stamp(name: str, value: int) -> None:

@@ -124,7 +124,7 @@ def _sizes() -> tuple[int, int]:
     from tfbus.wire.transforms import TransformMessage, encode_transforms
 
     state = _state(time.time_ns(), 1)
-    positions = dict(zip(state.names, state.positions, strict=True))
+    positions = dict(zip(state.name, state.position, strict=True))
     edges = Robot.from_text(urdf()).joint_transforms(positions)
     batch = TransformBatch.from_transforms(
         [TransformStamped(state.stamp_ns, *edge) for edge in edges]

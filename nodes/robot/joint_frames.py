@@ -71,8 +71,8 @@ class JointFrames:
 
         Raises InvalidArgumentException if a pose is not finite; the joints have not come then.
         """
-        places = self._places_of(state.names)
-        if not places or not state.positions:
+        places = self._places_of(state.name)
+        if not places or not state.position:
             return []
         last_ns = self._last_ns
         if not ignore_stamps:
@@ -81,7 +81,7 @@ class JointFrames:
                 self.restarts += 1
             elif oldest_ns >= 0 and stamp_ns < oldest_ns + period_ns:
                 return []
-        positions = {name: state.positions[at] for at, name in places}
+        positions = {name: state.position[at] for at, name in places}
         edges = self.robot.joint_transforms(positions, self.prefix)
         last_ns.update(dict.fromkeys(positions, stamp_ns))
         self.came.update(positions)

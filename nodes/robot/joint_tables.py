@@ -148,7 +148,7 @@ def check_loop(rows: list[Row]) -> list[Row]:
 def _row(log_ns: int, state: JointState) -> Row:
     return Row(
         log_ns / 1e9,
-        dict(zip(state.names, state.positions, strict=False)),
-        dict(zip(state.names, state.velocities, strict=False)),
-        dict(zip(state.names, state.efforts, strict=False)),
+        dict(zip(state.name, state.position, strict=False)),
+        dict(zip(state.name, state.velocity, strict=False)),
+        dict(zip(state.name, state.effort, strict=False)),
     )

@@ -192,7 +192,9 @@ def test_a_mistake_has_its_line(tmp_path: Path, text: str, said: str) -> None:
 
 
 def test_the_page_has_this_table() -> None:
-    """docs/guide/ros2.md has each type, its type in ROS, and the names looked for."""
+    """docs/guide/ros2.md has each type of the bus's own, its type in ROS, and the names
+    looked for.
+    """
     page = (Path(__file__).parents[2] / "docs" / "guide" / "ros2.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| `([\w/]+)` \| (.*) \|$", page, re.M)
     assert rows == [
@@ -202,4 +204,5 @@ def test_the_page_has_this_table() -> None:
             ", ".join([f"`{name}`" for name in line.names]) + ", retained" * line.retained,
         )
         for line in TABLE
+        if line.type_name != line.ros_type
     ]

@@ -122,12 +122,14 @@ def test_fields_may_be_those_of_ros() -> None:
     for name in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):
         assert complete_values(pose, find_type(name)) == {
             "stamp_ns": 1_000_000_000,
-            "frame": "map",
-            "position": {"x": 1.0, "y": 0.0, "z": 0.0},
-            "quat_xyzw": [0.0, 0.0, 0.0, 1.0],
+            "frame_id": "map",
+            "pose": {
+                "position": {"x": 1.0, "y": 0.0, "z": 0.0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            },
         }
     twist = {"twist": {"twist": {"linear": {"x": 2}}}}
-    assert complete_values(twist, Odometry)["twist"]["linear"]["x"] == 2.0
+    assert complete_values(twist, Odometry)["twist"]["twist"]["linear"]["x"] == 2.0
 
 
 @pytest.mark.parametrize(

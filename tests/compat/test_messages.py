@@ -261,9 +261,9 @@ def test_what_tfbus_has_too_is_the_same_on_the_bus(rclpy: ModuleType, bus: Bus) 
     odometry.pose.covariance[0] = 0.1
     publish_until(node, node.create_publisher(Odometry, "odom", 10), odometry, lambda: read)
     native: messages.Odometry = read[0]
-    assert (native.stamp_ns, native.frame, native.child_frame) == (2_000_000_000, "odom", "base")
-    assert (native.position.x, native.twist.angular.z) == (3.0, 0.5)
-    assert native.pose_covariance[0] == 0.1
+    assert (native.stamp_ns, native.frame_id) == (2_000_000_000, "odom")
+    assert (native.child_frame_id, native.pose.pose.position.x) == ("base", 3.0)
+    assert (native.twist.twist.angular.z, native.pose.covariance[0]) == (0.5, 0.1)
     node.create_subscription(Odometry, "odom2", got.append, 10)
     publish_until(node, own.create_publisher(messages.Odometry, "odom2"), native, lambda: got)
     assert got[0] == odometry

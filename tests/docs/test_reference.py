@@ -47,11 +47,14 @@ def message_types() -> Iterator[tuple[str, Any]]:
 
 @pytest.mark.parametrize(("name", "message_type"), list(message_types()), ids=str)
 def test_the_pages_know_every_message_and_field(name: str, message_type: Any) -> None:
-    """docs/reference/messages.md has each message with its fields; the API page has its heading."""
-    text = (REFERENCE / "messages.md").read_text()
-    assert f"`{name}`" in text
-    assert [entry.name for entry in fields(message_type) if f"`{entry.name}`" not in text] == []
+    """The API page has each message, and docs/reference/messages.md its fields, but for types that
+    are on the bus as in ROS.
+    """
     assert f"\n### {name}\n" in (REFERENCE / "api.md").read_text()
+    text = (REFERENCE / "messages.md").read_text()
+    if not hasattr(message_type, "__msgtype__"):
+        assert f"`{name}`" in text
+        assert [entry.name for entry in fields(message_type) if f"`{entry.name}`" not in text] == []
 
 
 def test_the_sample_in_the_docs_is_the_frozen_one() -> None:

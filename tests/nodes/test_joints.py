@@ -33,7 +33,7 @@ def heard(bus: Bus) -> tuple[Node, list[JointState]]:
 
 
 def positions(state: JointState) -> dict[str, float]:
-    return dict(zip(state.names, state.positions, strict=True))
+    return dict(zip(state.name, state.position, strict=True))
 
 
 def test_at_rest_it_publishes_zeros(bus: Bus, path: Path) -> None:
@@ -43,7 +43,7 @@ def test_at_rest_it_publishes_zeros(bus: Bus, path: Path) -> None:
     process.wait_for_line("Publishing 3 joints of arm")
     state = eventually(lambda: states)[0]
     assert positions(state) == {"shoulder": 0.0, "elbow": 0.5, "grip": 0.15}
-    assert (state.velocities, state.efforts) == ((), ())
+    assert (state.velocity, state.effort) == ((), ())
     assert process.stop() == 0
 
 
@@ -55,11 +55,11 @@ def test_the_robot_comes_from_the_bus(bus: Bus) -> None:
     process.wait_for_line("No robot on topic robot_description so far")
     publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
     publisher.publish(RobotDescription(ARM))
-    eventually(lambda: states and states[-1].names == FREE)
+    eventually(lambda: states and states[-1].name == FREE)
     publisher.publish(RobotDescription("<robot"))
     process.wait_for_line("Ignored a description: robot_description:1: not XML")
     publisher.publish(RobotDescription(ARM.replace('"elbow"', '"knee"')))
-    eventually(lambda: states[-1].names == ("shoulder", "knee", "grip"))
+    eventually(lambda: states[-1].name == ("shoulder", "knee", "grip"))
 
 
 @pytest.mark.parametrize("how", ["--sweep", "--random"])
@@ -72,8 +72,8 @@ def test_it_moves_within_limits(bus: Bus, path: Path, how: str) -> None:
         path_of_joint = [positions(state)[name] for state in states]
         assert len(set(path_of_joint)) > 20
         assert min(path_of_joint) >= lower and max(path_of_joint) <= upper
-    assert all(len(state.velocities) == 3 for state in states)
-    assert any(velocity != 0.0 for state in states for velocity in state.velocities)
+    assert all(len(state.velocity) == 3 for state in states)
+    assert any(velocity != 0.0 for state in states for velocity in state.velocity)
 
 
 def test_a_motion_goes_on_where_the_time_goes_back(bus: Bus, path: Path) -> None:
@@ -128,7 +128,7 @@ def test_other_publishers_are_merged(bus: Bus, path: Path) -> None:
         lambda: other.publish(JointState(0, ("grip",), (0.25,))),
         lambda: bool(states) and positions(states[-1])["grip"] == 0.25,
     )
-    assert states[-1].names == FREE
+    assert states[-1].name == FREE
 
 
 def test_a_table_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_rows_have_the_stamps_of_their_times(bus: Bus, path: Path, tmp_path: Pat
     assert len(pairs) > 100
     for one, other in pairs:
         assert other.stamp_ns - one.stamp_ns == pytest.approx(1_000_000, abs=1000)
-        assert other.velocities[1] == pytest.approx(1.0, abs=0.01)
+        assert other.velocity[1] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_loop_that_is_too_fast_is_refused(bus: Bus, path: Path, tmp_path: Path) -> None:
@@ -244,10 +244,10 @@ def test_a_recording_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
     eventually(lambda: states and positions(states[-1])["elbow"] == 0.4)
     first = states[0]
     assert abs(first.stamp_ns - node.now_ns()) < 60e9
-    moving = next(state for state in states if state.velocities)
-    velocities = dict(zip(moving.names, moving.velocities, strict=True))
+    moving = next(state for state in states if state.velocity)
+    velocities = dict(zip(moving.name, moving.velocity, strict=True))
     assert velocities["elbow"] == 0.5 and math.isnan(velocities["grip"])
-    assert dict(zip(moving.names, moving.efforts, strict=True))["elbow"] == 7.0
+    assert dict(zip(moving.name, moving.effort, strict=True))["elbow"] == 7.0
 
 
 @pytest.mark.real

@@ -134,14 +134,14 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
     now_ns = asker.node.now_ns()
 
     def send(names: list[str], positions: list[float], **more: Any) -> None:
-        values = {"stamp_ns": now_ns, "names": names, "positions": positions, **more}
+        values = {"stamp_ns": now_ns, "name": names, "position": positions, **more}
         raw.publish(msgpack.packb(values))
 
     def all_sent() -> bool:
         send(["elbow"], [float("nan")])
         send(["elbow", "grip"], [1.0])
         send(["elbow", "elbow"], [1.0, 1.0])
-        send(["elbow"], [1.0], velocities=[1.0, 2.0])
+        send(["elbow"], [1.0], velocity=[1.0, 2.0])
         send(["nose\x1b[31m"], [1.0])
         send(["elbow"], [])
         send(["grip"], [1.7e308])

@@ -75,7 +75,7 @@ def of_ros(given: list[JointState]) -> dict[str, Any]:
     asked = {
         "urdf": ROBOT,
         "states": [
-            {"stamp_ns": each.stamp_ns, "names": each.names, "positions": each.positions}
+            {"stamp_ns": each.stamp_ns, "names": each.name, "positions": each.position}
             for each in given
         ],
     }
@@ -118,7 +118,7 @@ def test_it_publishes_the_same_transforms(bus: Bus, tmp_path: Path) -> None:
     eventually(has_first)
     for state in given[1:]:
         publisher.publish(state)
-        last = "f" if "slides" in state.names else "b"
+        last = "f" if "slides" in state.name else "b"
         parent = expected[last, state.stamp_ns][0]
         eventually(
             lambda parent=parent, last=last, state=state: buffer.can_transform(

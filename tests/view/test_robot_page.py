@@ -39,10 +39,10 @@ def test_a_robot_on_the_bus_has_sliders_that_move_it_and_follow_it(
     slider = view.field("lift")
     eventually(lambda: slider.input_value() == "1")
     slider.fill("1.25")
-    eventually(lambda: states and states[-1].positions == (1.25,))
+    eventually(lambda: states and states[-1].position == (1.25,))
     view.page.get_by_role("button", name="Zero", exact=True).click()
     eventually(lambda: slider.input_value() == "1")
-    eventually(lambda: states[-1].positions == (1.0,))
+    eventually(lambda: states[-1].position == (1.0,))
     view.page.get_by_role("checkbox", name="show robot arm").click()
     view.tab("Frames")
     assert view.errors == []

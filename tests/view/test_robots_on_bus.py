@@ -253,7 +253,7 @@ def test_joints_follow_joint_states_and_their_targets_are_sent(bus: Bus) -> None
     eventually(known)
     joints.send({"lift": 0.25})
     eventually(lambda: got)
-    assert (got[0].names, got[0].positions) == (("lift",), (0.25,))
+    assert (got[0].name, got[0].position) == (("lift",), (0.25,))
 
 
 def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:

@@ -88,12 +88,18 @@ def frozen_now() -> dict[str, Any]:
 
 
 def message_types() -> list[type]:
-    """Every dataclass of `tfbus.messages`, those inside services and actions too."""
+    """Every dataclass of `tfbus.messages`, those inside services and actions too; without types
+    that are on the bus as in ROS, whose layout ROS says.
+    """
     found = []
     for _, outer in inspect.getmembers(messages, inspect.isclass):
         if outer.__module__ == messages.__name__:
             inner = [value for value in vars(outer).values() if inspect.isclass(value)]
-            found += [one for one in (outer, *inner) if is_dataclass(one)]
+            found += [
+                one
+                for one in (outer, *inner)
+                if is_dataclass(one) and not hasattr(one, "__msgtype__")
+            ]
     return found
 
 

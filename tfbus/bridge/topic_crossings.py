@@ -1,7 +1,8 @@
 """One topic in one direction: from the bus to ROS, and from ROS to the bus."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from tfbus import messages
 from tfbus.bridge.frame_names import FrameNames
@@ -12,14 +13,18 @@ from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.fitted import fitted
+from tfbus.ros.message_type import Message, Sequence, Text, Type
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.codec import decode_map, encode_map, from_map
+from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wording import printable
 
-# The fields of our types that name frames; none are known of other types.
-_FRAMES = {"PoseStamped": ("frame",), "Odometry": ("frame", "child_frame")}
+# Fields of ROS that name frames.
+_FRAMES = ("frame_id", "child_frame_id")
+
+# The fields of a message in which there are names of frames, each with those below it.
+_FrameFields = Mapping[str, "_FrameFields"]
 
 
 class Translation:
@@ -27,10 +32,10 @@ class Translation:
 
     def __init__(self, line: TopicLine, names: FrameNames, now_ns: Callable[[], int]) -> None:
         self._names = names
-        self._frames = _FRAMES.get(line.type_name, ())
         self._counterpart = line.counterpart
         definition = line.counterpart.definition
         self._message = message_of(definition)
+        self._frames = _frame_fields(self._message) if line.has_fields_of_ros else {}
         self._codec = MessageCodec(self._message, definition)
         self._stamps = line.stamps
         self._now_ns = now_ns
@@ -40,30 +45,29 @@ class Translation:
         """The message of ours as one of ROS. Raises DecodeError where it does not fit."""
         values = decode_map(payload)
         if self._type is not None:
-            from_map(self._type, values)
-        for field in self._frames:
-            values[field] = self._in_ros(values[field])
+            values = as_map(from_map(self._type, values))
         try:
-            message = self._codec.encode(fitted(self._counterpart.to_ros(values), self._message))
+            of_ros = fitted(self._counterpart.to_ros(values), self._message)
         except UnfitError as error:
             raise DecodeError(str(error)) from error
+        _rename(of_ros, self._frames, self._in_ros)
+        message = self._codec.encode(of_ros)
         if message is None:
             raise DecodeError("it has a text that is not valid Unicode")
         return message
 
     def of_ros(self, payload: bytes) -> bytes:
         """The message of ROS as one of ours. Raises DecodeError where it does not fit."""
+        of_ros = self._codec.decode(payload)
+        _rename(of_ros, self._frames, self._names.on_bus)
         try:
-            values = self._counterpart.of_ros(self._codec.decode(payload))
+            values = self._counterpart.of_ros(of_ros)
         except UnfitError as error:
             raise DecodeError(str(error)) from error
         if self._stamps:
             values["stamp_ns"] = self._now_ns()
         if self._type is not None:
             from_map(self._type, values)
-        for field in self._frames:
-            # Some leave it empty.
-            values[field] = values[field] and self._names.on_bus(values[field])
         return encode_map(values)
 
     def _in_ros(self, frame: str) -> str:
@@ -71,6 +75,26 @@ class Translation:
         if name is None:
             raise DecodeError(f"ROS has another frame '{printable(frame, 60)}'")
         return name
+
+
+def _frame_fields(type_: Type) -> _FrameFields:
+    type_ = type_.item if isinstance(type_, Sequence) else type_
+    found: dict[str, _FrameFields] = {}
+    for field in type_.fields if isinstance(type_, Message) else ():
+        below = _frame_fields(field.type)
+        if below or (field.name in _FRAMES and isinstance(field.type, Text)):
+            found[field.key] = below
+    return found
+
+
+def _rename(values: Any, fields: _FrameFields, rename: Callable[[str], str]) -> None:
+    """Rename the frames in a message of ROS, or in each of a list. Some leave a name empty."""
+    for each in values if isinstance(values, list) else [values]:
+        for name, below in fields.items():
+            if below:
+                _rename(each[name], below, rename)
+            elif each[name]:
+                each[name] = rename(each[name])
 
 
 class TopicToRos:

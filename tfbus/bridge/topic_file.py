@@ -14,7 +14,7 @@ from typing import Any
 
 from tfbus.bridge.topic_table import DIRECTIONS, TABLE, TopicLine
 from tfbus.errors import DecodeError
-from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart, as_in_ros
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     STRING,
@@ -201,11 +201,6 @@ def _pairs(value: Value, message: Message) -> _Pairs:
     if not pairs:
         raise value.place.mistake("has no fields; write some, or omit the key")
     return pairs
-
-
-def as_in_ros(definition: Definition) -> Counterpart:
-    """A type that has its name and fields of ROS on the bus, too."""
-    return Counterpart(definition.name, definition, dict, dict)
 
 
 def mapped(

@@ -8,7 +8,7 @@ from typing import Literal
 
 from tfbus.errors import TfbusError
 from tfbus.names import mistake_in
-from tfbus.ros.counterparts import LIVE_COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import AS_IN_ROS, LIVE_COUNTERPARTS, Counterpart
 from tfbus.wording import did_you_mean
 
 Direction = Literal["both", "to-ros", "from-ros", "off"]
@@ -44,6 +44,17 @@ class TopicLine:
         return self.counterpart.definition.name
 
     @property
+    def said_names(self) -> tuple[str, ...]:
+        """The names that a user may give the type by; `Imu` is sensor_msgs/msg/Imu."""
+        return self.type_name, self.ros_type, self.type_name.rpartition("/")[2]
+
+    @property
+    def has_fields_of_ros(self) -> bool:
+        """Whether its fields are those of ROS, not those of a user's type."""
+        usual = LIVE_COUNTERPARTS.get(self.type_name)
+        return self.type_name == self.ros_type or self.counterpart is usual
+
+    @property
     def goes_to_ros(self) -> bool:
         return self.direction in ("both", "to-ros")
 
@@ -71,6 +82,7 @@ TABLE: tuple[TopicLine, ...] = (
     _line("RobotDescription", "robot_description", retained=True, depth=1),
     _line("PoseStamped", "goal_pose", "move_base_simple/goal"),
     _line("Odometry", "odom"),
+    *map(TopicLine, AS_IN_ROS.values()),
 )
 
 
@@ -132,7 +144,7 @@ class TopicTable:
         lines = (*self._own, *TABLE)
         if type_name:
             for line in lines:
-                if type_name in (line.type_name, line.ros_type):
+                if type_name in line.said_names:
                     return name, replace(line, names=())
             known = list(dict.fromkeys(line.type_name for line in lines))
             raise TfbusError(

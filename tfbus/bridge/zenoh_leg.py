@@ -10,30 +10,38 @@ from typing import Any
 
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.lost import LostMessages
-from tfbus.bridge.ros_graph import RosGraph
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
-from tfbus.ros.rmw_zenoh import (
-    GRAPH,
-    NO_TYPE_HASH,
-    Kind,
-    Qos,
-    Token,
-    attachment_writer,
-    check_node_name,
-    check_topic_name,
-    data_key,
-    dds_type_name,
-    gid_of,
-    has_named_fields,
-    number_in,
-    read_attachment,
-    source_in,
-    wire_of,
-)
+from tfbus.command.extras import install_command
+from tfbus.errors import TfbusError
 from tfbus.ros.ros_names import domain_of
 from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
+
+try:
+    from tfbus.bridge.ros_graph import RosGraph
+    from tfbus.ros.rmw_zenoh import (
+        GRAPH,
+        NO_TYPE_HASH,
+        Kind,
+        Qos,
+        Token,
+        attachment_writer,
+        check_node_name,
+        check_topic_name,
+        data_key,
+        dds_type_name,
+        gid_of,
+        has_named_fields,
+        number_in,
+        read_attachment,
+        source_in,
+        wire_of,
+    )
+except ImportError as error:
+    raise TfbusError(
+        f"ROS 2 over Zenoh needs xxhash, which is not installed: {install_command('ros2')}"
+    ) from error
 
 # Of publishers that are gone, too: beyond this many all are looked up again.
 _MOST_SOURCES = 10_000

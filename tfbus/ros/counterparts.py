@@ -1,24 +1,26 @@
-"""Our messages that ROS has with other fields, such as joint states and descriptions of robots."""
+"""Our messages and ROS's: one rule for all types, made from the definition; three are exceptions.
+
+By the rule fields have ROS's names, and a header is `stamp_ns` and `frame_id`.
+"""
 
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from tfbus import messages
 from tfbus.errors import DecodeError
-from tfbus.ros.definitions import (
-    CLOCK,
-    JOINT_STATE,
-    ODOMETRY,
-    POSE_STAMPED,
-    STRING,
-    TURTLE_POSE,
-    TWIST,
-    Definition,
-)
+from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
+from tfbus.ros.message_type import Message, Sequence, Type
 from tfbus.ros.value_codec import UnfitError
+from tfbus.wire.codec import renewed_map
+from tfbus.wire.ros_fields import HEADER, with_header, without_header
 
 _SECOND_NS = 1_000_000_000
+_HEADER_TYPE = "std_msgs/msg/Header"
+
+_ToRos = Callable[[Mapping[str, Any]], dict[str, Any]]
+_OfRos = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,8 @@ class Counterpart:
 
     type_name: str
     definition: Definition
-    to_ros: Callable[[Mapping[str, Any]], dict[str, Any]]
-    of_ros: Callable[[dict[str, Any]], dict[str, Any]]
+    to_ros: _ToRos
+    of_ros: _OfRos
 
 
 def counterpart_of_ros(ros_type: str, said: str, topic: str) -> Counterpart | None:
@@ -45,126 +47,62 @@ def counterpart_of_ros(ros_type: str, said: str, topic: str) -> Counterpart | No
     return COUNTERPARTS["RobotDescription"] if ros_type == STRING.name and is_description else None
 
 
-# With a stamp, in a header
-
-_OF_JOINT_STATE = {
-    "names": "name",
-    "positions": "position",
-    "velocities": "velocity",
-    "efforts": "effort",
-}
+# The rule
 
 
-def _joint_state_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    _check_fields(values, "stamp_ns", *_OF_JOINT_STATE)
-    return {
-        "header": _header(values["stamp_ns"], ""),
-        **{theirs: values[ours] for ours, theirs in _OF_JOINT_STATE.items()},
-    }
+def _in_ros(value: Any, type_: Type) -> Any:
+    """A value of ours as one of this type, in the order of its fields."""
+    if isinstance(type_, Sequence) and isinstance(type_.item, Message):
+        if not isinstance(value, list | tuple):
+            raise UnfitError("it must be a list of messages")
+        return [_in_ros(each, type_.item) for each in value]
+    if not isinstance(type_, Message):
+        return value
+    try:
+        if _has_header(type_):
+            # Those of an old publisher have no frame.
+            value = with_header({"frame_id": "", **value})
+        names = [field.key for field in type_.fields]
+        if value.keys() != {*names}:
+            raise UnfitError(f"the fields of a {type_.name} must be {', '.join(names)}")
+    except (AttributeError, KeyError, TypeError) as error:
+        raise UnfitError(f"it is no {type_.name}: {error}") from error
+    return {field.key: _in_ros(value[field.key], field.type) for field in type_.fields}
 
 
-def _joint_state_of_ros(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "stamp_ns": _stamp_ns(values),
-        **{ours: values[theirs] for ours, theirs in _OF_JOINT_STATE.items()},
-    }
+def _of_ros(value: Any, type_: Type) -> Any:
+    """A value of this type as ours. Raises KeyError or TypeError for one of another type."""
+    if isinstance(type_, Sequence) and isinstance(type_.item, Message):
+        return [_of_ros(each, type_.item) for each in value]
+    if not isinstance(type_, Message):
+        return value
+    values = {field.key: _of_ros(value[field.key], field.type) for field in type_.fields}
+    return without_header(values) if _has_header(type_) else values
 
 
-def _pose_stamped_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    _check_fields(values, "stamp_ns", "frame", "position", "quat_xyzw")
-    return {"header": _header(values["stamp_ns"], values["frame"]), "pose": _pose(values)}
+def _has_header(message: Message) -> bool:
+    return any(
+        field.key == HEADER and isinstance(field.type, Message) and field.type.name == _HEADER_TYPE
+        for field in message.fields
+    )
 
 
-def _pose_stamped_of_ros(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "stamp_ns": _stamp_ns(values),
-        "frame": values["header"]["frame_id"],
-        **_pose_of_ros(values["pose"]),
-    }
+def _by_rule(message_type: type, added: Mapping[str, Any]) -> tuple[_ToRos, _OfRos]:
+    """The way to ROS and back; ROS lacks the fields that ours has `added`."""
+    message = message_named(message_type.__ros__)  # type: ignore[attr-defined]
 
+    def to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
+        values = renewed_map(message_type, values)
+        if not added.keys() <= values.keys():
+            raise UnfitError(f"it must have {', '.join(added)}")
+        values = {name: value for name, value in values.items() if name not in added}
+        made: dict[str, Any] = _in_ros(values, message)
+        return made
 
-def _odometry_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    _check_fields(values, "stamp_ns", "frame", "child_frame", "position", "quat_xyzw", *_MOTION)
-    return {
-        "header": _header(values["stamp_ns"], values["frame"]),
-        "child_frame_id": values["child_frame"],
-        "pose": {"pose": _pose(values), "covariance": values["pose_covariance"]},
-        "twist": {"twist": values["twist"], "covariance": values["twist_covariance"]},
-    }
+    def of_ros(values: dict[str, Any]) -> dict[str, Any]:
+        return {**added, **_of_ros(values, message)}
 
-
-_MOTION = ("twist", "pose_covariance", "twist_covariance")
-
-
-def _odometry_of_ros(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "stamp_ns": _stamp_ns(values),
-        "frame": values["header"]["frame_id"],
-        "child_frame": values["child_frame_id"],
-        **_pose_of_ros(values["pose"]["pose"]),
-        "twist": values["twist"]["twist"],
-        "pose_covariance": values["pose"]["covariance"],
-        "twist_covariance": values["twist"]["covariance"],
-    }
-
-
-def _check_fields(values: Mapping[str, Any], *names: str) -> None:
-    if values.keys() != {*names}:
-        raise UnfitError(f"its fields must be {', '.join(names)}")
-
-
-def _header(stamp_ns: Any, frame: Any) -> dict[str, Any]:
-    if type(stamp_ns) is not int:
-        raise UnfitError("stamp_ns must be an integer")
-    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
-    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
-
-
-def _stamp_ns(values: Mapping[str, Any]) -> int:
-    stamp = values["header"]["stamp"]
-    stamp_ns: int = stamp["sec"] * _SECOND_NS + stamp["nanosec"]
-    return stamp_ns
-
-
-def _pose(values: Mapping[str, Any]) -> dict[str, Any]:
-    quaternion = values["quat_xyzw"]
-    if not isinstance(quaternion, list | tuple) or len(quaternion) != 4:
-        raise UnfitError("quat_xyzw must be four numbers")
-    return {
-        "position": values["position"],
-        "orientation": dict(zip("xyzw", quaternion, strict=True)),
-    }
-
-
-def _pose_of_ros(pose: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "position": pose["position"],
-        "quat_xyzw": [pose["orientation"][axis] for axis in "xyzw"],
-    }
-
-
-# Without one: a message of ROS gets that of its arrival. A stamp of ours is left out.
-
-
-def _turtle_pose_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    _check_fields(values, "stamp_ns", *_OF_TURTLE_POSE)
-    return {name: values[name] for name in _OF_TURTLE_POSE}
-
-
-def _turtle_pose_of_ros(values: dict[str, Any]) -> dict[str, Any]:
-    return {"stamp_ns": 0, **{name: values[name] for name in _OF_TURTLE_POSE}}
-
-
-_OF_TURTLE_POSE = ("x", "y", "theta", "linear_velocity", "angular_velocity")
-
-
-def _twist_to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    _check_fields(values, "linear", "angular")
-    return dict(values)
-
-
-def _twist_of_ros(values: dict[str, Any]) -> dict[str, Any]:
-    return {"linear": values["linear"], "angular": values["angular"]}
+    return to_ros, of_ros
 
 
 # The simulated time: its rate, and whether it is paused, stay here.
@@ -214,9 +152,7 @@ def _description_of_ros(values: dict[str, Any]) -> dict[str, Any]:
     return {"urdf": data, "prefix": "", "source": ""}
 
 
-def _refusing(
-    definition: Definition, of_ros: Callable[[dict[str, Any]], dict[str, Any]]
-) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def _refusing(definition: Definition, of_ros: _OfRos) -> _OfRos:
     """The same, which raises DecodeError for a message with other fields."""
 
     def refuse(values: dict[str, Any]) -> dict[str, Any]:
@@ -228,30 +164,38 @@ def _refusing(
     return refuse
 
 
-def _counterparts(*rows: tuple[str, Definition, Any, Any]) -> dict[str, Counterpart]:
-    return {
-        name: Counterpart(name, definition, to_ros, _refusing(definition, of_ros))
-        for name, definition, to_ros, of_ros in rows
-    }
+# The exceptions: fields that ROS lacks, with what they are in a message of ROS, and types whose
+# content ROS has in other fields.
+_ADDED: Mapping[str, Mapping[str, Any]] = {"Pose": {"stamp_ns": 0}}
+_OTHERWISE: Mapping[str, tuple[_ToRos, _OfRos]] = {
+    "Clock": (_clock_to_ros, _clock_of_ros),
+    "RobotDescription": (_description_to_ros, _description_of_ros),
+}
+# In a recording each of these keeps its own type: a turtlesim/msg/Pose has no stamp, and its
+# numbers are less exact.
+_NOT_RECORDED = ("Clock", "Pose", "Twist")
 
+
+def as_in_ros(definition: Definition) -> Counterpart:
+    """A type that has its name and fields of ROS on the bus, too."""
+    return Counterpart(definition.name, definition, dict, dict)
+
+
+def _counterpart(message_type: type) -> Counterpart:
+    name = message_type.__name__
+    definition = known_definition(message_type.__ros__)  # type: ignore[attr-defined]
+    to_ros, of_ros = _OTHERWISE.get(name) or _by_rule(message_type, _ADDED.get(name, {}))
+    return Counterpart(name, definition, to_ros, _refusing(definition, of_ros))
+
+
+# All by which a bridge passes messages on.
+LIVE_COUNTERPARTS: Mapping[str, Counterpart] = {
+    name: _counterpart(each) for name, each in vars(messages).items() if hasattr(each, "__ros__")
+}
 
 # Those that are the same in ROS, bit by bit: a recording has them so.
-COUNTERPARTS: Mapping[str, Counterpart] = _counterparts(
-    ("JointState", JOINT_STATE, _joint_state_to_ros, _joint_state_of_ros),
-    ("RobotDescription", STRING, _description_to_ros, _description_of_ros),
-    ("PoseStamped", POSE_STAMPED, _pose_stamped_to_ros, _pose_stamped_of_ros),
-    ("Odometry", ODOMETRY, _odometry_to_ros, _odometry_of_ros),
-)
-
-# And those by which a bridge passes messages on. In a recording each keeps its own type: a
-# turtlesim/msg/Pose has no stamp, and its numbers are less exact.
-LIVE_COUNTERPARTS: Mapping[str, Counterpart] = {
-    **COUNTERPARTS,
-    **_counterparts(
-        ("Pose", TURTLE_POSE, _turtle_pose_to_ros, _turtle_pose_of_ros),
-        ("Twist", TWIST, _twist_to_ros, _twist_of_ros),
-        ("Clock", CLOCK, _clock_to_ros, _clock_of_ros),
-    ),
+COUNTERPARTS: Mapping[str, Counterpart] = {
+    name: each for name, each in LIVE_COUNTERPARTS.items() if name not in _NOT_RECORDED
 }
 
 _STAMPED = {
@@ -263,4 +207,11 @@ BY_ROS_TYPE: Mapping[str, Counterpart] = {
     each.definition.name: each
     for each in LIVE_COUNTERPARTS.values()
     if each.definition.name != STRING.name
+}
+
+# Types of tfbus.messages that are on the bus as in ROS, by their name, which is ROS's.
+AS_IN_ROS: Mapping[str, Counterpart] = {
+    name: as_in_ros(known_definition(name))
+    for each in vars(messages).values()
+    if (name := getattr(each, "__msgtype__", ""))
 }

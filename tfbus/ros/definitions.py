@@ -138,7 +138,8 @@ def _has_any(path: Path) -> bool:
     return any((path / kind).is_dir() for kind in _PARTS)
 
 
-def _known(name: str) -> Definition:
+def known_definition(name: str) -> Definition:
+    """The definition of a type that is in the table."""
     definition = standard_definition(name)
     assert definition is not None, name
     return definition
@@ -147,12 +148,12 @@ def _known(name: str) -> Definition:
 # Any value, in MessagePack: what a ROS message cannot express otherwise.
 MSGPACK = Definition("tfbus_msgs/msg/Msgpack", "uint8[] data\n")
 
-TF_MESSAGE = _known("tf2_msgs/msg/TFMessage")
-JOINT_STATE = _known("sensor_msgs/msg/JointState")
-TWIST = _known("geometry_msgs/msg/Twist")
-POSE_STAMPED = _known("geometry_msgs/msg/PoseStamped")
-ODOMETRY = _known("nav_msgs/msg/Odometry")
+TF_MESSAGE = known_definition("tf2_msgs/msg/TFMessage")
+JOINT_STATE = known_definition("sensor_msgs/msg/JointState")
+TWIST = known_definition("geometry_msgs/msg/Twist")
+POSE_STAMPED = known_definition("geometry_msgs/msg/PoseStamped")
+ODOMETRY = known_definition("nav_msgs/msg/Odometry")
 # Of turtlesim. It has no stamp.
-TURTLE_POSE = _known("turtlesim/msg/Pose")
-STRING = _known("std_msgs/msg/String")
-CLOCK = _known("rosgraph_msgs/msg/Clock")
+TURTLE_POSE = known_definition("turtlesim/msg/Pose")
+STRING = known_definition("std_msgs/msg/String")
+CLOCK = known_definition("rosgraph_msgs/msg/Clock")

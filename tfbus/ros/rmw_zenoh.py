@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
+from xxhash import xxh3_128_digest
+
 from tfbus.errors import InvalidNameError, SettingsError
 from tfbus.ros.dds_graph import dds_type
-from tfbus.ros.xxh3 import xxh3_128
 from tfbus.wording import did_you_mean, printable
 
 # Distributions
@@ -226,7 +227,7 @@ def gid_of(token: str) -> bytes:
     Other bytes would do for rmw_zenoh, as long as they are unique. But messages name their
     publisher by gid alone, so only who makes the same of a token knows whose they are.
     """
-    return xxh3_128(token.encode())
+    return xxh3_128_digest(token.encode())[::-1]
 
 
 # Attachments: each message has one

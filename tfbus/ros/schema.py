@@ -6,19 +6,10 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
+from tfbus import messages
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.messages import (
-    Clock,
-    Color,
-    JointState,
-    Odometry,
-    Pose,
-    PoseStamped,
-    RobotDescription,
-    Twist,
-)
 from tfbus.ros.cdr import CdrWriter
-from tfbus.ros.counterparts import COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.fitted import fitted
@@ -60,9 +51,12 @@ class MessageCodec:
         """The codec of a dataclass, that of ROS's own type where it has one that says the same.
         Messages get names of their own among `names`.
         """
-        counterpart = COUNTERPARTS.get(name_of(message_type))
-        if counterpart is not None and message_type in _SUPPLIED:
+        name = name_of(message_type)
+        counterpart = COUNTERPARTS.get(name)
+        if counterpart is not None and getattr(messages, name) is message_type:
             return MessageCodec.of_definition(counterpart.definition, counterpart)
+        if name in AS_IN_ROS:
+            return MessageCodec.of_definition(AS_IN_ROS[name].definition)
         return _codec(type_of_dataclass(message_type), names)
 
     @staticmethod
@@ -138,8 +132,9 @@ RAW = MessageCodec(MSGPACK, definition_of(MSGPACK))
 
 
 # Those that nodes publish.
-_KNOWN = {name_of(each): each for each in (Clock, Color, Pose, Twist)}
-_SUPPLIED = (JointState, Odometry, PoseStamped, RobotDescription)
+_KNOWN = {
+    name_of(each): each for each in (messages.Clock, messages.Color, messages.Pose, messages.Twist)
+}
 
 
 class MessageCodecs:

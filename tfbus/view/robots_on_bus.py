@@ -238,7 +238,7 @@ class _JointTopics:
         self._targets.publish(JointState(self._node.now_ns() or time.time_ns(), names, positions))
 
     def _on_states(self, states: JointState) -> None:
-        if states.positions:
+        if states.position:
             # Replaced as a whole: other threads read it.
-            new = dict(zip(states.names, states.positions, strict=True))
+            new = dict(zip(states.name, states.position, strict=True))
             self._positions = {**self._positions, **new} if len(self._positions) < 10_000 else new

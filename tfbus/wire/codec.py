@@ -15,6 +15,7 @@ import msgpack
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
 from tfbus.wire.msgpack_items import too_many_items, unpacked
+from tfbus.wire.ros_fields import HEADER, has_header, renewed, with_header, without_header
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -127,10 +128,14 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
 
 
 def as_map(message: Any) -> dict[str, Any]:
-    """The fields of a message by name, nested messages included."""
-    if hasattr(message, "__bus_map__"):
-        return cast(dict[str, Any], message.__bus_map__())
-    return {name: _plain(getattr(message, name)) for name in _shape(message.__class__)}
+    """The fields of a message by name, nested messages included, as they go over the bus."""
+    return _map_of(message, None)
+
+
+def renewed_map(message_type: type, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The values of a message of a dataclass under today's names of its fields."""
+    shape = _shape(message_type)
+    return renewed(values, shape.former, shape.fields)
 
 
 def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields: bool = True) -> M:
@@ -151,15 +156,28 @@ class _Field(NamedTuple):
     required: bool
 
 
+class _Shape(NamedTuple):
+    """The fields of a dataclass, and their `former` names. A type that `is_as_in_ros` goes over the
+    bus in ROS's layout; any with ROS's `has_header` is read in it, too.
+    """
+
+    fields: dict[str, _Field]
+    former: Mapping[str, str | tuple[str, ...]]
+    has_header: bool
+    is_as_in_ros: bool
+
+
 @cache
-def _shape(message_type: type) -> dict[str, _Field]:
+def _shape(message_type: type) -> _Shape:
     if not is_message_type(message_type):
         raise TypeError(f"{message_type!r} is not a message: make it a dataclass")
     hints = get_type_hints(message_type)
-    return {
+    fields = {
         name: _Field(_reader(hints[name]), required)
         for name, required in _fields_of(message_type).items()
     }
+    former = getattr(message_type, "__former__", {})
+    return _Shape(fields, former, has_header(fields), "/" in type_name(message_type))
 
 
 def is_message_type(type_: object) -> bool:
@@ -184,10 +202,30 @@ def _fields_of(message_type: type) -> dict[str, bool]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _map_of(message: Any, as_in_ros: bool | None) -> dict[str, Any]:
+    """The fields of a message in ROS's layout or ours; None for that of its type."""
+    if hasattr(message, "__bus_map__"):
+        return cast(dict[str, Any], message.__bus_map__())
+    shape = _shape(message.__class__)
+    if as_in_ros is None:
+        as_in_ros = shape.is_as_in_ros
+    values = {name: _plain(getattr(message, name), as_in_ros) for name in shape.fields}
+    return with_header(values) if as_in_ros and shape.has_header else values
+
+
+def _plain(value: Any, as_in_ros: bool) -> Any:
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return as_map(value) if is_message_type(type(value)) else value
+        return [_plain(item, as_in_ros) for item in value]
+    return _map_of(value, as_in_ros) if is_message_type(type(value)) else value
+
+
+def _without_header(values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
+    try:
+        return without_header(values)
+    except (KeyError, TypeError) as error:
+        raise DecodeError(
+            f"field '{path}{HEADER}' must have a stamp of sec and nanosec, and a frame_id"
+        ) from error
 
 
 def _read_fields(
@@ -196,15 +234,20 @@ def _read_fields(
     if hasattr(message_type, "__of_bus_map__"):
         return message_type.__of_bus_map__(values, path, unknown_fields)
     shape = _shape(message_type)
+    fields = shape.fields
+    if shape.has_header and HEADER in values:
+        values = _without_header(values, path)
+    if shape.former:
+        values = renewed(values, shape.former, fields)
     if not unknown_fields:
         for name in values:
-            if name not in shape:
+            if name not in fields:
                 raise DecodeError(
                     f"there is no field '{printable(path + str(name), 60)}'; "
-                    f"{type_name(message_type)} has {', '.join(shape) or 'no fields'}"
+                    f"{type_name(message_type)} has {', '.join(fields) or 'no fields'}"
                 )
     read = {}
-    for name, entry in shape.items():
+    for name, entry in fields.items():
         if name in values:
             read[name] = entry.read(values[name], path + name)
         elif entry.required:

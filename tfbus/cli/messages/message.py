@@ -165,10 +165,11 @@ def _values_of_ros(
     """
     from tfbus.compat.bus_types import bus_type_of  # which most types of tfbus's do not need
     from tfbus.compat.message_classes import message_class
-    from tfbus.ros.counterparts import BY_ROS_TYPE
+    from tfbus.ros.counterparts import AS_IN_ROS, BY_ROS_TYPE
 
+    types = {**BY_ROS_TYPE, **AS_IN_ROS}
     names = [
-        name for name, each in BY_ROS_TYPE.items() if supplied_type(each.type_name) is message_type
+        name for name, each in types.items() if supplied_type(bare(each.type_name)) is message_type
     ]
     in_ros = message_class(names[0]) if names else None
     if in_ros is None or not values.keys() <= in_ros.__codecs__.keys():

@@ -1,0 +1,76 @@
+"""The fields of our messages and of ROS's: a `header` there is `stamp_ns` and `frame_id` here, and
+all else has the same name. Names that fields had before are read as well.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+_SECOND_NS = 1_000_000_000
+
+HEADER = "header"
+_OURS = ("stamp_ns", "frame_id")
+
+
+def has_header(fields: Mapping[str, object]) -> bool:
+    """Whether a type with these fields of ours has a header in ROS."""
+    return HEADER not in fields and all(name in fields for name in _OURS)
+
+
+def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message with the header of ROS. Raises KeyError where one of ours is missing,
+    TypeError for a stamp that is no integer.
+    """
+    stamp_ns = values["stamp_ns"]
+    if type(stamp_ns) is not int:
+        raise TypeError("stamp_ns must be an integer")
+    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
+    stamp = {"sec": seconds, "nanosec": nanoseconds}
+    others = {name: value for name, value in values.items() if name not in _OURS}
+    return {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **others}
+
+
+def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message of ROS as ours. Raises KeyError and TypeError where its header has
+    other fields than ROS's own.
+    """
+    header = values[HEADER]
+    stamp = header["stamp"]
+    stamp_ns = stamp["sec"] * _SECOND_NS + stamp["nanosec"]
+    if type(stamp_ns) is not int:
+        raise TypeError("the stamp must be of integers")
+    of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
+    others = {name: value for name, value in values.items() if name != HEADER and name not in _OURS}
+    return {**of_header, **others}
+
+
+def renewed(
+    values: Mapping[str, Any],
+    former: Mapping[str, str | tuple[str, ...]],
+    fields: Mapping[str, object],
+) -> Mapping[str, Any]:
+    """The values of a message under today's names of its `fields`, where it has `former` ones;
+    otherwise the same. Of a former name there is the path of today; of a list, that of each item.
+    """
+    if not any(name in former and name not in fields for name in values):
+        return values
+    made: dict[str, Any] = {}
+    for name, value in values.items():
+        path = former.get(name, name)
+        if isinstance(path, str):
+            _put(made, path, value)
+        elif isinstance(value, list | tuple) and len(value) == len(path):
+            for each, item in zip(path, value, strict=True):
+                _put(made, each, item)
+        else:
+            made[name] = value  # it has this name only
+    return made
+
+
+def _put(values: dict[str, Any], path: str, value: Any) -> None:
+    """Set the value at a path, `pose.position`."""
+    *above, name = path.split(".")
+    for each in above:
+        below = values.get(each)
+        values[each] = dict(below) if isinstance(below, dict) else {}
+        values = values[each]
+    values[name] = value

@@ -1,4 +1,10 @@
-"""Words in the sentences that people read."""
+"""Words in the sentences that people read: of programs, and in docstrings and pages."""
+
+import ast
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -102,3 +108,62 @@ def test_an_age_is_never_negative() -> None:
 def test_stamps_have_nine_digits_of_nanoseconds(stamp_ns: int, text: str) -> None:
     """A stamp is seconds, a point, and always nine digits."""
     assert stamp_text(stamp_ns) == text
+
+
+ROOT = Path(__file__).parents[1]
+
+# In a thousand words. The goal is 2, 0.5 and 2: lower these as they are reached, never raise them.
+MOST_IN_DOCSTRINGS = {"where": 2.2, "those": 4.0, "what": 5.5}
+MOST_IN_PAGES = {"where": 2.0, "those": 2.0, "what": 4.5}
+
+# The sentences of docstrings that begin with a word in the place of a noun; the goal is none.
+MOST_HEADLESS = 60
+
+_HEADLESS = re.compile(r"(?:What|Those|Who|Where)\b|One (?:of|that|who|whose)\b")
+_CODE = re.compile(r"^```.*?^```|<!--.*?-->|`[^`]*`|\]\([^)]*\)", re.M | re.S)
+
+
+@cache
+def docstrings() -> str:
+    """All docstrings of the library and its nodes."""
+    found: list[str] = []
+    for path in [*(ROOT / "tfbus").rglob("*.py"), *(ROOT / "nodes").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                found.append(ast.get_docstring(node) or "")
+    return _CODE.sub("x", "\n\n".join(found))
+
+
+@cache
+def pages() -> str:
+    """The README and all pages but the two that are made of docstrings and of help."""
+    paths = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    written = [path for path in paths if path.name not in ("api.md", "commands.md")]
+    return _CODE.sub("x", "\n\n".join(path.read_text() for path in written))
+
+
+def headless(text: str) -> Iterator[str]:
+    """The sentences without a noun at their head, as "What is lost is counted."; no questions."""
+    for sentence in re.split(r"(?<=[.!?:])\s+|\n\n|\n- |\| ", text):
+        if _HEADLESS.match(sentence) and not sentence.endswith("?"):
+            yield sentence
+
+
+@pytest.mark.parametrize(
+    ("read", "most"),
+    [
+        pytest.param(docstrings, MOST_IN_DOCSTRINGS, id="docstrings"),
+        pytest.param(pages, MOST_IN_PAGES, id="pages"),
+    ],
+)
+def test_sentences_name_the_noun(read: Callable[[], str], most: dict[str, float]) -> None:
+    """The word "where" is of places, and "those" and "what" are rare: they hide nouns."""
+    words = re.findall(r"[a-z']+", read().lower())
+    rates = {word: 1000 * words.count(word) / len(words) for word in most}
+    assert {word: rate for word, rate in rates.items() if rate > most[word]} == {}
+
+
+def test_no_sentence_of_a_page_begins_without_a_noun() -> None:
+    """No page says "What is lost is counted." or "Those of the bus stay."; few docstrings do."""
+    assert list(headless(pages())) == []
+    assert len(list(headless(docstrings()))) <= MOST_HEADLESS

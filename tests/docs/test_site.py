@@ -18,6 +18,17 @@ def test_every_page_of_the_documentation_is_on_the_site() -> None:
     assert {"index.md", "pages.md", *written} <= PAGES.texts.keys()
 
 
+def test_the_pages_are_short() -> None:
+    """At most 55,000 words in all, and twenty pages of the guide, in five groups."""
+    texts = [path.read_text() for path in (site.ROOT / "README.md", *site.DOCS.rglob("*.md"))]
+    assert sum(len(re.findall(r"\S*\w\S*", text)) for text in texts) <= 55_000
+    groups = [
+        [place for _, place in rows if place.startswith("guide/")] for _, rows in site.sections()
+    ]
+    assert sum(map(len, groups)) <= 20
+    assert len(list(filter(None, groups))) == 5
+
+
 def test_a_link_to_a_program_leads_to_a_page_that_shows_it() -> None:
     """Where the repository has a file, the site has a page with it."""
     assert "](files/examples/listener.py.md)" in PAGES.texts["pages.md"]

@@ -110,7 +110,7 @@ class Capture:
             topic.close()
 
     def source(self, key: str, *, static: bool = False) -> TransformSource | None:
-        """What the messages of a key of transforms are; None where they are not recorded."""
+        """The kind of the messages of a key of transforms are; None if they are not recorded."""
         found = self._sources.get(key)
         if found is not None or key in self._refused:
             return found
@@ -207,7 +207,7 @@ class Capture:
             )
 
     def _forget_gone(self) -> None:
-        """Forget the streams that are gone, as the watch does where they are many."""
+        """Forget the streams that are gone, as the watch does if they are many."""
         for name in [name for name, state in self._states.items() if not state.alive]:
             del self._states[name]
             self.described.pop(name, None)
@@ -250,7 +250,7 @@ class Capture:
             self._note_type(topic, info)
 
     def _take_topic(self, topic: str, info: TopicInfo) -> bool:
-        """Subscribe to a topic where it is selected; whether it is."""
+        """Subscribe to a topic if it is selected; whether it is."""
         name = self.names.full(topic)
         if not self._selection.takes_topic(name):
             return False

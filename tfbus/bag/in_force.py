@@ -1,4 +1,4 @@
-"""What holds at a moment of a recording: what stands for the time before it."""
+"""State at a moment of a recording: what stands for the time before it."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -10,14 +10,14 @@ from tfbus.recording.selection import ALL, Selection
 
 
 class State(Protocol):
-    """What is in force at a moment of a recording."""
+    """The state at a moment of a recording."""
 
     def items(self, log_ns: int) -> list[Item]:
         """The events and static sets that stand for it."""
 
 
 class Source(Protocol):
-    """What a player reads: a RecordingReader."""
+    """The items for a player: a RecordingReader."""
 
     @property
     def start_ns(self) -> int:
@@ -33,7 +33,7 @@ class Source(Protocol):
         """The items of a span in the order of their log times."""
 
     def state_at(self, log_ns: int, selection: Selection = ALL) -> State:
-        """What is in force at a log time."""
+        """The state at a log time."""
 
 
 def in_force(

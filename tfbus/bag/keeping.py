@@ -1,4 +1,4 @@
-"""What becomes of messages: all into files that are split, or the last seconds into snapshots."""
+"""Ways to keep messages: all into files that are split, or the last seconds into snapshots."""
 
 from collections import deque
 from collections.abc import Callable
@@ -102,7 +102,7 @@ class InFiles:
 class LastSeconds:
     """Keeps the last seconds of messages as they came, and writes them into a file when asked.
 
-    What came before is in force in it: statics, streams, nodes. Of more than `most_bytes` the
+    The state before it is in force in it: statics, streams, nodes. Of more than `most_bytes` the
     oldest messages go.
     """
 
@@ -146,7 +146,7 @@ class LastSeconds:
         return raw.payload if isinstance(raw.payload, EventItem) else None
 
     def split(self, log_ns: int) -> Path:
-        """Write what is kept into a file, and begin again. Raises TfbusError where that is
+        """Write what is kept into a file, and begin again. Raises TfbusError if that is
         nothing.
         """
         if not self._kept:

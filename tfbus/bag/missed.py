@@ -13,8 +13,8 @@ _MOST_LATE = 1_000
 class MissedMessages:
     """Counts the numbers that are missing between messages of dynamic transforms.
 
-    A publisher counts the messages of each key and epoch. What was left out on purpose, in a pause,
-    is not missed.
+    A publisher counts the messages of each key and epoch. A message left out on purpose, in a
+    pause, is not missed.
     """
 
     def __init__(self) -> None:

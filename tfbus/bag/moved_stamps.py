@@ -37,7 +37,7 @@ _FAR_NS = 2.0**62
 def stamps_ahead_ns(source: Source, selection: Selection, from_ns: int) -> int:
     """By how much the stamps of a recording are ahead of its log times, from a moment on.
 
-    0 where they are of the same clock: then a difference is a delay, and stays one.
+    0 if they are of the same clock: then a difference is a delay, and stays one.
     """
     items = islice(source.items(from_ns, None, selection), _ITEMS)
     dynamic = (item for item in items if isinstance(item, TransformItem) and not item.static)
@@ -71,7 +71,7 @@ def moved(rows: Columns, pace: Pace, ahead_ns: int) -> Columns:
 
 
 def _later(stamps: "NDArray[np.int64]", by_ns: int) -> "NDArray[np.int64]":
-    """The stamps, so much later; the first or the last one of 64 bits where they are beyond."""
+    """The stamps, so much later; the first or the last one of 64 bits if they are beyond."""
     if -_FAR_NS <= by_ns <= _FAR_NS:
         return stamps + by_ns  # those of a recording are from 1901 to 2038
     by_ns = min(max(by_ns, _FIRST_NS), _LAST_NS)
@@ -91,7 +91,7 @@ def _stamped(rows: Columns, stamps: "NDArray[np.int64]") -> Columns:
 
 def with_stamps(values: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
     """The fields of a message with its stamps as `move(ns)` has them, those in nested messages
-    too; the same object where it has none.
+    too; the same object if it has none.
 
     A stamp is an integer `stamp_ns`, and that in a header of ROS's. 0 stays: it stands for no time.
     """
@@ -108,7 +108,7 @@ def with_stamps(values: Mapping[str, Any], move: Callable[[int], int]) -> Mappin
 
 
 def _moved_in(key: str, value: Any, move: Callable[[int], int]) -> Any:
-    """A field with its stamps moved; None where it has none."""
+    """A field with its stamps moved; None if it has none."""
     if key == _STAMP:
         return move(value) if type(value) is int and value else None
     if isinstance(value, dict):

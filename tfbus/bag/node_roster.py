@@ -31,7 +31,7 @@ class NodeRoster:
     """Knows the nodes of this namespace, or `everywhere` below it; closed by `close()`.
 
     `on_change(name, description)` is called for each node and for each change of its description,
-    with None where it is gone, one call at a time on a thread of its own. What a node counts of its
+    with None if it is gone, one call at a time on a thread of its own. What a node counts of its
     buffers and delays, and which of its streams have no listener, is no change.
     """
 
@@ -91,7 +91,7 @@ class NodeRoster:
             self._on_change(name, None)
 
     def _look_after(self, delay_s: float) -> None:
-        """Look after this time, or earlier where that is due: one look waits at a time."""
+        """Look after this time, or earlier if that is due: one look waits at a time."""
         due_s = scheduler.monotonic() + delay_s
         if self._next_look is not None:
             if self._next_look[0] <= due_s:

@@ -154,7 +154,7 @@ class PartsWritten:
         return path
 
     def write(self, item: Item) -> None:
-        """Write an item. Raises InvalidArgumentException where it cannot be expressed."""
+        """Write an item. Raises InvalidArgumentException if it cannot be expressed."""
         assert self._writer is not None
         self._writer.write(item)
         self._synced = False

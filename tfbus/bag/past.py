@@ -1,4 +1,4 @@
-"""What publishers still hold from before a recording began."""
+"""The history that publishers still hold from before a recording began."""
 
 from collections.abc import Callable, Iterable, Iterator
 
@@ -68,7 +68,7 @@ class Past:
         """The messages that came, and those held from before them, in order of time.
 
         A message held gets the log time that it had with the delay of the others of its stream.
-        Those that are not understood without, among what has come, go to the beginning.
+        Items that are not understood without, among what has come, go to the beginning.
         """
         came = list(live)
         held = list(self._held(came, source))

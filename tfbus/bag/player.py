@@ -53,8 +53,8 @@ class Progress:
     """How far a recording is played. Times are log times in ns.
 
     It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played. `loops` is
-    which round of a loop it is, from 1; 0 where it does not loop. `late_ns` is by how much it is
-    behind in all, where the machine is too slow for the rate.
+    which round of a loop it is, from 1; 0 if it does not loop. `late_ns` is by how much it is
+    behind in all, if the machine is too slow for the rate.
     """
 
     start_ns: int
@@ -79,10 +79,10 @@ class Progress:
 
 
 class Stage(Protocol):
-    """Where a recording is played. All calls come from the thread of `Player.run`."""
+    """The place that a recording is played to. All calls come from the thread of `Player.run`."""
 
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
-        """Playing begins at a moment with this state; `is_back` where it is earlier than what was
+        """Playing begins at a moment with this state; `is_back` if it is earlier than what was
         played before.
         """
 
@@ -96,12 +96,12 @@ class Stage(Protocol):
 class Player:
     """Plays what a recording has of `selection` from `start_ns` to `end_ns`, log times in ns.
 
-    Where it begins or is sought to, the last message so far on each of the topics `lasting` belongs
+    If it begins or is sought to, the last message so far on each of the topics `lasting` belongs
     to the state, as static transforms do: it holds until the next, as a simulated time does. The
     last dynamic transforms of `look_back_s` before that belong to it, too, with their log times.
 
     Its methods may be called from any thread, before and while it runs. Raises
-    InvalidArgumentException for a rate that is not between 0.001 and 10,000, or where nothing lies
+    InvalidArgumentException for a rate that is not between 0.001 and 10,000, or if nothing lies
     between start and end.
     """
 
@@ -172,21 +172,21 @@ class Player:
     def set_rate(self, rate: float) -> None:
         """Play this many recorded seconds in a second, from now on.
 
-        Raises InvalidArgumentException where it is not between 0.001 and 10,000.
+        Raises InvalidArgumentException if it is not between 0.001 and 10,000.
         """
         with self._changed:
             self._anchor(self._played_ns(), _checked(rate))
             self._tell()
 
     def seek(self, log_ns: int) -> None:
-        """Go on from this moment of the recording; from start or end where it is not between."""
+        """Go on from this moment of the recording; from start or end if it is not between."""
         with self._changed:
             self._seek_ns = min(max(log_ns, self._start_ns), self._end_ns)
             self._steps = 0
             self._changed.notify_all()
 
     def seek_by(self, offset_s: float) -> None:
-        """Go on this many seconds later, or earlier where it is negative."""
+        """Go on this many seconds later, or earlier if it is negative."""
         with self._changed:
             self.seek(self._position_ns() + round(offset_s * 1e9))
 
@@ -280,7 +280,7 @@ class Player:
         return self._is_due(self._end_ns)
 
     def _next(self, ahead: ReadAhead) -> Item | None:
-        """The item to play now; None where it is not time yet."""
+        """The item to play now; None if it is not time yet."""
         first = ahead.first()
         if first is None:
             return None

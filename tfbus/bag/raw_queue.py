@@ -23,7 +23,7 @@ _CATCHES_UP_BY = 10
 
 
 class Source(Protocol):
-    """What messages of one key are, and how to read them.
+    """The kind of messages of one key, and how to read them.
 
     `kind` is counted where messages are dropped: "transforms", "statics", "topics" or "events".
     `is_essential` is what the messages after it are not understood without.
@@ -62,9 +62,10 @@ class RawQueue:
     """Takes messages from any thread, at most `most_bytes` of them; one thread takes them out.
 
     Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
-    again. What was taken out counts until the next `take`, and what its taker holds then longer.
+    again. An item that was taken out counts until the next `take`, and what its taker holds then
+    longer.
 
-    Log times never go back: where the system's clock is set back, they go on from the last one, by
+    Log times never go back: if the system's clock is set back, they go on from the last one, by
     `set_back_ns` ahead of the clock, and a tenth more slowly until it has caught up.
     """
 

@@ -27,7 +27,7 @@ _ROW_BYTES = 8 + 8 + 56
 class ReadAhead:
     """Keeps the next items of `items` ready; use it in a `with`, which ends its thread.
 
-    `changed` is notified when an item comes where there was none, and at the end. Hold it around
+    `changed` is notified when an item comes if there was none, and at the end. Hold it around
     each call.
     """
 
@@ -66,7 +66,7 @@ class ReadAhead:
         return True
 
     def first(self) -> Item | None:
-        """The next item, which stays; None where none is ready."""
+        """The next item, which stays; None if none is ready."""
         return self._ready[0] if self._ready else None
 
     def take(self) -> Item:
@@ -101,7 +101,7 @@ class ReadAhead:
             self._changed.notify_all()
 
     def _add(self, batch: list[Item], size: int) -> bool:
-        """Add items once there is room; False where no further ones are wanted."""
+        """Add items once there is room; False if no further ones are wanted."""
         with self._has_room:
             if len(self._ready) >= _MOST_ITEMS or self._bytes + size > _MOST_BYTES:
                 self._waits_for_room = True

@@ -46,7 +46,7 @@ UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "his
 
 @dataclass
 class Counts:
-    """What was recorded, and what was not.
+    """Counts of recorded and lost messages.
 
     `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
     and `streams` count messages by name, without those of static transforms, which repeat; `lost`
@@ -99,7 +99,7 @@ class Recorder:
     is called for each further file that is asked for: it goes on in the file `path`, or has written
     that, and `written` is whole.
 
-    Where a file cannot be written, `failure` says why, and nothing further is recorded.
+    If a file cannot be written, `failure` says why, and nothing further is recorded.
     """
 
     def __init__(
@@ -194,7 +194,7 @@ class Recorder:
 
     def split(self) -> WrittenPart:
         """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
-        where it cannot.
+        if it cannot.
         """
         written = self._ask(lambda: self._split("asked"))
         assert isinstance(written, WrittenPart)

@@ -43,7 +43,7 @@ class Replay:
     it publishes the time of the recording at this rate, for nodes with simulated time; `progress`
     is then that of the player.
 
-    Raises InvalidNameError where two streams would get the same name.
+    Raises InvalidNameError if two streams would get the same name.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Replay:
         return sorted(topic.name for topic in self._topics.values() if topic is not None)
 
     def living(self) -> str:
-        """A sentence on its streams that other processes publish now, "" where none do.
+        """A sentence on its streams that other processes publish now, "" if none do.
 
         Playing one takes the frames of a live robot over: the later of two publishers counts.
         """
@@ -118,7 +118,7 @@ class Replay:
     # As the stage of a player
 
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
-        """What is in force comes first; after a jump back, in new epochs."""
+        """The state comes first; after a jump back, in new epochs."""
         is_new_run = is_back or self._past_ns is None
         if self._past_ns is None:
             self._past_ns = pace.wall_ns - pace.log_ns
@@ -377,7 +377,7 @@ def _recorded_stream(event: EventItem) -> RecordedStream:
 
 
 def _stream_of(item: Item) -> str:
-    """The stream that an item is about, "" where it is about none."""
+    """The stream that an item is about, "" if it is about none."""
     if isinstance(item, TransformItem):
         return item.stream.name
     about_stream = isinstance(item, EventItem) and item.kind in ("stream", "stream gone")

@@ -14,7 +14,7 @@ from tfbus.wire.keys import CLOCK_TOPIC
 
 
 def clock_topic_of(reader: RecordingReader) -> str:
-    """The topic with the simulated time that the recorded nodes followed, "" where it has none."""
+    """The topic with the simulated time that the recorded nodes followed, "" if it has none."""
     clocks = [topic.name for topic in reader.topics if is_clock(topic.name, topic.type_name)]
     return min(clocks, key=len, default="")
 
@@ -26,7 +26,7 @@ def is_clock(topic: str, type_name: str) -> bool:
 
 class ReplayedClock:
     """Publishes the time of a recording: its log time and `ahead_ns`, `rate_hz` times a second; or,
-    where it has a simulated time itself on `recorded_topic`, that. Safe from any thread.
+    if it has a simulated time itself on `recorded_topic`, that. Safe from any thread.
     """
 
     def __init__(
@@ -50,14 +50,14 @@ class ReplayedClock:
             node.create_timer(1.0 / rate_hz, self._tick)
 
     def begin(self, state: Iterable[Item]) -> None:
-        """Publish the time at a moment where this is in force, as after a jump."""
+        """Publish the time at a moment if this is in force, as after a jump."""
         said = [clock for item in state if (clock := self._clock_of(item)) is not None]
         with self._lock:
             self._recorded = said[-1] if said else None
             self._publish(self._progress())
 
     def follow(self) -> None:
-        """Publish the time, where it stands still from now on, or goes at another rate."""
+        """Publish the time, if it stands still from now on, or goes at another rate."""
         with self._lock:
             self._publish(self._progress())
 
@@ -71,7 +71,7 @@ class ReplayedClock:
             self._publish(self._progress())
 
     def _clock_of(self, item: Item) -> Clock | None:
-        """What the recorded clock says in an item; None in others, and where it cannot be read."""
+        """Time of the recorded clock in an item; None in others, and where it cannot be read."""
         if not isinstance(item, TopicItem) or item.topic != self._recorded_topic:
             return None
         try:

@@ -1,4 +1,4 @@
-"""The names that recorded streams and topics have on the bus where they are replayed."""
+"""The names that recorded streams and topics have on the bus if they are replayed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ class ReplayedNames:
     """`prefix` is a namespace that all names go into, "" for none. `remappings` have another name
     for some, which gets no prefix. Names are full, with or without a slash before them.
 
-    Raises InvalidNameError where the prefix is no namespace.
+    Raises InvalidNameError if the prefix is no namespace.
     """
 
     prefix: str = ""
@@ -24,7 +24,7 @@ class ReplayedNames:
         object.__setattr__(self, "remappings", pairs)
 
     def topic(self, name: str) -> str:
-        """The name of a topic. Raises InvalidNameError where no topic can have it."""
+        """The name of a topic. Raises InvalidNameError if no topic can have it."""
         new = self.remappings.get(name) or self._below(name)
         return check_no_transforms(check_topic(new))
 

@@ -29,7 +29,7 @@ _MOST_TABLES = 1000
 class ReplayedStream:
     """Publishes one recorded stream; `key` is that of its token, as of `wire.keys.stream_key`.
 
-    Where it `is_described`, descriptions come by `describe`, and `description` only says how it
+    If it `is_described`, descriptions come by `describe`, and `description` only says how it
     sends: split or not, and for how long it keeps messages. Otherwise `description` is sent with
     the frames that were sent so far. Messages are kept by `time_ns`. Used by one thread at a time.
     """
@@ -95,7 +95,7 @@ class ReplayedStream:
     def withdraw(self, epoch_ns: int) -> None:
         """It has not been there yet: listeners forget all that it has sent.
 
-        One without descriptions stays, since nothing says when it came.
+        A stream without descriptions stays, since nothing says when it came.
         """
         if not self._is_described:
             self._begin_epoch(epoch_ns)
@@ -180,7 +180,7 @@ class ReplayedStream:
 
 
 class _Life:
-    """What a stream has on the bus from its first description until it is gone."""
+    """The declarations of a stream on the bus from its first description until it is gone."""
 
     def __init__(self, key: str, node: Node, describe: Callable[[FrameRows], bytes]) -> None:
         session = node.session

@@ -1,4 +1,4 @@
-"""What comes from the bus, as items of a recording."""
+"""Items from the bus, as items of a recording."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What makes a recorder write a snapshot by itself: `gone base_link`, `conflict map`."""
+"""Conditions that make a recorder write a snapshot by itself: `gone base_link`, `conflict map`."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -41,8 +41,8 @@ _MOST_NAMED = 5
 
 class Bridge:
     """Joins a node's bus and the ROS that a leg reaches, until `close()`; the leg is the bridge's
-    from now on, and is closed where this raises. `ros_node` is the full name that it has in ROS.
-    Raises TfbusError where another bridge on the bus has the node's name.
+    from now on, and is closed if this raises. `ros_node` is the full name that it has in ROS.
+    Raises TfbusError if another bridge on the bus has the node's name.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class Bridge:
 
     @property
     def announcement(self) -> str:
-        """What joins what, in a line."""
+        """The two sides that are joined, in a line."""
         topics = f"{self._dynamic.name} and {self._static.name}"
         prefix = self._options.frame_prefix
         named = f", frames of ROS as '{printable(prefix, 60)}…'" if prefix else ""

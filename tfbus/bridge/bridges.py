@@ -1,4 +1,4 @@
-"""What bridges tell each other, and users, on the bus: by which publishers they send to ROS.
+"""Notices of bridges to each other, and to users, on the bus: by which publishers they send to ROS.
 
 Two bridges between the same bus and the same ROS must not send the same frames twice.
 """
@@ -47,7 +47,7 @@ class RosBridge:
 
 
 def check_name_is_free(node: Node) -> None:
-    """Raise TfbusError where another bridge has the node's name: streams would have two owners."""
+    """Raise TfbusError if another bridge has the node's name: streams would have two owners."""
     for answer in node.session.ask(node_key(node.name), timeout_s=_ANSWER_WITHIN_S):
         if answer.refusal is not None:
             continue
@@ -111,7 +111,7 @@ class Bridges:
         return (other.started_ns, other.session) < (self._own.started_ns, self._own.session)
 
     def tell(self, own: RosBridge) -> None:
-        """Tell the others, where that is new."""
+        """Tell the others, if that is new."""
         if own != self._own:
             self._own = own
             if self._publisher is not None:

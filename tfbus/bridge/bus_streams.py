@@ -21,7 +21,7 @@ _SILENT.addHandler(logging.NullHandler())
 
 
 class BusStreams:
-    """What is known of the streams on the bus; safe from any thread. `on_change` is called when
+    """The knowledge of the streams on the bus; safe from any thread. `on_change` is called when
     that changes, on a thread of its own.
     """
 
@@ -57,7 +57,7 @@ class BusStreams:
         return stream in self._states
 
     def goes_to_ros(self, stream: str) -> bool | None:
-        """Whether the transforms of a stream go to ROS; not those that come from there. None where
+        """Whether the transforms of a stream go to ROS; not those that come from there. None if
         that is not known yet.
         """
         if self.is_own(stream):

@@ -1,4 +1,4 @@
-"""What the parts of a bridge have in common."""
+"""Shared by the parts of a bridge."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What has crossed in one direction does not cross back, whatever way it takes through ROS."""
+"""Loop prevention: drops transforms that crossed before."""
 
 import threading
 from collections.abc import Callable, Iterable

@@ -26,13 +26,13 @@ _MOST_PORT = 65535
 def configuration(
     connect: Sequence[str], log: logging.Logger, environ: Mapping[str, str] = os.environ
 ) -> str:
-    """What Cyclone DDS is to do, as XML.
+    """The configuration of Cyclone DDS, as XML.
 
     `connect` are names of network interfaces to use, and hosts to ask where multicast does not
     reach them. Without any, it is as ROS's variables say: ROS_LOCALHOST_ONLY,
-    ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. What CYCLONEDDS_URI says holds as well.
+    ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. The settings of CYCLONEDDS_URI hold as well.
 
-    Raises SettingsError where one of `connect` is neither; a host of ROS_STATIC_PEERS that is not
+    Raises SettingsError if one of `connect` is neither; a host of ROS_STATIC_PEERS that is not
     found is left out, and logged.
     """
     here = {name for _, name in socket.if_nameindex()}
@@ -55,7 +55,7 @@ def configuration(
 
 
 def _static_peers(log: logging.Logger, environ: Mapping[str, str]) -> list[str]:
-    """Those hosts of ROS_STATIC_PEERS that are found."""
+    """The hosts of ROS_STATIC_PEERS that are found."""
     found = []
     for each in filter(None, map(str.strip, environ.get("ROS_STATIC_PEERS", "").split(";"))):
         if mistake := _mistake_in_peer(each, environ):
@@ -67,7 +67,7 @@ def _static_peers(log: logging.Logger, environ: Mapping[str, str]) -> list[str]:
 
 
 def _mistake_in_peer(peer: str, environ: Mapping[str, str]) -> str:
-    """Why Cyclone cannot use a peer, "" where it can: it would abort the process."""
+    """Why Cyclone cannot use a peer, "" if it can: it would abort the process."""
     parts = _PEER.fullmatch(peer)
     if parts is None or (parts[3] and not 0 < int(parts[3]) <= _MOST_PORT):
         return f"its port is not a number from 1 to {_MOST_PORT}"

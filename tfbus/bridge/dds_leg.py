@@ -75,7 +75,7 @@ _DISTROS = (*_HUMBLE_AND_BEFORE, "iron", "jazzy", "kilted", "lyrical", "rolling"
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "DdsLeg":
-    """Join ROS 2 by DDS. Raises TfbusError where it cannot be joined."""
+    """Join ROS 2 by DDS. Raises TfbusError if it cannot be joined."""
     if settings.distro and settings.distro not in _DISTROS:
         raise SettingsError(
             f"unknown distribution of ROS 2 over DDS {printable(settings.distro, 40)!r}"
@@ -92,7 +92,7 @@ class _Domains:
         self._domains: dict[int, tuple[Domain, int]] = {}
 
     def take(self, number: int, config: str) -> None:
-        """Make it, or use that which is there. Raises DDSException where it cannot be made."""
+        """Make it, or use that which is there. Raises DDSException if it cannot be made."""
         with self._lock:
             domain, users = self._domains.get(number) or (_domain(number, config), 0)
             self._domains[number] = domain, users + 1
@@ -139,7 +139,7 @@ class DdsSender:
             return False  # it has been closed meanwhile
 
     def send(self, payload: bytes) -> None:
-        """Publish one message. Raises TfbusError where it is none of the topic's type."""
+        """Publish one message. Raises TfbusError if it is none of the topic's type."""
         writer = self._writer
         if writer is None:
             raise TfbusError(f"the publisher of {self._topic} is closed")
@@ -295,7 +295,7 @@ class DdsLeg:
         ]
 
     def lost(self) -> Mapping[str, int]:
-        """How many messages of each topic were lost, one where there may be many."""
+        """How many messages of each topic were lost, one if there may be many."""
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
@@ -403,7 +403,7 @@ class DdsLeg:
         self._graph.write(self._graph.data_type(info))
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
-        """Who publishes a topic so that it does not come here."""
+        """Publishers of a topic that does not come here."""
         offers = [
             Offer(self._watch.node_of(each), each.type, each.is_reliable, each.is_retained)
             for each in self._watch.writers(dds_topic(topic.name))

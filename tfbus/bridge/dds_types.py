@@ -65,7 +65,7 @@ class RawSample:
 
 @cache
 def raw_type(definition: Definition) -> type[RawSample]:
-    """The type in DDS of messages of this definition. Raises DecodeError where that is not valid,
+    """The type in DDS of messages of this definition. Raises DecodeError if that is not valid,
     or has a wstring.
     """
     idl = _struct(message_of(definition)).__idl__

@@ -1,4 +1,4 @@
-"""Who publishes in DDS: writers as they come and go, and the nodes of ROS that they are of."""
+"""Publishers in DDS: writers as they come and go, and the nodes of ROS that they are of."""
 
 import threading
 import time
@@ -78,7 +78,7 @@ class DdsWatch:
                         self._take_nodes(each.data)
 
     def gid_of(self, handle: int) -> str:
-        """The gid of the writer of a message, by the handle in its info; "" where it is unknown.
+        """The gid of the writer of a message, by the handle in its info; "" if it is unknown.
         From the thread of `update`.
         """
         if not (gid := self._known_gid(handle)):
@@ -93,7 +93,7 @@ class DdsWatch:
             return [each for each in self._writers.values() if each.topic == topic]
 
     def node_of(self, writer: Writer) -> str:
-        """The full name of the node of a writer, "" where it has told none."""
+        """The full name of the node of a writer, "" if it has told none."""
         with self._lock:
             names = self._names.get(writer.participant, {})
             return names.get(writer.gid) or names.get(_ALL_WRITERS, "")

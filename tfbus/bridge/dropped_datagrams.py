@@ -1,4 +1,4 @@
-"""Datagrams that the system has dropped for sockets of this process, where it is Linux."""
+"""Datagrams that the system has dropped for sockets of this process, if it is Linux."""
 
 import os
 from collections.abc import Iterable

@@ -24,7 +24,7 @@ class FrameNames:
         return self._prefix + name.lstrip("/")
 
     def mistake_in(self, name: str) -> str:
-        """Why a frame of ROS cannot be on the bus, as the end of a sentence; "" where it can."""
+        """Why a frame of ROS cannot be on the bus, as the end of a sentence; "" if it can."""
         return mistake_in(self.on_bus(name)) if name.strip("/") else "must not be empty"
 
     def met(self, name: str) -> bool:
@@ -36,7 +36,7 @@ class FrameNames:
         return True
 
     def in_ros(self, name: str) -> str | None:
-        """The name in ROS of a frame of the bus; None where that is another frame there."""
+        """The name in ROS of a frame of the bus; None if that is another frame there."""
         if not self._prefix:
             return name
         if name.startswith(self._prefix) and name != self._prefix:

@@ -95,7 +95,7 @@ class FromRos:
     # What changes
 
     def reconsider(self) -> None:
-        """What is on the bus has changed, or what goes to ROS."""
+        """The streams of the bus have changed, or the selection for ROS."""
         with self._lock:
             for source in self._sources:
                 source.routes.forget()
@@ -144,7 +144,7 @@ class FromRos:
         self._crossed.stays("from ROS", source.children - left)
 
     def _begin_again(self, source: RosSource) -> None:
-        """Forget frames that come no longer, where names never end: in a new epoch."""
+        """Forget frames that come no longer, if names never end: in a new epoch."""
         self._once.info(
             ("many", source.node),
             "%s has sent more than %d frames: its stream begins again with those that still come",
@@ -205,7 +205,7 @@ class FromRos:
     def _take_one(
         self, source: RosSource, frames: tuple[str, ...], stamp_ns: int, pose: bytes
     ) -> bool:
-        """Send a transform as the last one of its frames was sent; False where it may not go the
+        """Send a transform as the last one of its frames was sent; False if it may not go the
         same way, or is not valid.
         """
         way, stream = source.routes.of_one(frames), source.stream
@@ -226,7 +226,7 @@ class FromRos:
         return True
 
     def _send(self, source: RosSource, rows: Columns) -> bool:
-        """Send them on the bus, where that is to be; whether the bus took them."""
+        """Send them on the bus, if that is to be; whether the bus took them."""
         with self._lock:
             stream = source.stream
             if self._is_closed or not (stream.is_open or self._sources.may_send(stream)):

@@ -59,7 +59,7 @@ class RosTopic:
 
 @dataclass(frozen=True)
 class RosPublisher:
-    """A publisher in ROS, by its gid in hexadecimal, and the full name of its node, "" where the
+    """A publisher in ROS, by its gid in hexadecimal, and the full name of its node, "" if the
     middleware does not tell.
     """
 
@@ -72,7 +72,7 @@ class RosSender(Protocol):
 
     @property
     def gid(self) -> str:
-        """Its gid in hexadecimal, "" where the middleware does not tell."""
+        """Its gid in hexadecimal, "" if the middleware does not tell."""
 
     @property
     def heard(self) -> bool:
@@ -86,10 +86,10 @@ class RosSender(Protocol):
 
 
 class Closing(Protocol):
-    """What ends."""
+    """An object that ends."""
 
     def close(self) -> None:
-        """End it: its callback is not called after that, and a call under way has ended, where it
+        """End it: its callback is not called after that, and a call under way has ended, if it
         is not that which closes it. Twice is fine.
         """
 
@@ -126,7 +126,7 @@ class Leg(Protocol):
         """
 
     def warnings(self) -> Sequence[str]:
-        """What the user should know of the ROS around, in sentences; such as that there is none."""
+        """Notes on the ROS around, in sentences; such as that there is none."""
 
     def close(self) -> None:
         """Leave ROS. Twice is fine."""

@@ -17,7 +17,7 @@ _MODULES = {
 def open_leg(via: str, settings: LegSettings, log: logging.Logger) -> Leg:
     """Join ROS by "zenoh", "dds", "rclpy" or "rospy".
 
-    Raises TfbusError where the middleware is not installed, with what installs it, or where it
+    Raises TfbusError if the middleware is not installed, with what installs it, or if it
     cannot be joined.
     """
     leg: Leg = import_module(_MODULES[via]).open_leg(settings, log)

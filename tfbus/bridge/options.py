@@ -1,4 +1,4 @@
-"""What crosses between the bus and ROS, as options say it."""
+"""The selection that crosses between the bus and ROS, by options."""
 
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

@@ -16,8 +16,8 @@ _MOST_FRAMES = 100_000
 class RateLimit:
     """Passes rows on to `send(rows)`, of each child frame one in `1 / rate_hz` seconds at most.
 
-    One that comes too soon goes at the end of that time, unless a newer one has come. Safe from any
-    thread; `send` is called by that of `take` or the executor's.
+    A transform that comes too soon goes at the end of that time, unless a newer one has come. Safe
+    from any thread; `send` is called by that of `take` or the executor's.
     """
 
     def __init__(

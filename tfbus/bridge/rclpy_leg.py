@@ -52,7 +52,7 @@ _UNNUMBERED = 2**64 - 1
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RclpyLeg":
-    """Join ROS 2 as a node of rclpy. Raises TfbusError where it cannot be joined."""
+    """Join ROS 2 as a node of rclpy. Raises TfbusError if it cannot be joined."""
     if settings.connect:
         raise TfbusError(
             "rclpy has no --ros-connect: ROS's own variables say where ROS is, such as "
@@ -73,7 +73,7 @@ class _OwnMessages:
         self._waiting: dict[int, int] = {}
 
     def add(self, key: int) -> None:
-        """One is sent, whose bytes have this hash."""
+        """An is sent, whose bytes have this hash."""
         with self._lock:
             # At the end, so that those which never come back go first.
             self._waiting[key] = self._waiting.pop(key, 0) + 1
@@ -290,7 +290,7 @@ class RclpyLeg:
             self._node.destroy_subscription(subscription.made)
 
     def safely(self, call: Callable[..., None], *values: Any) -> None:
-        """What fails for one message does not end the others."""
+        """A failure of one message does not end the others."""
         try:
             call(*values)
         except Exception as error:
@@ -333,7 +333,7 @@ class RclpyLeg:
         )
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
-        """Who publishes a topic so that it does not come here."""
+        """Publishers of a topic that does not come here."""
         offers = [
             Offer(
                 _node_name(each),
@@ -378,7 +378,7 @@ def _node_name(endpoint: Any) -> str:
 
 
 def _gid(gid: Sequence[int] | bytes) -> str:
-    """In hexadecimal: 16 bytes, where it was longer with zeros behind."""
+    """In hexadecimal: 16 bytes, if it was longer with zeros behind."""
     return bytes(gid)[:16].hex()
 
 

@@ -30,7 +30,7 @@ class Ros1Type(Protocol):
 def ros1_type(definition: Definition) -> Ros1Type:
     """The type in ROS 1 of one in ROS 2.
 
-    Raises TfbusError where rosbags, which knows the types of ROS 1, is not installed, or where ROS
+    Raises TfbusError if rosbags, which knows the types of ROS 1, is not installed, or if ROS
     1 has other fields under this name.
     """
     with _lock:

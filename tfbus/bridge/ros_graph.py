@@ -1,4 +1,4 @@
-"""Who is there in ROS over Zenoh: publishers, subscribers and nodes, as their tokens say."""
+"""The graph of ROS over Zenoh: publishers, subscribers and nodes, as their tokens say."""
 
 import threading
 from collections import Counter
@@ -96,7 +96,7 @@ class RosGraph:
 
     def publishers(self, topic: str) -> list[RosPublisher]:
         """The publishers of a topic, in order of their gids. One that puts other gids into its
-        messages than that of its token, as zenoh-ros2-sdk does, is there with these too, where its
+        messages than that of its token, as zenoh-ros2-sdk does, is there with these too, if its
         session has no other publisher of the topic.
         """
         with self._lock:
@@ -108,7 +108,7 @@ class RosGraph:
         return sorted(found, key=lambda each: each.gid)
 
     def _token_of(self, untold: _Untold, there: dict[str, RosPublisher]) -> str:
-        """The token of a gid that has none of its own, "" where that is not known."""
+        """The token of a gid that has none of its own, "" if that is not known."""
         if untold.token not in there:
             untold.token = ""
             of_session = [each for each in there if self._tokens[each].session == untold.session]
@@ -118,7 +118,7 @@ class RosGraph:
         return untold.token
 
     def other_domains(self) -> list[int]:
-        """The domains that have nodes, where that of this graph has none."""
+        """The domains that have nodes, if that of this graph has none."""
         with self._lock:
             if sum(self._elsewhere.values()) < len(self._tokens):
                 return []

@@ -1,4 +1,4 @@
-"""Who publishes transforms in ROS."""
+"""Publishers of transforms in ROS."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ class RosPublishers:
 
     @property
     def nodes(self) -> dict[str, str]:
-        """The node of each publisher by its gid, "" where it is not known; without those that are
+        """The node of each publisher by its gid, "" if it is not known; without those that are
         gone.
         """
         return self._nodes
@@ -58,7 +58,7 @@ class RosPublishers:
         return gone
 
     def look_for(self, gid: str) -> str | None:
-        """The node of a publisher that is new, None where it is not known yet."""
+        """The node of a publisher that is new, None if it is not known yet."""
         if gid not in self._nodes and self._clock_s() >= self._next_look_s:
             self._next_look_s = self._clock_s() + _LOOK_AGAIN_S
             listed = self._listed()

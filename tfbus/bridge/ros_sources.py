@@ -60,7 +60,7 @@ class RosSources:
     `make(gid, node, stream)` is called when a publisher sends for the first time,
     `take(source, payload, static)` with each message once it is known whose it is, and
     `on_lost(source)` when a publisher sends no longer. `tells_publishers` is whether ROS says by
-    which gid a message comes; where it does not, all come by the gid "".
+    which gid a message comes; if it does not, all come by the gid "".
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class RosSources:
     # Who comes
 
     def _meet(self, gid: str) -> RosSource | None:
-        """A publisher that is new; None where ROS does not tell yet whose it is."""
+        """A publisher that is new; None if ROS does not tell yet whose it is."""
         node: str | None = ""
         unknown = self._unknown.get(gid)
         is_kept = bool(gid)

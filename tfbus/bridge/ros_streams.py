@@ -15,7 +15,7 @@ from tfbus.wire.keys import escape
 
 
 class RosStream:
-    """What one node of ROS publishes, as a stream of the bus; used by one thread at a time.
+    """The transforms of one node of ROS, as a stream of the bus; used by one thread at a time.
 
     It begins with the first transform. `gids` are those of the publishers that have sent.
     """
@@ -37,7 +37,7 @@ class RosStream:
 
     @property
     def since(self) -> tuple[int, str]:
-        """When it began, in ns, later than any other where it has not; and the session."""
+        """When it began, in ns, later than any other if it has not; and the session."""
         session = self._node.session.id
         return (2**63 if self._stream is None else self._stream.started_ns, session)
 
@@ -48,7 +48,7 @@ class RosStream:
             self._stream.origin = gids
 
     def send(self, rows: Columns) -> None:
-        """Send dynamic transforms. Raises TfbusError where they cannot be sent."""
+        """Send dynamic transforms. Raises TfbusError if they cannot be sent."""
         self._sending().send(rows)
 
     def send_pose(self, frames: tuple[str, ...], stamp_ns: int, pose: bytes) -> None:
@@ -57,7 +57,7 @@ class RosStream:
 
     def set_statics(self, transforms: Mapping[str, TransformStamped]) -> None:
         """Send these static transforms, by their child frames, in place of those before. Raises
-        TfbusError where they cannot be sent.
+        TfbusError if they cannot be sent.
         """
         new = {
             child: each for child, each in transforms.items() if self._statics.get(child) != each
@@ -98,7 +98,7 @@ class RosStream:
 def stream_name(node: Node, ros_node: str) -> str:
     """The name of the stream for a node of ROS, by its full name: "ros2/robot_state_publisher".
 
-    That of the bridge's node alone where ROS does not tell, or the name cannot be shown or may not
+    That of the bridge's node alone if ROS does not tell, or the name cannot be shown or may not
     be used on this bus.
     """
     name = _own_name(node, ros_node)
@@ -107,7 +107,7 @@ def stream_name(node: Node, ros_node: str) -> str:
 
 def lacks_right(node: Node, ros_node: str) -> str:
     """The name that the stream for a node of ROS would have, but that this identity may not use;
-    "" where it may.
+    "" if it may.
     """
     name = _own_name(node, ros_node)
     if name:

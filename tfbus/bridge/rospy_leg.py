@@ -28,7 +28,7 @@ _ANSWER_WITHIN_S = 2.0
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     """Join ROS 1: `connect` has the URI of its master, or is () for that of ROS_MASTER_URI.
 
-    Waits for the master, and says so. Raises TfbusError where rospy is not there, or where ROS has
+    Waits for the master, and says so. Raises TfbusError if rospy is not there, or if ROS has
     a node of this name.
     """
     if settings.connect:
@@ -76,7 +76,7 @@ def _imported_rospy() -> Any:
 
 
 def _check_addresses() -> None:
-    """rospy looks for the addresses of this host late, and its threads die where it cannot."""
+    """rospy looks for the addresses of this host late, and its threads die if it cannot."""
     network = import_module("rosgraph.network")
     try:
         network.get_host_name()
@@ -160,8 +160,8 @@ class RospyLeg:
         return _Subscription(self, self._rospy, topic, on_message, self._full_name, self._once)
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """Those of others that the master knew when it was last asked, or that have sent since, and
-        that answer. While it is gone they are as they were.
+        """The publishers of others that the master knew when it was last asked, or that have sent
+        since, and that answer. While it is gone they are as they were.
         """
         with self._state_lock:
             self._asked.add(topic)
@@ -174,7 +174,7 @@ class RospyLeg:
         return {}
 
     def warnings(self) -> Sequence[str]:
-        """What is odd with time in ROS 1."""
+        """Notes on the time of ROS 1."""
         if not self._is_simulated:
             return ()
         return ("/use_sim_time is set in ROS: nodes there follow the topic /clock",)

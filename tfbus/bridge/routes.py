@@ -51,13 +51,13 @@ class Routes:
         return route
 
     def of_one(self, frames: tuple[str, ...]) -> Route | None:
-        """The route of one row alone, from the first of two frames to the second, where it is known
+        """The route of one row alone, from the first of two frames to the second, if it is known
         already.
         """
         return self._routes.get((frames, ONE_EDGE))
 
     def forget(self) -> None:
-        """What they depend on has changed."""
+        """Their conditions have changed."""
         # Another one: a route that is found at this moment is of the past.
         self._routes = {}
 
@@ -73,7 +73,7 @@ def chosen(rows: Columns, which: Sequence[int]) -> Columns:
 
 
 def route(rows: Columns, name: Callable[[str], str], goes: Callable[[str, str], bool]) -> Route:
-    """The route where frames get the `name(frame)`, and rows go for which `goes(parent, child)`."""
+    """The route if frames get the `name(frame)`, and rows go for which `goes(parent, child)`."""
     frames = rows.frames
     pairs = rows.pairs()
     kept = [at for at, (parent, child) in enumerate(pairs) if goes(frames[parent], frames[child])]

@@ -112,7 +112,7 @@ class ToRos:
         return self._sent_statics.get(child)
 
     def reconsider(self) -> None:
-        """What is on the bus, or in ROS, has changed."""
+        """The bus, or ROS, has changed."""
         with self._lock:
             self._routes.clear()
             left = [child for child, of in self._going.items() if not self._bus.is_there(of)]
@@ -252,7 +252,7 @@ class ToRos:
             self._executor.submit("static transforms to ROS", self._send_statics, limit=1)
 
     def _send_statics(self) -> None:
-        """Send all static transforms that cross, where they have changed."""
+        """Send all static transforms that cross, if they have changed."""
         with self._lock:
             crossing = self._crossing_statics()
             rows = Columns.of_transforms([self._in_ros(each) for each in crossing.values()])

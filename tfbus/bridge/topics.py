@@ -46,7 +46,7 @@ class TopicBridge:
     Topics of the bus are those that nodes of the node's namespace describe, of types that the
     table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out where this side has their source. `names` are those of frames in
+    of another bridge are left out if this side has their source. `names` are those of frames in
     messages: on the bus and in ROS the same, without it. `seniors()` are the bridges between the
     same bus and the same ROS that were there before: what they send, this one does not.
     """
@@ -157,7 +157,7 @@ class TopicBridge:
         )
 
     def _line(self, name: str, info: TopicInfo, topic: "_Topic | None") -> TopicLine | None:
-        """The line for a topic; None where it does not cross."""
+        """The line for a topic; None if it does not cross."""
         types = sorted({end.type for end in info.publishers or info.subscribers or ()} - {""})
         lines = [line for each in types if (line := self._table.line_of(name, each)) is not None]
         if types and not lines and name in self._table.names:
@@ -312,7 +312,7 @@ class _Topic:
         return found
 
     def _accepts(self, gid: str) -> bool:
-        """Whether a message of this publisher comes to the bus: not that of another bridge, where
+        """Whether a message of this publisher comes to the bus: not that of another bridge, if
         the topic has a source there.
         """
         if not gid:

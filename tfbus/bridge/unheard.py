@@ -1,4 +1,4 @@
-"""Who publishes a topic in ROS so that it is not heard."""
+"""Publishers of a topic in ROS that are not heard."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from tfbus.wording import listed, printable
 
 @dataclass(frozen=True)
 class Offer:
-    """How a node publishes a topic; `node` is "" where it has no name, `type` as the middleware
+    """How a node publishes a topic; `node` is "" if it has no name, `type` as the middleware
     names it.
     """
 
@@ -20,7 +20,7 @@ class Offer:
 
 
 def unheard(topic: RosTopic, own_type: str, offers: Iterable[Offer]) -> Sequence[str]:
-    """What to say of those whose messages do not come to a subscriber of the topic."""
+    """The note on publishers whose messages do not come to a subscriber of the topic."""
     best_effort, volatile = [], []
     said = []
     for each in offers:

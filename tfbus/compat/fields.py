@@ -13,7 +13,7 @@ _SECOND_NS = 1_000_000_000
 def stamped_of(message: Any) -> TransformStamped:
     """tfbus's TransformStamped of ROS's.
 
-    Raises TypeError for an object without its fields, InvalidArgumentException where a number is
+    Raises TypeError for an object without its fields, InvalidArgumentException if a number is
     not finite, a quaternion not of length 1, or a frame's name invalid.
     """
     if isinstance(message, TransformStamped):

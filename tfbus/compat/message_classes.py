@@ -106,7 +106,7 @@ class RosMessage:
 def interface_class(name: str) -> type[Any]:
     """The class of a message, service or action of this full name, `nav_msgs/msg/Odometry`.
 
-    Raises DecodeError where it is not known, or its definition is not valid.
+    Raises DecodeError if it is not known, or its definition is not valid.
     """
     package, kind, leaf = name.split("/")
     if kind == "msg":

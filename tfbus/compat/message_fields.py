@@ -1,6 +1,6 @@
 """Fields of ROS's messages: their values in a program, and in a map as they go over the bus.
 
-In a program sequences of numbers are arrays, as in rclpy: array.array, and numpy's where their size
+In a program sequences of numbers are arrays, as in rclpy: array.array, and numpy's if their size
 is fixed. A byte is `bytes` of length 1.
 """
 
@@ -28,8 +28,8 @@ class FieldCodec:
 
     `make()` is the value of a new message. `write(value, path)` makes what goes over the bus, and
     raises TypeError or ValueError; `read(value, path)` makes the value of it, and raises
-    DecodeError. `accept`, where there is one, makes the value of what a program assigns.
-    `check_names(value, path)`, where there are messages in it, raises DecodeError for a field that
+    DecodeError. `accept`, if there is one, makes the value of what a program assigns.
+    `check_names(value, path)`, if there are messages in it, raises DecodeError for a field that
     one of them does not have.
     """
 

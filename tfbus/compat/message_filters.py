@@ -221,7 +221,7 @@ def _from(stamp_ns: int) -> Callable[[int], int]:
 
 
 def _stamp_ns(msg: Any, node: Any) -> int | None:
-    """The stamp of a message's header; the time of the node's clock where there is none."""
+    """The stamp of a message's header; the time of the node's clock if there is none."""
     stamp = getattr(getattr(msg, "header", None), "stamp", None)
     if stamp is not None:
         return stamp_ns_of(stamp)

@@ -1,4 +1,4 @@
-"""What a module with ROS's names says of names that it has not."""
+"""The answer of a module with ROS's names for names that it has not."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module

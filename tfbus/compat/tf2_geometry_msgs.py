@@ -91,7 +91,7 @@ def do_transform_polygon_stamped(polygon: Any, transform: Any) -> Any:
 def transform_covariance(cov_in: Any, transform: Any) -> list[float]:
     """A covariance of 36 numbers, row by row, with its axes turned by the transform.
 
-    Raises ValueError where they are not 36. Formula: C' = B C B^T, where B has the rotation twice
+    Raises ValueError if they are not 36. Formula: C' = B C B^T, where B has the rotation twice
     on its diagonal.
     """
     covariance = np.asarray(cov_in, dtype=float)

@@ -123,7 +123,7 @@ class BufferCore:
         )
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
-        """The latest time for which every edge between the two has data; 0 where all are static."""
+        """The latest time for which every edge between the two has data; 0 if all are static."""
         try:
             stamp_ns = self._buffer.latest_common_time(target_frame, source_frame)
         except TransformException as error:

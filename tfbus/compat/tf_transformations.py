@@ -263,7 +263,7 @@ def reflection_from_matrix(matrix: Any) -> tuple[Any, Any]:
 
 
 def scale_matrix(factor: float, origin: Any = None, direction: Any = None) -> Any:
-    """The matrix that makes larger, about a point; in one direction only where one is given."""
+    """The matrix that makes larger, about a point; in one direction only if one is given."""
     matrix = np.identity(4)
     if direction is None:
         matrix[:3, :3] *= factor
@@ -355,7 +355,7 @@ def clip_matrix(
 def shear_matrix(
     angle: float, direction: Sequence[float], point: Sequence[float], normal: Sequence[float]
 ) -> Any:
-    """The matrix that shears by `angle` rad along a direction in a plane. Raises ValueError where
+    """The matrix that shears by `angle` rad along a direction in a plane. Raises ValueError if
     the direction is not in the plane.
     """
     across, along = unit_vector(normal[:3]), unit_vector(direction[:3])
@@ -531,7 +531,7 @@ def _vee(m: Any) -> Any:
 
 
 def _eigenvector(linear: Any, value: float) -> Any:
-    """The direction that a matrix makes so much larger. Raises ValueError where there is none."""
+    """The direction that a matrix makes so much larger. Raises ValueError if there is none."""
     _, sizes, rows = np.linalg.svd(linear - value * np.identity(3))
     if sizes[2] > 1e-6:
         raise ValueError(f"the matrix has no direction of eigenvalue {value:g}")

@@ -91,7 +91,7 @@ class Listening:
 
 @dataclass
 class _Asked:
-    """What other processes said last, and when."""
+    """The last words of other processes, and when."""
 
     simulated: SimulatedTime = NOT_SIMULATED
     hint: str = ""

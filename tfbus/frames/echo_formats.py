@@ -76,7 +76,7 @@ def foxy_block(transform: TransformStamped, numbers: Numbers) -> str:
 
 
 def short_line(transform: TransformStamped, numbers: Numbers) -> str:
-    """One line for people: the stamp in seconds, the position, and the angles in degrees."""
+    """A line for people: the stamp in seconds, the position, and the angles in degrees."""
     degrees = map(math.degrees, transform.transform.as_rpy())
     xyz = numbers.bracketed(transform.transform.xyz)
     rpy = numbers.bracketed(degrees)
@@ -100,7 +100,7 @@ def json_line(transform: TransformStamped, numbers: Numbers) -> str:
 
 
 def csv_line(transform: TransformStamped, numbers: Numbers) -> str:
-    """One row with the columns of CSV_HEADER, its numbers with all their digits."""
+    """A row with the columns of CSV_HEADER, its numbers with all their digits."""
     pose = transform.transform
     row = io.StringIO()
     csv.writer(row, lineterminator="").writerow(

@@ -1,4 +1,4 @@
-"""What tools that show frames need to know: from a live listener, or from a recording."""
+"""The facts that tools for frames need: from a live listener, or from a recording."""
 
 from typing import Protocol
 
@@ -24,4 +24,4 @@ class Heard(Protocol):
         """The tree of frames."""
 
     def hint(self, frame: str = "") -> str:
-        """Where a frame, or any frame, is to be found; "" where that is not known."""
+        """The place of a frame, or of any frame; "" if that is not known."""

@@ -1,4 +1,4 @@
-"""Where each frame of a tree is drawn, in inches from the top left."""
+"""The place at which each frame of a tree is drawn, in inches from the top left."""
 
 from dataclasses import dataclass
 
@@ -88,7 +88,7 @@ def extent(places: dict[str, Place], sizes: dict[str, Size]) -> tuple[float, flo
 
 
 def _columns(depth: dict[str, int], sizes: dict[str, Size]) -> list[float]:
-    """Where each column begins."""
+    """The beginning of each column."""
     widths = [0.0] * (1 + max(depth.values(), default=0))
     for name, level in depth.items():
         widths[level] = max(widths[level], sizes[name].name, sizes[name].facts)

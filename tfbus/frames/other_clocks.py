@@ -1,6 +1,6 @@
 """Stamps by another clock than ours: ahead of it, or of another time. The one rule for all tools.
 
-A stamp is *ahead* where it is later than our time by more than 20 ms, and by more than the
+A stamp is *ahead* if it is later than our time by more than 20 ms, and by more than the
 publisher's clock may differ from ours: a lookup at the present time then finds no sample, or an
 old one.
 """

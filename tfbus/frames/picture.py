@@ -43,7 +43,7 @@ _DOTS_PER_INCH, _MOST_PIXELS = 150, 30_000
 
 @dataclass(frozen=True)
 class _Label:
-    """What is written at a frame's place."""
+    """The text at a frame's place."""
 
     name: str
     facts: str

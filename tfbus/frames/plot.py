@@ -1,4 +1,4 @@
-"""Where a frame was over time, drawn by matplotlib."""
+"""The poses of a frame over time, drawn by matplotlib."""
 
 from datetime import UTC, datetime
 from pathlib import Path

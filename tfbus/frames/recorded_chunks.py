@@ -1,4 +1,4 @@
-"""Where in a recording the last samples of frames are, by its index."""
+"""The chunks of a recording with the last samples of frames, by its index."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from tfbus.wire.keys import CLOCK_TOPIC
 
 
 class RecordedClock(Clock):
-    """Stands at `log_ns`; where it `follows` the recorded clock, at its last time instead."""
+    """Stands at `log_ns`; if it `follows` the recorded clock, at its last time instead."""
 
     def __init__(self, *, follows: bool = False) -> None:
         self.log_ns = 0

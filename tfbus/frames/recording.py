@@ -67,7 +67,7 @@ class RecordedFrame:
 
 
 class Recording(Closing):
-    """What a bus carried, from the files that `tfbus bag record` wrote; opened by the path of a
+    """The traffic of a bus, from the files that `tfbus bag record` wrote; opened by the path of a
     file, of several, or of a folder with the files of one recording.
 
         with tfbus.Recording("tfbus_2026_11_22-09_00_00.mcap") as recording:
@@ -81,7 +81,7 @@ class Recording(Closing):
     ExtrapolationException. The times `start_ns` and `end_ns`, and those of items and messages, are
     log times: when the recorder received them. Both are nanoseconds since the Unix epoch.
 
-    What of a file cannot be read is left out, and logged once.
+    An unreadable part of a file is left out, and logged once.
 
     Needs the extra `bag`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is
     no recording. Safe from any thread.
@@ -139,12 +139,12 @@ class Recording(Closing):
 
     @property
     def start_ns(self) -> int:
-        """The log time of the first item; 0 where there is none."""
+        """The log time of the first item; 0 if there is none."""
         return self._reader.start_ns
 
     @property
     def end_ns(self) -> int:
-        """The log time of the last item; 0 where there is none."""
+        """The log time of the last item; 0 if there is none."""
         return self._reader.end_ns
 
     @property
@@ -159,7 +159,7 @@ class Recording(Closing):
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself, as `version` and `host`."""
+        """The recorder's note on itself, as `version` and `host`."""
         return self._reader.about
 
     @property
@@ -179,7 +179,7 @@ class Recording(Closing):
 
     @property
     def events(self) -> tuple[EventItem, ...]:
-        """What happened on the bus, and to the recorder, in order of time."""
+        """Events on the bus, and of the recorder, in order of time."""
         return self._reader.events
 
     @property
@@ -245,7 +245,7 @@ class Recording(Closing):
         to_ns: int | None = None,
     ) -> Iterator[tuple[int, Any]]:
         """The messages of a topic from one log time to another, both included: pairs of the log
-        time and the message, of its type where one is given, else as a map of its fields.
+        time and the message, of its type if one is given, else as a map of its fields.
 
         `topic` is its full name, with or without a slash before it. Raises LookupException for one
         that is not in the recording, InvalidArgumentException for `tf`, whose transforms `samples`,
@@ -342,7 +342,7 @@ class Recording(Closing):
     def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
         """The latest stamp for which every edge between the two frames has data.
 
-        None where all of them are static. Raises as `lookup_transform`.
+        None if all of them are static. Raises as `lookup_transform`.
         """
         return self._end().latest_common_time(target_frame, source_frame)
 
@@ -357,7 +357,7 @@ class Recording(Closing):
         """The transforms at N stamps (N,): a sequence of N, whose arrays are `xyz` (N, 3) in metres
         and `quat_xyzw` (N, 4).
 
-        Raises as `lookup_transform` where one of the stamps cannot be answered.
+        Raises as `lookup_transform` if one of the stamps cannot be answered.
         """
         stamps = _checked_stamps(stamps_ns)
         poses = np.empty((len(stamps), 7))
@@ -404,10 +404,10 @@ class Recording(Closing):
         *,
         sampling: Sampling | None = None,
     ) -> Trajectory:
-        """Where the source was, seen from the target, from one stamp to another, both included.
+        """The poses of the source, seen from the target, from one stamp to another, both included.
 
         It is at the stamps of the samples of the source, or of the first dynamic frame on the way
-        from it to the target, where all edges between have data. Raises as `Buffer.trajectory`,
+        from it to the target, if all edges between have data. Raises as `Buffer.trajectory`,
         and InvalidArgumentException for a span that ends before it begins.
         """
         _check_span(from_ns, to_ns)
@@ -442,7 +442,7 @@ class Recording(Closing):
         *,
         parent: str | None = None,
     ) -> Trajectory:
-        """What was sent of a frame, from one stamp to another, both included: in the last frame
+        """The samples of a frame, from one stamp to another, both included: in the last frame
         above it, or in `parent`. Of equal stamps the one that came last.
 
         Raises LookupException for a frame that is not in the recording, and
@@ -516,7 +516,7 @@ class Recording(Closing):
     # How it finds them
 
     def _check_open(self) -> None:
-        """Raise InvalidArgumentException where it is closed, also for what is held in memory."""
+        """Raise InvalidArgumentException if it is closed, also for what is held in memory."""
         if self._is_closed:
             name = printable(str(self.paths[0]))
             raise InvalidArgumentException(f"{name} is closed: read it within its `with`")
@@ -582,7 +582,7 @@ class Recording(Closing):
             raise
 
     def _tell_of_other_clock(self, error: ExtrapolationException) -> None:
-        """Have the error for a stamp that is years away say what stamps are in a recording, where
+        """Have the error for a stamp that is years away say what stamps are in a recording, if
         no publisher can be given another clock.
         """
         if error.requested_ns is None or error.newest_ns is None:

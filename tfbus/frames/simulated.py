@@ -39,7 +39,7 @@ NOT_SIMULATED = SimulatedTime()
 
 
 def simulated_time(nodes: Iterable[NodeDescription]) -> SimulatedTime:
-    """Who publishes and who follows a simulated time among these nodes."""
+    """The publishers and followers of a simulated time among these nodes."""
     nodes = tuple(nodes)
     clocks = tuple(node.name for node in nodes if _CLOCK in node.publishes.values())
     publishers = [node for node in nodes if node.streams]

@@ -31,7 +31,7 @@ _NAMED = 5
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with the tree: its kind, the frames concerned, and a sentence."""
+    """A problem of the tree: its kind, the frames concerned, and a sentence."""
 
     kind: ProblemKind
     frames: tuple[str, ...]
@@ -43,7 +43,7 @@ class FrameTree:
     """All frames and all streams by name, as they were at `recorded_ns` (ns since the Unix epoch,
     by the listener's clock, which is simulated or the system's).
 
-    `simulated` says which publishers follow a simulated time, where the listener does not.
+    `simulated` says which publishers follow a simulated time, if the listener does not.
     """
 
     frames: Mapping[str, FrameInfo]
@@ -145,7 +145,7 @@ class FrameTree:
         return other_unit(frame.newest_ns, self.recorded_ns)
 
     def problems(self) -> list[Problem]:
-        """What is wrong with the tree, the worst first."""
+        """The problems of the tree, the worst first."""
         return [
             *_loops(self.claims),
             *self._conflicts(),
@@ -250,7 +250,7 @@ class FrameTree:
             )
 
     def _on_ahead(self, frame: FrameInfo, names: list[str], age_s: float) -> str:
-        """What to do about frames of one stream that are ahead."""
+        """The remedy for frames of one stream that are ahead."""
         stream = self.publisher(frame)
         if is_another_time(age_s):
             return f"{who(stream)}: {whose_clock(is_simulated=self.is_simulated)}"
@@ -265,7 +265,8 @@ def frame_tree(
     recorded_ns: int,
     simulated: SimulatedTime = NOT_SIMULATED,
 ) -> FrameTree:
-    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock.
+    """The knowledge of the buffer and its listener at the time `recorded_ns`, by the listener's
+    clock.
 
     All texts come as they can be printed: streams, nodes and hosts are named by strangers.
     """
@@ -314,7 +315,7 @@ def in_the_future(names: list[str], age_s: float) -> str:
 
 
 def stamp_when_measured(stream: StreamInfo, names: list[str]) -> str:
-    """What to do where a publisher stamps frames with another time."""
+    """The remedy if a publisher stamps frames with another time."""
     were = "they were" if len(names) > 1 else "it was"
     return (
         f"have {who(stream)} stamp {_quoted(names)} with the time at which {were} measured: "
@@ -323,7 +324,7 @@ def stamp_when_measured(stream: StreamInfo, names: list[str]) -> str:
 
 
 def synchronize(stream: StreamInfo) -> str:
-    """What to do where the clock of a publisher's host differs from ours."""
+    """The remedy if the clock of a publisher's host differs from ours."""
     return f"synchronize the clocks of {stream.host} and this host by NTP"
 
 

@@ -7,7 +7,7 @@
 - *conflict*: two or more living streams list it. A frame can be gone and in conflict: its state is
   gone, and the conflict is mentioned with it.
 - *static*: it holds at all times.
-- *stale*: silent for longer than 1 s and than 3 of its own periods; where a single sample gives no
+- *stale*: silent for longer than 1 s and than 3 of its own periods; if a single sample gives no
   rate, for longer than 3 s.
 - *ahead*: its newest stamp is in the future, by the rule of `other_clocks`.
 - *dynamic*: its samples come.
@@ -16,7 +16,7 @@ Silence is the time since a sample arrived: the age of the newest stamp, less th
 stream's last message. A skewed clock, or a replay with old stamps, changes both alike, so that a
 frame whose samples keep coming is not stale. Before a live message gives the delay, the measured
 offset of the publisher's clock takes its place, except under simulated time, which is no system's;
-where that cannot be, as with stamps that are 5 min old, silence counts from when the messages came
+if that cannot be, as with stamps that are 5 min old, silence counts from when the messages came
 that the publisher had kept. All come with every snapshot of the streams. Arrivals noted frame by
 frame would be known to long-running tools only: to `tfbus frames`, which listens for a second, a
 frame that stopped long ago arrives with the history just now. The price: the delay is that of a
@@ -53,7 +53,7 @@ def state(tree: FrameTree, frame: FrameInfo) -> State:
 
 
 def faults(tree: FrameTree, frame: FrameInfo) -> tuple[Fault, ...]:
-    """What is wrong with a frame, the worst first: ("gone", "conflict") if it is both."""
+    """The problems of a frame, the worst first: ("gone", "conflict") if it is both."""
     if frame.parent is None:
         return ()
     found: tuple[Fault, ...] = ("gone",) if frame.gone else ()
@@ -99,14 +99,14 @@ def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
 
 
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
-    """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
+    """The note on a frame whose newest stamp is over a year away: its unit, or a question."""
     if frame is not None and (unit := tree.unit_of(frame)):
         return f"its stamps look like {unit}: stamps are nanoseconds"
     return whose_clock(is_simulated=tree.is_simulated)
 
 
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
-    """What to say about an edge, the most important first; nothing for a root."""
+    """The notes on an edge, the most important first; nothing for a root."""
     if frame.parent is None:
         return []
     words = [fault.upper() for fault in faults(tree, frame)]

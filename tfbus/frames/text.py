@@ -42,7 +42,7 @@ def _room(lead: str, width: int) -> int:
 
 
 def publisher_lines(tree: FrameTree) -> list[str]:
-    """One line per stream: its node, host and pid, its number of frames, and its delay."""
+    """A line per stream: its node, host and pid, its number of frames, and its delay."""
     lines = []
     for stream in tree.streams.values():
         parts = [f"{stream.name}: {who(stream)}", counted(len(stream.frames), "frame")]

@@ -40,7 +40,7 @@ _REMEDIES: dict[ProblemKind, str] = {
 
 
 class Advice:
-    """What to do on a bus, sentence by sentence; "" where there is nothing to be done."""
+    """The remedies on a bus, sentence by sentence; "" if there is nothing to be done."""
 
     def on_gone(self, frame: FrameInfo, stream: StreamInfo) -> str:
         """The publisher of a frame is gone."""
@@ -72,7 +72,7 @@ ON_THE_BUS = Advice()
 
 @dataclass(frozen=True)
 class Step:
-    """One edge of the path: its facts, and what is wrong with it for this lookup.
+    """An edge of the path: its facts, and what is wrong with it for this lookup.
 
     "warn" does not make the lookup fail, but is a bad sign; `reason` and `remedy` are "" when the
     verdict is "ok".
@@ -183,7 +183,7 @@ def _judge(tree: FrameTree, child: str, stamp_ns: int | None, advice: Advice) ->
 def _faults(
     tree: FrameTree, frame: FrameInfo, stamp_ns: int | None, advice: Advice
 ) -> Iterator[tuple[Verdict, str, str]]:
-    """What is wrong with an edge, the worst first: verdict, reason, remedy."""
+    """The problems of an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
     if tree.unit_of(frame):
         # What they look like is among its facts, and the remedy with the problem of the tree.

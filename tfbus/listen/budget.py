@@ -1,4 +1,4 @@
-"""How much memory the streams of a listener take, and which of them has to go where it is too much.
+"""How much memory the streams of a listener take, and which of them has to go if it is too much.
 
 The sizes are estimates: what the parts of a stream were measured to take.
 """
@@ -42,7 +42,7 @@ class Budget:
     def note(self, stream: str, peer: str, size: int) -> list[str]:
         """Note how much a stream of this peer takes now; returns the streams that have to go.
 
-        They are the oldest of this peer where it takes more than its part; then, where all together
+        They are the oldest of this peer if it takes more than its part; then, if all together
         take too much, the oldest of the one that takes most. They count no longer.
         """
         with self._lock:
@@ -74,7 +74,7 @@ class Budget:
             return next(iter(self._sizes[self._greediest()])) if self._sums else None
 
     def peer_of(self, stream: str) -> str | None:
-        """The peer of a stream; None where it is not known."""
+        """The peer of a stream; None if it is not known."""
         return self._peers.get(stream)
 
     def _greediest(self) -> str:

@@ -93,7 +93,7 @@ class Claims:
         self._asked: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
-        """Take the frames that a stream lists now, None where it is gone.
+        """Take the frames that a stream lists now, None if it is gone.
 
         Returns the frames among its former and present ones that another stream claims too.
         """
@@ -171,7 +171,7 @@ class Claims:
 
     def news(self, stream: str, contested: Iterable[str]) -> list[Conflict]:
         """The conflicts of a stream over these frames that are new: with the stream that comes
-        first, or, where it does so itself, with the others. Each pair is reported once.
+        first, or, if it does so itself, with the others. Each pair is reported once.
         """
         shared: dict[tuple[str, str], list[str]] = {}
         for child in sorted(contested):
@@ -199,10 +199,10 @@ class Claims:
 class Starts:
     """When streams were started, as far as their word is worth it.
 
-    One that says that it was started long before this listener first met it, while the listener was
-    there to meet it, may say so to win: it counts as started when it was met. So it does where its
-    clock is wrong. Of those met within 5 s of each other, as after a cut link, the order is that
-    of their word. `clock_ns` is the system's clock.
+    A stream that says that it was started long before this listener first met it, while the
+    listener was there to meet it, may say so to win: it counts as started when it was met. So it
+    does if its clock is wrong. Of those met within 5 s of each other, as after a cut link, the
+    order is that of their word. `clock_ns` is the system's clock.
     """
 
     def __init__(self, clock_ns: Callable[[], int] = lambda: scheduler.time_ns()) -> None:

@@ -209,7 +209,7 @@ class ClockOffsets:
 
 
 def _sample(asked_ns: int, answer: Answer, back_ns: int) -> ClockOffset | None:
-    """The offset by an answer, None where it has no times; DecodeError where it cannot be read."""
+    """The offset by an answer, None if it has no times; DecodeError if it cannot be read."""
     if answer.refusal is not None:
         return None
     times = decode_map(answer.payload)

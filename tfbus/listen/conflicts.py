@@ -11,9 +11,9 @@ from tfbus.wire.descriptions import StreamDescription
 
 
 class Conflicts:
-    """Decides whose transforms of a frame are taken where several streams list it.
+    """Decides whose transforms of a frame are taken if several streams list it.
 
-    `reception(name)` is that of a stream, None where it has been forgotten. Not safe from several
+    `reception(name)` is that of a stream, None if it has been forgotten. Not safe from several
     threads at once.
     """
 
@@ -30,7 +30,7 @@ class Conflicts:
         self._lines = lines_of(log)
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
-        """Take the frames that a stream lists now; None where its publisher is gone."""
+        """Take the frames that a stream lists now; None if its publisher is gone."""
         contested = self._claims.update(name, description)
         frames = listed_children(description)
         self._take_back(name, frames)

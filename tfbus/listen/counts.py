@@ -7,7 +7,7 @@ _SMOOTHING = 0.1
 
 
 class Counts:
-    """What has been received of one stream; the names are those of fields of `StreamInfo`.
+    """The counts of one stream; the names are those of fields of `StreamInfo`.
 
     Not safe by itself: hold the stream's lock to change it. Any thread may read it.
     """

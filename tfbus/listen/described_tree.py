@@ -102,7 +102,7 @@ class DescribedTree:
         """The edges that lookups between the pairs of frames are made of, each once.
 
         They are those above the target and the source, up to the lowest frame that is above both,
-        or to the roots where nothing joins them. Where streams disagree about the parent of a
+        or to the roots if nothing joins them. If streams disagree about the parent of a
         frame, only their transforms show which one counts: then all ways up are needed.
         """
         needed = (edge for target, source in pairs for edge in self._between(target, source))
@@ -136,7 +136,7 @@ class DescribedTree:
         return ways
 
     def _edges_above(self, frame: str) -> list[DescribedEdge]:
-        """The edges above a frame; those of gone streams only where no other has it."""
+        """The edges above a frame; those of gone streams only if no other has it."""
         edges = list(self._above.get(frame, {}).values())
         if not edges:
             parent = self._parent_elsewhere(frame)

@@ -27,7 +27,7 @@ _MOST_SKEW_NS = 60 * 10**9
 
 
 class Verdict(Enum):
-    """What a message is by its epoch."""
+    """The kind of a message by its epoch."""
 
     PRESENT = "of the epoch that counts"
     FIRST = "the first of the stream"
@@ -123,7 +123,7 @@ class Epochs:
 
     def judge_live(self, epoch_ns: int, counted: int, now_s: float) -> Verdict:
         """Judge a message that was sent just now, not kept or retained: such messages show that
-        their publisher is alive, so an outdated epoch counts again where only they still come.
+        their publisher is alive, so an outdated epoch counts again if only they still come.
 
         `counted` messages of the stream have counted so far; `now_s` is a clock that never goes
         back.

@@ -46,7 +46,7 @@ class Marks:
     def update(self) -> None:
         """Mark each frame in the buffer.
 
-        All are gone where the publisher is. Else those are that a former epoch left behind: not
+        All are gone if the publisher is. Else those are that a former epoch left behind: not
         listed, and without a sample of this epoch. Before this epoch has a list, those that were
         gone stay so until they are sent: all of them where nothing of this epoch has come since the
         publisher was gone, as the one that is there may be another.

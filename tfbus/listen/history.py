@@ -1,4 +1,4 @@
-"""What streams sent before a listener met them; lookups of the past wait for it."""
+"""The history of streams before a listener met them; lookups of the past wait for it."""
 
 from collections.abc import Callable, Iterable
 
@@ -30,7 +30,7 @@ class _Expected:
 
 
 class AskedHistory:
-    """Requests the last `history_s` seconds of streams; where that is 0 it does nothing.
+    """Requests the last `history_s` seconds of streams; if that is 0 it does nothing.
 
     The first message of a stream often comes before its description, and so before the question.
     Lookups with a timeout wait for its past from that message until the question is answered.

@@ -1,4 +1,4 @@
-"""What a listener reports about one stream."""
+"""The report of a listener on one stream."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ class Interest:
             self._changed.set()
 
     def _explain(self, target: str, source: str) -> TransformException | None:
-        """Why there is no path, where the streams' descriptions say more than the buffer."""
+        """Why there is no path, if the streams' descriptions say more than the buffer."""
         with self._lock:
             nowhere = [frame for frame in (target, source) if not self._tree.describes(frame)]
             known = self._tree.frames() if nowhere else set()
@@ -219,7 +219,7 @@ class Interest:
     # On any thread, with the lock held
 
     def _parent_here(self, frame: str) -> str | None:
-        """The parent that a frame has in the buffer, where the application may have put it."""
+        """The parent that a frame has in the buffer, if the application may have put it."""
         try:
             return self._buffer.frame(frame).parent
         except LookupException:

@@ -200,13 +200,13 @@ class TransformListener:
         """Read what lookups of these frames need, from now until the listener is closed.
 
         So the first lookup need not wait, and the streams are kept where lookups pause for long.
-        Raises InvalidArgumentException where a name is no frame id.
+        Raises InvalidArgumentException if a name is no frame id.
         """
         self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
 
     def where_to_look(self, frame: str = "") -> str:
         """A sentence that names the namespaces below that have a frame, or any frame at all; or,
-        where no frame has come, a bus here that this process does not get into; "" for neither. It
+        if no frame has come, a bus here that this process does not get into; "" for neither. It
         asks all streams, and scouts, which takes a moment.
         """
         session = self._node.session
@@ -511,5 +511,5 @@ class TransformListener:
 
 
 def _name(state: StreamState) -> str:
-    """The name of a stream, and its publisher where it is known."""
+    """The name of a stream, and its publisher if it is known."""
     return str(Claimant(state.name, state.description)) if state.description else repr(state.name)

@@ -25,8 +25,8 @@ class Listing:
     ) -> frozenset[str]:
         """Take a new list; returns the frames that the publisher has removed since the last one.
 
-        A restarted publisher removes nothing: frames that it does not list are gone. One whose
-        clock went back has a new epoch too, and is the same publisher.
+        A restarted publisher removes nothing: frames that it does not list are gone. A stream
+        whose clock went back has a new epoch too, and is the same publisher.
         """
         is_same_epoch = epoch_ns == self.epoch_ns
         is_same = is_same_epoch or (publisher is not None and publisher == self.publisher)

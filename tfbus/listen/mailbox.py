@@ -23,7 +23,7 @@ class Letter(NamedTuple):
 class Mailbox:
     """Letters that wait, at most `most_bytes` of them; safe from any thread.
 
-    However many one sender writes, the others have their turn after each. Where there is no room
+    However many one sender writes, the others have their turn after each. If there is no room
     the oldest of the sender that has most of them is thrown away. No other is: a frame that is in
     one description and not in the next was removed.
     """
@@ -50,7 +50,7 @@ class Mailbox:
             return not was_taken
 
     def has_more(self) -> bool:
-        """Whether a letter waits; where none does, the taking ends until the next."""
+        """Whether a letter waits; if none does, the taking ends until the next."""
         with self._lock:
             self._is_taken = bool(self._waiting)
             return self._is_taken

@@ -75,7 +75,7 @@ class _Judged:
 
 
 class StreamReception:
-    """One stream as a listener receives it.
+    """A stream as a listener receives it.
 
     `excluded` are the frames for which another publisher has priority. `reader` is one for all
     streams of a namespace. `now_s` is a clock that never goes back.
@@ -85,9 +85,9 @@ class StreamReception:
 
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
     a publisher that has just got priority, or lists them, and where they were removed.
-    `on_unlisted(name, frames)` is called where it has sent these frames and does not list them, at
+    `on_unlisted(name, frames)` is called if it has sent these frames and does not list them, at
     each message and list: `drop_unlisted` drops them once they are silent.
-    `on_takeover(name, epoch_ns)` is called where two processes publish the stream, one fell silent,
+    `on_takeover(name, epoch_ns)` is called if two processes publish the stream, one fell silent,
     and the messages of the other count from now on. `on_message_while_gone(name)` is called for
     each message that comes though the publisher is gone.
 
@@ -175,10 +175,10 @@ class StreamReception:
         receive: Callable[[bytes], None] | None = None,
         payload: bytes = b"",
     ) -> bool:
-        """Whether a message of this epoch counts; `live` where it was sent just now.
+        """Whether a message of this epoch counts; `live` if it was sent just now.
 
-        One of an epoch that has to be confirmed does not count yet: its `payload` goes to `receive`
-        once it is.
+        A message of an epoch that has to be confirmed does not count yet: its `payload` goes to
+        `receive` once it is.
         """
         with self.lock:
             was_gone = self.epochs.was_gone
@@ -316,7 +316,7 @@ class StreamReception:
         return kept, judged
 
     def decode(self, payload: bytes) -> TransformMessage | None:
-        """The message in a payload; None, and counted, where it cannot be read."""
+        """The message in a payload; None, and counted, if it cannot be read."""
         try:
             return self.reader.read(payload)
         except DecodeError as error:
@@ -418,8 +418,8 @@ class StreamReception:
     def receive_kept(self, payload: bytes) -> None:
         """Take a message that the stream has kept, and that may have come before.
 
-        Frames that the stream has listed, and no longer lists, have been removed since. One that it
-        has not listed so far may be newer than its list.
+        Frames that the stream has listed, and no longer lists, have been removed since. A frame
+        that it has not listed so far may be newer than its list.
         """
         message = self.decode(payload)
         if message is None or not self.admit(message.epoch_ns):
@@ -486,7 +486,7 @@ class StreamReception:
     def _is_outdated_set(self, epoch_ns: int) -> bool:
         """Whether static transforms of this epoch are outdated; with the lock held.
 
-        Those of an epoch before the present one may be the last: a stream whose clock went back
+        Messages of an epoch before the present one may be the last: a stream whose clock went back
         keeps its statics, and may not send them again.
         """
         epochs, last_ns = self.epochs, self.statics.epoch_ns
@@ -568,7 +568,7 @@ class StreamReception:
         """Take the child frames that the stream lists, and which of them are static; those that the
         same publisher no longer lists are removed.
 
-        `confirmed` where it came from the publisher's own session: its epoch counts.
+        `confirmed` if it came from the publisher's own session: its epoch counts.
         """
         if not (self._confirm(epoch_ns, publisher) if confirmed else self._takes(epoch_ns)):
             return
@@ -611,7 +611,7 @@ class StreamReception:
         return self.admit(epoch_ns)
 
     def _confirm(self, epoch_ns: int, publisher: Publisher | None) -> bool:
-        """Take the publisher's word for its epoch; False where it has said a later one since."""
+        """Take the publisher's word for its epoch; False if it has said a later one since."""
         with self.lock:
             confirmed_ns = self.epochs.confirmed_ns
             is_same = publisher is not None and publisher == self.listing.publisher
@@ -649,7 +649,7 @@ class StreamReception:
 
 
 class DynamicReception:
-    """One key of a stream that carries dynamic transforms; its messages are numbered."""
+    """A key of a stream that carries dynamic transforms; its messages are numbered."""
 
     def __init__(self, stream: StreamReception) -> None:
         self.stream = stream

@@ -1,4 +1,4 @@
-"""What a listener knows of each stream, and what receives the messages of each key."""
+"""The state of each stream at a listener, and what receives the messages of each key."""
 
 from collections.abc import Callable, Container
 
@@ -18,7 +18,7 @@ _SILENT_NS = 60 * 10**9
 
 
 class Stream(Struct, frozen=False):
-    """What is known of one stream.
+    """The state of one stream.
 
     `state` is the last of its token and description, with frames as they are called here; None
     before the first. `lost_s` is when its publisher was gone, None while it is not. `split_keys`
@@ -38,7 +38,7 @@ class Stream(Struct, frozen=False):
 class Registry:
     """The streams and keys that a listener has met; safe from any thread.
 
-    `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream where
+    `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream if
     it is time for `forget_strangers`, which calls `on_forgotten(name)` for each.
     """
 
@@ -62,16 +62,16 @@ class Registry:
         return dict(self._streams)
 
     def get(self, name: str) -> Stream | None:
-        """The stream of this name; None where it is not known."""
+        """The stream of this name; None if it is not known."""
         return self._streams.get(name)
 
     def reception(self, name: str) -> StreamReception | None:
-        """The reception of the stream of this name; None where it is not known."""
+        """The reception of the stream of this name; None if it is not known."""
         stream = self._streams.get(name)
         return None if stream is None else stream.reception
 
     def stream(self, key: str) -> Stream:
-        """The stream of a key, made where it is new."""
+        """The stream of a key, made if it is new."""
         name = stream_of(key)
         known = self._streams.get(name)
         if known is not None:
@@ -86,7 +86,7 @@ class Registry:
         return len(self.receptions) >= self.most_keys
 
     def meet(self, key: str) -> DynamicReception | StaticReception:
-        """What receives the messages of a key, made where it is new."""
+        """The receiver of the messages of a key, made if it is new."""
         made = StaticReception if is_static(key) else DynamicReception
         stream = self.stream(key)
         stream.keys.add(key)
@@ -124,7 +124,7 @@ class Registry:
             stream.split_keys = keys
 
     def forget_strangers(self, known: Container[str]) -> None:
-        """Make room where there are many: forget streams that are not `known`, if they had a token,
+        """Make room if there are many: forget streams that are not `known`, if they had a token,
         or are silent.
         """
         if len(self._streams) < 2 * MOST_GONE:

@@ -21,10 +21,10 @@ class StaticSet:
         self._is_current = True
 
     def replace(self, message: TransformMessage, *, is_current: bool) -> frozenset[str] | None:
-        """Take the set of a message; `is_current` where its publisher is not gone.
+        """Take the set of a message; `is_current` if its publisher is not gone.
 
         Returns the children that the former set of this epoch had and the new one does not; None,
-        with nothing replaced, where a later set of this epoch is there.
+        with nothing replaced, if a later set of this epoch is there.
         """
         self._is_current |= is_current
         is_same_epoch = message.epoch_ns == self.epoch_ns

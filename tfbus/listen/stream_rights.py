@@ -1,4 +1,5 @@
-"""What may come on the streams of a closed bus, by the rights of those who may publish them.
+"""The messages that may come on the streams of a closed bus, by the rights of those who may publish
+them.
 
 Zenoh's access control lets a stream come only from an identity that may have a stream of its name.
 Which frames are in a message, and which node a description names, only the receiver sees.
@@ -62,14 +63,14 @@ class StreamRights:
 
     @classmethod
     def of(cls, settings: NodeSettings) -> "StreamRights | None":
-        """Those of a closed bus; None on an open one."""
+        """The rights of a closed bus; None on an open one."""
         closed = settings.closed
         return None if closed is None else cls(closed.rights, settings.namespace)
 
     def frames(
         self, key: str, refuse: Callable[[str], object], *, is_fleet: bool
     ) -> FrameRights | None:
-        """The frames that may come on the stream of a key; None where all may."""
+        """The frames that may come on the stream of a key; None if all may."""
         patterns = self._rights.frames_of_stream(self._stream(key), self._namespace_at(key))
         if patterns is None:
             return None
@@ -79,7 +80,7 @@ class StreamRights:
     def checked(
         self, key: str, description: StreamDescription
     ) -> tuple[StreamDescription | None, str]:
-        """The description without what its stream may not have, and why; None where its node is
+        """The description without what its stream may not have, and why; None if its node is
         not one of those who may publish it.
         """
         namespace, stream = self._namespace_at(key), self._stream(key)

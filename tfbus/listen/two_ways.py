@@ -1,6 +1,6 @@
 """Queries for what a stream retains: by Zenoh's own key, and by the key of its static transforms.
 
-Where many peers meet at once, the declaration of a queryable may be lost for good
+If many peers meet at once, the declaration of a queryable may be lost for good
 (eclipse-zenoh/zenoh#2516): no query reaches it by that link, also none of Zenoh's own. So each
 thing that a stream retains has two queryables, and queries alternate between them.
 """

@@ -1,4 +1,4 @@
-"""What cannot be read of a file, and how that is said."""
+"""The unreadable parts of a file, and the words for them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from tfbus.wire.limits import size_text
 @dataclass(frozen=True)
 class Damage:
     """Bytes of a file that cannot be read: from `offset` on, `size` bytes; the log times of their
-    messages and how many there are, None where the file does not say.
+    messages and how many there are, None if the file does not say.
 
     With `what`, as "topic 'pose'", it is messages that are whole, but are not what their channel
     says.
@@ -25,8 +25,8 @@ class Damage:
     what: str = ""
 
     def text(self, start_ns: int | None = None) -> str:
-        """What is damaged, with times since the beginning of the recording: `128 kB with 98
-        messages from +3.21s to +3.44s`; in UTC where that is None.
+        """The damaged parts, with times since the beginning of the recording: `128 kB with 98
+        messages from +3.21s to +3.44s`; in UTC if that is None.
         """
         found = f"messages of {self.what}" if self.what else size_text(self.size)
         if self.messages is not None and not self.what:

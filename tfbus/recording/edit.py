@@ -41,7 +41,7 @@ def cut(
 ) -> Iterator[Item]:
     """The items of these spans, with what is in force at the beginning of each.
 
-    What is between two spans was cut out, as the recording then says. Spans that overlap are
+    The part between two spans was cut out, as the recording then says. Spans that overlap are
     joined.
     """
     state = BusState()
@@ -201,11 +201,11 @@ def _numbered(
 
 
 class _Repeated:
-    """Finds messages that another recording gave already, where two overlap in time.
+    """Finds messages that another recording gave already, if two overlap in time.
 
     A message is the same by its content and number. Without a number the same content may be sent
     again: then it is the same message only if it was received within a second, while both recorded.
-    What a recorder received first of a retained topic may have been in force for long.
+    A message that a recorder received first of a retained topic may have been in force for long.
     """
 
     def __init__(self, spans: Sequence[Span]) -> None:

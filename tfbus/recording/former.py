@@ -23,7 +23,7 @@ def last_item(
     selection: Selection = ALL,
     is_wanted: Callable[[Item], bool] = lambda item: True,
 ) -> Item | None:
-    """The last item that is wanted from one log time to another, both included; None where there
+    """The last item that is wanted from one log time to another, both included; None if there
     is none.
     """
     span_ns = _FIRST_SPAN_NS

@@ -1,4 +1,4 @@
-"""What foreign files hold, as the items of a recording."""
+"""The contents of foreign files, as the items of a recording."""
 
 import sys
 from collections import Counter
@@ -86,12 +86,12 @@ def imported(
 ) -> Iterator[Item]:
     """The messages as items, in the same order.
 
-    Transforms come as one stream for each publisher where the file names it, as rosbag1 does, and
+    Transforms come as one stream for each publisher if the file names it, as rosbag1 does, and
     else as one stream `ros` or `foxglove`, or `default_stream`. Those of `/robot7/tf` are in the
     namespace `robot7`. Leading slashes of frames are removed, as tf2 does. A static transform stays
     until another one of its child comes on the same stream.
 
-    Of other topics, `topics` alone where it names any, and none with `only_transforms`.
+    Of other topics, `topics` alone if it names any, and none with `only_transforms`.
     """
     importer = _Importer(counts, selection, frozenset(topics), default_stream)
     importer.only_transforms = only_transforms
@@ -131,7 +131,7 @@ class _Importer:
                 yield taken
 
     def _read_of(self, channel: ForeignChannel) -> _Read | None:
-        """What makes items of a channel's messages; None where it is left out, which is noted."""
+        """The maker of items of a channel's messages; None if it is left out, which is noted."""
         try:
             columns_of = transforms_decoder(channel)
             if columns_of is not None:

@@ -177,7 +177,7 @@ def encode_index(index: Index) -> bytes:
 def decode_index(data: bytes, offsets: Collection[int], channels: Collection[int]) -> Index:
     """The index in an attachment of a file with these chunks and channels.
 
-    Raises DecodeError where it is none, or is not that of this file.
+    Raises DecodeError if it is none, or is not that of this file.
     """
     import zstandard
 

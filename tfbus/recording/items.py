@@ -1,4 +1,4 @@
-"""What a recording holds, item by item, each with the time at which it was received."""
+"""The contents of a recording, item by item, each with the time at which it was received."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ class RecordedStream:
     """A stream in one epoch.
 
     `name` is as a session without a namespace has it, `robot7/sim`, and `namespace` its part
-    `robot7`. `node` is the full name of its publisher, "" where no description had come. `split`
+    `robot7`. `node` is the full name of its publisher, "" if no description had come. `split`
     is whether each frame has a key of its own.
     """
 
@@ -42,9 +42,9 @@ class TransformItem:
 @dataclass(frozen=True)
 class TopicItem:
     """A message of a topic: its fields by name. `type_name` is the name of its type, as its
-    publisher's node says, "" where it does not. A `retained` one stays in force until the next.
+    publisher's node says, "" if it does not. A `retained` one stays in force until the next.
 
-    `encoded` is the same message as ROS 2 has it, with the definition of its type, where it comes
+    `encoded` is the same message as ROS 2 has it, with the definition of its type, if it comes
     from a file: so it is written again as it was. A `repeated` one was in force already at its log
     time, as at the beginning of a file: it was not sent then.
     """
@@ -60,7 +60,7 @@ class TopicItem:
 
 @dataclass(frozen=True)
 class EventItem:
-    """What happened on the bus, or to the recorder.
+    """An event on the bus, or of the recorder.
 
     "stream": the stream `name` is there, or has another description, whose fields are `facts` (as
     in docs/reference/wire.md). "node": the same of a node. "stream gone", "node gone": its token

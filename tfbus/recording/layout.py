@@ -61,7 +61,7 @@ def stream_topic(stream: RecordedStream, static: bool) -> str:
 
 
 def stream_metadata(stream: RecordedStream, static: bool, *, has_seq: bool) -> dict[str, str]:
-    """What the channel of a stream in one epoch says of it."""
+    """The facts that the channel of a stream in one epoch says of it."""
     return {
         "tfbus.stream": stream.name,
         "tfbus.node": stream.node,
@@ -74,7 +74,7 @@ def stream_metadata(stream: RecordedStream, static: bool, *, has_seq: bool) -> d
 
 
 def stream_of(topic: str, metadata: Mapping[str, str]) -> RecordedStream:
-    """The stream of a channel with transforms. Where others wrote it, it is named `ros`, below the
+    """The stream of a channel with transforms. If others wrote it, it is named `ros`, below the
     namespace that its topic has.
 
     Raises DecodeError for a name that no stream has, and for an epoch that is no number.
@@ -110,7 +110,7 @@ def is_static_topic(topic: str) -> bool:
 
 
 def topic_metadata(item: TopicItem) -> dict[str, str]:
-    """What the channel of a topic says of it."""
+    """The facts that the channel of a topic says of it."""
     return {
         "tfbus.topic": item.topic,
         "tfbus.type": item.type_name,
@@ -138,7 +138,7 @@ def topic_of(topic: str, metadata: Mapping[str, str]) -> str:
 
 
 def event_metadata(item: EventItem) -> dict[str, str]:
-    """The metadata record of an event. Raises InvalidArgumentException where its facts cannot be
+    """The metadata record of an event. Raises InvalidArgumentException if its facts cannot be
     written as JSON.
     """
     try:
@@ -160,7 +160,7 @@ def event_metadata(item: EventItem) -> dict[str, str]:
 def event_of(metadata: Mapping[str, str]) -> EventItem | None:
     """The event of a metadata record; None for a kind that this version does not know.
 
-    Raises DecodeError where it says no time, or its facts are no JSON.
+    Raises DecodeError if it says no time, or its facts are no JSON.
     """
     kind = metadata.get("kind", "")
     if kind not in _KINDS:

@@ -1,4 +1,4 @@
-"""An MCAP file, read: what its summary says or, where it has none, what is in it."""
+"""An MCAP file, read: what its summary says or, if it has none, what is in it."""
 
 import errno
 import os
@@ -61,7 +61,7 @@ _FOOTER_SIZE = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
 
 
 def how_to_import(path: Path) -> str:
-    """What to do with a recording of ROS in another format, a file or a folder of them; "" for
+    """The advice on a recording of ROS in another format, a file or a folder of them; "" for
     another path.
     """
     of_ros = path.suffix in _OF_ROS
@@ -78,7 +78,7 @@ class McapFile:
     the `metadata` records, and how many messages each channel has.
 
     `is_complete` is whether it ends as it should. A file that was cut short is read from its
-    beginning to where it ends. What cannot be read in the middle is left out: `on_damage` is called
+    beginning to where it ends. An unreadable part in the middle is left out: `on_damage` is called
     with it when it is met first, and `damage` has what was met so far.
 
     Raises DecodeError for what is no MCAP file, and OSError.
@@ -112,7 +112,7 @@ class McapFile:
 
     @property
     def damage(self) -> list[Damage]:
-        """What could not be read of what was asked for so far."""
+        """The unreadable parts of what was asked for so far."""
         return list(self._damage.values())
 
     def is_damaged(self, offset: int) -> bool:
@@ -127,7 +127,7 @@ class McapFile:
             self.on_damage(damage)
 
     def messages(self, chunk: Chunk) -> list[Message]:
-        """The messages of a chunk in the order of the file; none where it is damaged."""
+        """The messages of a chunk in the order of the file; none if it is damaged."""
         try:
             return self._messages(chunk)
         except (DecodeError, OSError) as error:  # the latter where the disk cannot read it
@@ -135,7 +135,7 @@ class McapFile:
             return []
 
     def attachment(self, name: str) -> bytes | None:
-        """The bytes of the last attachment of this name; None where there is none, or it is
+        """The bytes of the last attachment of this name; None if there is none, or it is
         damaged.
         """
         place = self._attachments.get(name)
@@ -149,7 +149,7 @@ class McapFile:
 
     def log_times(self, chunk: Chunk) -> dict[int, list[int]]:
         """The log times of a chunk's messages by channel, in the order of the file: of the index
-        behind the chunk, without decompressing it, where there is one.
+        behind the chunk, without decompressing it, if there is one.
         """
         times = self._indexed_times(chunk)
         if not times:
@@ -158,7 +158,7 @@ class McapFile:
         return times
 
     def _indexed_times(self, chunk: Chunk) -> dict[int, list[int]]:
-        """The same of the index; empty where there is none, or it is damaged."""
+        """The same of the index; empty if there is none, or it is damaged."""
         times: dict[int, list[int]] = {}
         try:
             index = self._read(chunk.offset + chunk.length, chunk.index_length)
@@ -171,7 +171,7 @@ class McapFile:
         return times
 
     def _damage_of(self, chunk: Chunk, error: Exception) -> Damage:
-        """What is lost with a chunk: its index says it, and else its first fields."""
+        """The loss with a chunk: its index says it, and else its first fields."""
         indexed = [time for times in self._indexed_times(chunk).values() for time in times]
         said = [time for time in (chunk.from_ns, chunk.to_ns) if time] or indexed
         if not said and not chunk.is_bare:
@@ -223,8 +223,8 @@ class McapFile:
         self.is_complete = False
 
     def _read(self, offset: int, length: int) -> bytes:
-        """These bytes of the file. Raises DecodeError where it ends before, and
-        InvalidArgumentException where it is closed.
+        """These bytes of the file. Raises DecodeError if it ends before, and
+        InvalidArgumentException if it is closed.
         """
         if self._file < 0:
             raise InvalidArgumentException(f"{self._name} is closed: read it within its `with`")
@@ -305,7 +305,7 @@ class McapFile:
             self.metadata.append(read_metadata(self._content(METADATA, offset, length)))
 
     def _check_statistics(self, stated: Fields, metadata: int) -> None:
-        """Take the counts; raises DecodeError where the summary leaves out what is in the file."""
+        """Take the counts; raises DecodeError if the summary leaves out what is in the file."""
         messages, _, channels, _ = (stated.number(size) for size in (8, 2, 4, 4))
         said_metadata, chunks = stated.number(4), stated.number(4)
         stated.raw(16)

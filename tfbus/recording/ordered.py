@@ -21,7 +21,7 @@ def in_order(
     """The items of all groups by their times; equal ones in the order of the groups.
 
     Each group comes with the least time of its items, and the bytes that they have, and groups come
-    in order of that time. Raises DecodeError where items that wait for their turn are beyond 1 GB.
+    in order of that time. Raises DecodeError if items that wait for their turn are beyond 1 GB.
     """
     # The time of each, its number, its bytes, and the item.
     waiting: list[tuple[int, int, int, T]] = []

@@ -69,7 +69,7 @@ def _why(event: EventItem) -> str:
 
 def pauses_between(spans: Iterable[tuple[int, int, str]]) -> Iterator[EventItem]:
     """The events of a pause wherever no recorder ran. `spans` are the first and last log times of
-    files, and which recording each is of, "" where it does not say.
+    files, and which recording each is of, "" if it does not say.
     """
     until_ns, former = 0, ""
     for from_ns, to_ns, recording in sorted(spans):

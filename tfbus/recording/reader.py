@@ -36,8 +36,8 @@ class StreamSummary:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """A topic: the name of its type, and how many messages there are. Where `is_readable` is false
-    they are in a format that tfbus does not read, and are left out of the items. Where it
+    """A topic: the name of its type, and how many messages there are. If `is_readable` is false
+    they are in a format that tfbus does not read, and are left out of the items. If it
     `is_retained` a message stays in force until the next, and those that a file begins with, to
     repeat what is in force, are counted too. `definition` is that of a type of ROS's.
     """
@@ -53,7 +53,7 @@ class TopicSummary:
 class RecordingReader(Closing):
     """Reads the items of one or several files, or of those in a folder, as one recording.
 
-    What cannot be read in a file is left out. `on_damage` is called with the file and the damage
+    An unreadable part of a file is left out. `on_damage` is called with the file and the damage
     when it is met first; by default the first of each file is logged.
 
     Use it in a `with`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is no
@@ -105,13 +105,13 @@ class RecordingReader(Closing):
 
     @property
     def start_ns(self) -> int:
-        """The log time of the first item; 0 where there is none."""
+        """The log time of the first item; 0 if there is none."""
         times = [chunk.from_ns for chunk in self._chunks[:1]]
         return min([*times, *[event.log_ns for event in self.events[:1]]], default=0)
 
     @property
     def end_ns(self) -> int:
-        """The log time of the last item; 0 where there is none."""
+        """The log time of the last item; 0 if there is none."""
         return max([*self._until[-1:], *[event.log_ns for event in self.events[-1:]]], default=0)
 
     @property
@@ -131,7 +131,7 @@ class RecordingReader(Closing):
 
     @property
     def damage(self) -> tuple[Damage, ...]:
-        """What could not be read of what was asked for so far."""
+        """The unreadable parts of what was asked for so far."""
         return tuple(damage for part in self._parts for damage in united(part.file.damage))
 
     def check(self) -> None:
@@ -141,7 +141,7 @@ class RecordingReader(Closing):
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself in the first file, as `version` and `host`."""
+        """The note of the recorder on itself in the first file, as `version` and `host`."""
         return self._parts[0].about if self._parts else {}
 
     @property
@@ -186,7 +186,7 @@ class RecordingReader(Closing):
     ) -> Iterator[Item]:
         """The items from one log time to another, both included, in order of their log times.
 
-        What only repeats what is in force comes once. Each iterator may be in a thread of its own.
+        Repetitions of the state come once. Each iterator may be in a thread of its own.
         """
         state = BusState()
         for item in self._in_order(from_ns, to_ns, selection):
@@ -198,7 +198,7 @@ class RecordingReader(Closing):
                 yield taken
 
     def state_at(self, log_ns: int, selection: Selection = ALL) -> BusState:
-        """What is in force at a log time, after the items of that time."""
+        """The state at a log time, after the items of that time."""
         state = BusState()
         for event in self.events:
             if event.log_ns > log_ns:

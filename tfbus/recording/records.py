@@ -57,8 +57,8 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Where a chunk is in the file: from the first byte of its record on, `length` bytes; the log
-    times and the channels of its messages; how long the index of messages behind it is, 0 where
+    """The place of a chunk in the file: from the first byte of its record on, `length` bytes; the
+    log times and the channels of its messages; how long the index of messages behind it is, 0 if
     there is none; and how many bytes its records have. A bare one is of messages that stand in the
     file without a chunk.
     """
@@ -84,7 +84,7 @@ class Message(NamedTuple):
 
 
 class Fields:
-    """Reads the fields of a record, one after the other. Raises DecodeError where it is too short
+    """Reads the fields of a record, one after the other. Raises DecodeError if it is too short
     for one.
     """
 
@@ -168,7 +168,7 @@ def read_attachment(data: bytes) -> tuple[str, bytes]:
 
 
 def read_chunk_index(data: bytes) -> Chunk:
-    """Where a chunk is, of its index record."""
+    """The place of a chunk, of its index record."""
     fields = Fields(data)
     from_ns, to_ns, offset, length = (fields.number(8) for _ in range(4))
     check_log_time(max(from_ns, to_ns))
@@ -216,7 +216,7 @@ def _decompressed(data: bytes, size: int, compression: str) -> bytes:
 def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Opcode, and where the content begins and ends, of each record in the bytes.
 
-    Raises DecodeError where the last one is not whole.
+    Raises DecodeError if the last one is not whole.
     """
     at, end = 0, len(data)
     while at < end:

@@ -1,4 +1,4 @@
-"""What can be read of a recording that was cut short or damaged."""
+"""The readable part of a recording that was cut short or damaged."""
 
 import os
 import re
@@ -55,7 +55,7 @@ _MOST_LINES = 20
 
 @dataclass(frozen=True)
 class Loss:
-    """What could not be read: `damage` in the middle, the bytes behind the last whole record, and
+    """The unreadable parts: `damage` in the middle, the bytes behind the last whole record, and
     how many messages are of no known channel, or none of its type. `is_cut_short` is whether the
     file does not end as it should; `has_all_messages` whether that is behind the last of them. The
     recording is from `start_ns` to `end_ns`.
@@ -91,7 +91,7 @@ class Loss:
 
 
 class Salvage:
-    """Reads a file as far as it can. Raises DecodeError where nothing in it is of a recording, and
+    """Reads a file as far as it can. Raises DecodeError if nothing in it is of a recording, and
     OSError.
     """
 
@@ -114,7 +114,7 @@ class Salvage:
 
     @property
     def loss(self) -> Loss:
-        """What could not be read, once the items were."""
+        """The unreadable parts, once the items were."""
         file = self._file
         return Loss(
             tuple(united(file.damage)),
@@ -128,7 +128,7 @@ class Salvage:
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself."""
+        """The recorder's note on itself."""
         return self._part.about
 
     def items(self) -> Iterator[Item]:
@@ -154,7 +154,7 @@ def _log_ns(item: Item | UnreadItem) -> int:
 
 
 class _DamagedFile(McapFile):
-    """Reads the records one after the other, and goes on at the next chunk where there is none.
+    """Reads the records one after the other, and goes on at the next chunk if there is none.
 
     `tail_bytes` at the end were no records; `orphans` are messages of channels that are not known.
     `has_all_messages` is whether the part with messages ends as it should.
@@ -177,7 +177,7 @@ class _DamagedFile(McapFile):
             self._scan()
 
     def _read_definitions(self) -> None:
-        """Those of the summary, if there is one: the chunk that has them may be lost."""
+        """The records of the summary, if there is one: the chunk that has them may be lost."""
         try:
             self._read_summary()
         except DecodeError:
@@ -248,7 +248,7 @@ class _DamagedFile(McapFile):
         )
 
     def _record_at(self, at: int) -> tuple[int, int]:
-        """The opcode of the record here, and where it ends; opcode 0 where there is none."""
+        """The opcode of the record here, and where it ends; opcode 0 if there is none."""
         found, end = self._prefix_at(at)
         is_last = end == self.size or (found == FOOTER and end + len(MAGIC) == self.size)
         if not found or is_last or self._prefix_at(end)[0]:
@@ -272,7 +272,7 @@ class _DamagedFile(McapFile):
         return opcode, end
 
     def _next_chunk(self, at: int) -> int:
-        """Where the next chunk begins; the size of the file where there is none."""
+        """The beginning of the next chunk; the size of the file if there is none."""
         while at < self.size:
             block = self._read(at, min(_SEARCH_BYTES, self.size - at))
             for found in _CHUNK_LIKE.finditer(block):

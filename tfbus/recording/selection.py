@@ -14,11 +14,11 @@ _DYNAMIC, _STATIC = "tf", "tf_static"
 
 @dataclass(frozen=True)
 class Selection:
-    """What to take; everything by default.
+    """The items to take; everything by default.
 
     `topics` are names of topics: given, only those. Among them `tf` stands for the dynamic
     transforms of all streams, `tf_static` for their static ones, `robot7/tf` for those of a
-    namespace; where none of them is given, there are no transforms unless `streams` or `frames` are
+    namespace; if none of them is given, there are no transforms unless `streams` or `frames` are
     given too. `streams` are names of streams: given, only those. `frames` are child frames, by
     their own names or those in a fleet, `robot7/base_link`: given, only their transforms. `regex`
     and `exclude` are regular expressions, found anywhere in the name of a topic or stream;
@@ -92,7 +92,7 @@ class Selection:
         return not self.frames or any(has_name(child, namespace, name) for name in self.frames)
 
     def taken_of(self, item: Item) -> Item | None:
-        """The item, or the part of it that is taken; None where nothing is."""
+        """The item, or the part of it that is taken; None if nothing is."""
         if isinstance(item, EventItem):
             about_stream = item.kind in ("stream", "stream gone")
             return item if not about_stream or self.takes_stream(item.name) else None

@@ -1,4 +1,4 @@
-"""What is in force on a bus at one moment: static sets, retained messages, streams and nodes."""
+"""The state of a bus at one moment: static sets, retained messages, streams and nodes."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ MOST_GONE = 1000
 
 
 class BusState:
-    """What is in force after the items that were taken.
+    """The state after the items that were taken.
 
     `statics` are the static transforms by the name of their stream, `retained` the last messages of
     topics that are retained, `streams` and `nodes` the events that describe them; `gone` are the

@@ -13,7 +13,7 @@ TRANSFORMS_TYPE = "TransformMessage"
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic: its name, the name of its type, "" where unknown, and how many messages came."""
+    """A topic: its name, the name of its type, "" if unknown, and how many messages came."""
 
     name: str
     type: str

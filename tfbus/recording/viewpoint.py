@@ -15,7 +15,7 @@ class Viewpoint:
         self._names: dict[str, FrameNames] = {}
 
     def called(self, stream: str, namespace: str) -> str | None:
-        """The name of a stream, by its full name and its namespace; None where it is not seen."""
+        """The name of a stream, by its full name and its namespace; None if it is not seen."""
         if self._sees_all:
             return stream
         if namespace != self.namespace and (self._fleet is None or not self._is_below(namespace)):

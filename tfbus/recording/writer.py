@@ -99,7 +99,7 @@ class RecordingWriter(Closing):
     _size = 0
 
     def write(self, item: Item) -> None:
-        """Write an item. Raises OSError, and InvalidArgumentException, with nothing written, where
+        """Write an item. Raises OSError, and InvalidArgumentException, with nothing written, if
         the file cannot hold it, as a stamp after the year 2038.
         """
         check_log_time(item.log_ns)

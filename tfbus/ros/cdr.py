@@ -125,7 +125,7 @@ class CdrReader:
         return self.data[start : start + size]
 
     def finish(self) -> None:
-        """Raise DecodeError where more follows than bytes that fill up."""
+        """Raise DecodeError if more follows than bytes that fill up."""
         if self.left > _MOST_PADDING:
             raise DecodeError(f"the message has {counted(self.left, 'byte')} more than its type")
 

@@ -1,5 +1,5 @@
-"""What ROS 2 tells over DDS beside the messages: the names of topics and types there, and which
-nodes a participant has, `rmw_dds_common/msg/ParticipantEntitiesInfo`.
+"""The facts that ROS 2 tells over DDS beside the messages: the names of topics and types there, and
+which nodes a participant has, `rmw_dds_common/msg/ParticipantEntitiesInfo`.
 """
 
 from collections.abc import Sequence
@@ -80,7 +80,7 @@ def encode_nodes(info: ParticipantNodes, gid_size: int = GID_SIZE) -> bytes:
 
 
 def decode_nodes(payload: bytes, gid_size: int = GID_SIZE) -> ParticipantNodes:
-    """The message. Raises DecodeError where the bytes are none."""
+    """The message. Raises DecodeError if the bytes are none."""
     reader = CdrReader(payload)
     participant = _gid(reader, gid_size)
     # A node has two texts and two sequences at least.

@@ -1,7 +1,7 @@
 """Definitions as text, `ros2msg` of MCAP: written for our messages, read of any.
 
-What our messages say beyond ROS stands in comments, `# tfbus: map`, which others pass over. So do
-the names of fields in ROS 1 that ROS 2 does not allow: `uint32 i_tow # tfbus: "iTOW"`.
+The parts of our messages beyond ROS stand in comments, `# tfbus: map`, which others pass over. So
+do the names of fields in ROS 1 that ROS 2 does not allow: `uint32 i_tow # tfbus: "iTOW"`.
 """
 
 import json
@@ -211,7 +211,7 @@ class Definitions:
     def message(self, name: str, inside: tuple[str, ...] = ()) -> Message:
         """The message of this full name, in those `inside` of which it is.
 
-        Raises DecodeError, with the line, where its definition is not valid.
+        Raises DecodeError, with the line, if its definition is not valid.
         """
         if name in self._made:
             return self._made[name]
@@ -242,7 +242,9 @@ class Definitions:
         return message
 
     def _line(self, line: str, name: str, inside: tuple[str, ...]) -> Field | Constant | None:
-        """What a line defines; None for a line without a field, and a constant that is not read."""
+        """The definition in a line; None for a line without a field, and a constant that is not
+        read.
+        """
         if not (stripped := line.strip()) or stripped[0] in "#@":
             return None
         found = _FIELD.fullmatch(line)
@@ -301,7 +303,7 @@ def _default(type_: Type, text: str) -> Any:
 
 
 def _value(type_: Type, text: str) -> Any:
-    """The value that a text stands for; None where it is none of this type."""
+    """The value that a text stands for; None if it is none of this type."""
     if isinstance(type_, Text):
         return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'" else text
     text = text.partition("#")[0].strip()
@@ -331,7 +333,7 @@ def _key(rest: str) -> str | None:
 
 
 def _checked(message: Message, kind: str) -> Message:
-    """The message as this kind, where it has the fields of one; else as it is."""
+    """The message as this kind, if it has the fields of one; else as it is."""
     types = [field.type for field in message.fields]
     if kind == "list":
         return replace(message, kind="list")

@@ -69,7 +69,7 @@ def plain(value: Any, type_: Type) -> Any:
 
 
 def field_at(type_: Type, path: str) -> Type | None:
-    """The type of the field at a path, such as "header.stamp"; None where there is none."""
+    """The type of the field at a path, such as "header.stamp"; None if there is none."""
     for name in path.split("."):
         if not isinstance(type_, Message):
             return None

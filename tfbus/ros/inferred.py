@@ -42,15 +42,15 @@ def type_of_dataclass(message_type: type) -> Message:
 
 
 def type_of_values(name: str, values: Mapping[str, Any], floats: Scalar = FLOAT) -> Message:
-    """The type of a message of a type of this name, from its values: MSGPACK where they are no
-    fields. A float among them has the type `floats`: FLOAT, or NUMBER where it may be an integer
+    """The type of a message of a type of this name, from its values: MSGPACK if they are no
+    fields. A float among them has the type `floats`: FLOAT, or NUMBER if it may be an integer
     in the next message.
     """
     return _Values(floats).of_fields(ros_name(name), values, 0) if _are_fields(values) else MSGPACK
 
 
 def merged(one: Type, other: Type) -> Type:
-    """The type that holds the values of both; MSGPACK where no other does."""
+    """The type that holds the values of both; MSGPACK if no other does."""
     if one == other or other == UNKNOWN:
         return one
     if one == UNKNOWN:

@@ -61,7 +61,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Sequence:
-    """A list, or bytes where the items are. `size` is the number of items where it is fixed, `most`
+    """A list, or bytes if the items are. `size` is the number of items if it is fixed, `most`
     the greatest; 0 for no limit.
     """
 
@@ -78,7 +78,7 @@ class Sequence:
 @dataclass(frozen=True)
 class Field:
     """A field by its name in ROS; `key` is its name in the map, and `default` the value of a new
-    message where that is not zero.
+    message if that is not zero.
     """
 
     name: str
@@ -129,7 +129,7 @@ UNKNOWN = Message(f"{PACKAGE}Msgpack", _PACKED, "unknown")
 
 
 def list_of(item: Type, name: str, size: int | None = None) -> Sequence:
-    """A list of items; `name` is that of a message around each, where ROS needs one."""
+    """A list of items; `name` is that of a message around each, if ROS needs one."""
     if isinstance(item, Sequence):
         item = Message(name, (Field("items", item, "items"),), "value")
     return Sequence(item, size)
@@ -168,7 +168,7 @@ class TypeNames:
         self._of_name: dict[str, Message] = {MSGPACK.name: MSGPACK}
 
     def named(self, message: Message) -> Message:
-        """The message under a name of its own, and so those in it: where one is taken by another
+        """The message under a name of its own, and so those in it: if one is taken by another
         message, with a number.
         """
         if message.kind in ("msgpack", "unknown"):

@@ -24,7 +24,7 @@ class Ros1State(NamedTuple):
 
 class Ros1Master:
     """A master, or a node, at a URI; `caller` is the full name of the node that asks, which waits
-    at most `within_s` seconds. Raises OSError where the URI is none. Not thread-safe.
+    at most `within_s` seconds. Raises OSError if the URI is none. Not thread-safe.
     """
 
     def __init__(self, uri: str, caller: str, within_s: float = 2.0) -> None:
@@ -39,7 +39,7 @@ class Ros1Master:
         self._caller = caller
 
     def call(self, method: str, *values: Any) -> Any:
-        """What it answers. Raises OSError where it does not, or not as ROS does."""
+        """Its answer. Raises OSError if it does not, or not as ROS does."""
         try:
             code, said, answer = getattr(self._proxy, method)(self._caller, *values)
         except OSError:
@@ -52,7 +52,7 @@ class Ros1Master:
         return answer
 
     def state(self) -> Ros1State:
-        """What a master knows. Raises OSError as `call` does."""
+        """The knowledge of a master. Raises OSError as `call` does."""
         answer = self.call("getSystemState")
         try:
             first, second, third = (
@@ -65,7 +65,7 @@ class Ros1Master:
 
 
 class _Transport(Transport):
-    """One that hangs is as good as none."""
+    """A master that hangs is as good as none."""
 
     def __init__(self, within_s: float) -> None:
         super().__init__()

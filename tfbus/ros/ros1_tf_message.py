@@ -23,7 +23,7 @@ _LEAST_SIZE = _HEAD.size + _U32.size + POSE_SIZE
 def decode_ros1_tf_message(data: bytes) -> Columns:
     """The transforms of a tf2_msgs/TFMessage, or tf/tfMessage, as ROS 1 serializes it.
 
-    Raises DecodeError where the bytes are no such message.
+    Raises DecodeError if the bytes are no such message.
     """
     if len(data) < _U32.size:
         raise DecodeError(f"{len(data)} bytes are no TFMessage of ROS 1: it begins with a count")

@@ -24,7 +24,7 @@ def is_domain(text: str) -> bool:
 
 def domain_of(given: int | None = None, environ: Mapping[str, str] = os.environ) -> int:
     """The number of the domain: the one that is given, else ROS_DOMAIN_ID, else 0. Raises
-    SettingsError where it is none.
+    SettingsError if it is none.
     """
     text = environ.get("ROS_DOMAIN_ID", "").strip() or "0" if given is None else str(given)
     if not is_domain(text):

@@ -56,7 +56,7 @@ _NAMES_AT = _STAMP_AT + STAMP_SIZE
 
 
 def only_stamp(rows: Columns) -> int | None:
-    """The stamp that all rows have; None where there is no row, or another stamp."""
+    """The stamp that all rows have; None if there is no row, or another stamp."""
     stamps = rows.stamps_bytes()
     first = stamps[:STAMP_SIZE]
     return packed.stamp_at(first, 0) if first and stamps == first * rows.count else None
@@ -109,7 +109,7 @@ class TFMessageReader:
     def read(self, data: bytes) -> Columns:
         """The transforms in a message, in the same order, bit by bit.
 
-        Raises DecodeError where the bytes are no such message, a name is not UTF-8, or a stamp has
+        Raises DecodeError if the bytes are no such message, a name is not UTF-8, or a stamp has
         a second or more of nanoseconds. The names are not judged otherwise, nor the numbers.
         """
         if (one := self.read_one(data)) is not None:
@@ -129,7 +129,7 @@ class TFMessageReader:
 
     def read_one(self, data: bytes) -> tuple[tuple[str, ...], int, bytes] | None:
         """The frames of a message of one transform, its stamp, and its pose as columns have it:
-        where `read` has met one with these names, and the stamp is one. None for any other.
+        if `read` has met one with these names, and the stamp is one. None for any other.
 
         The frames are the parent and the child; or one that is both.
         """
@@ -180,7 +180,7 @@ class TFMessageReader:
 
 
 class _Layout:
-    """Where the numbers of a message are, by its frames and edges.
+    """The offsets of the numbers of a message, by its frames and edges.
 
     `names` are the bytes between the stamp and the pose of each row.
     """
@@ -208,7 +208,7 @@ class _Layout:
         return self._head + b"".join(parts)
 
     def gathered(self, data: bytes) -> Columns | None:
-        """The rows of a message of this size; None where it has other names, or a stamp that is
+        """The rows of a message of this size; None if it has other names, or a stamp that is
         none.
         """
         places, fixed = self._words or self._by_words()

@@ -87,7 +87,7 @@ def _groups(
 def _like_first(
     reader: TFMessageReader, messages: list[bytes], children: Collection[str] | None
 ) -> tuple[Columns, list[bool]] | None:
-    """The rows of the messages with the frames of the first, and which these are; None where the
+    """The rows of the messages with the frames of the first, and which these are; None if the
     first is not as others are written, or a stamp is none.
     """
     first = reader.read(messages[0])
@@ -124,8 +124,8 @@ def _like_first(
 def _places(
     frames: tuple[str, ...], edges: bytes, size: int
 ) -> "tuple[NDArray[np.intp], NDArray[np.intp]] | None":
-    """Where the stamps and the numbers of the poses are in a message, in words of four bytes; None
-    where the message has another size.
+    """The offsets of the stamps and of the numbers of the poses in a message, in words of four
+    bytes; None if the message has another size.
     """
     lengths = [len(name.encode()) + 1 for name in frames]
     stamp_at, pose_at, at = [], [], _STAMP_AT

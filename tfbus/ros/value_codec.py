@@ -64,19 +64,19 @@ class ValueReader(CdrReader):
         self._packed = 0
 
     def spend(self, values: int) -> None:
-        """Raise DecodeError where the message has more than a million maps, lists and texts."""
+        """Raise DecodeError if the message has more than a million maps, lists and texts."""
         self._values += values
         if self._values > MOST_ITEMS:
             raise DecodeError(f"the message has more than {MOST_ITEMS} values")
 
     def spend_numbers(self, numbers: int, each: int) -> None:
-        """Raise DecodeError where the lists of numbers take more than 1.3 GB, of `each` bytes."""
+        """Raise DecodeError if the lists of numbers take more than 1.3 GB, of `each` bytes."""
         self._numbers_bytes += numbers * each
         if self._numbers_bytes > _MOST_NUMBERS_BYTES:
             raise DecodeError(f"the message has too many numbers, {numbers:,} in one list")
 
     def spend_packed(self, data: bytes) -> None:
-        """The same for values in MessagePack, which are counted where they could be many."""
+        """The same for values in MessagePack, which are counted if they could be many."""
         self._packed += len(data)
         if self._packed > HARMLESS_SIZE:
             self.spend(values_in(data, MOST_ITEMS))

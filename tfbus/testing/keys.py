@@ -18,7 +18,7 @@ def intersect(one: str, other: str) -> bool:
 
 @lru_cache(maxsize=200_000)
 def checked(key: str) -> str:
-    """The key expression in its one form. Raises Zenoh's error where it is none."""
+    """The key expression in its one form. Raises Zenoh's error if it is none."""
     return str(zenoh.KeyExpr.autocanonize(key)) if "*" in key else str(zenoh.KeyExpr(key))
 
 
@@ -56,7 +56,7 @@ class Names:
         self._prefix = f"{namespace}/" if namespace else ""
 
     def full(self, key: str) -> str:
-        """A key of the session as the network has it. Raises Zenoh's error where it is none."""
+        """A key of the session as the network has it. Raises Zenoh's error if it is none."""
         return f"{self._prefix}{checked(key)}"
 
     def seen(self, full: str) -> str | None:
@@ -71,7 +71,7 @@ class Names:
 
 
 def _without(namespace: list[str], chunks: list[str]) -> str | None:
-    """An expression without the chunks that stand for a namespace; None where none can."""
+    """An expression without the chunks that stand for a namespace; None if none can."""
     for number, name in enumerate(namespace):
         chunk = chunks[number] if number < len(chunks) else ""
         if chunk == "**":

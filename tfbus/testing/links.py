@@ -48,7 +48,7 @@ class Path:
     changed_ns: int = 0
 
     def delays_s(self, chance: Callable[[], float]) -> tuple[float, float]:
-        """How long one packet takes, and how much longer where others overtake it."""
+        """How long one packet takes, and how much longer if others overtake it."""
         is_late = self.reordering and chance() < self.reordering
         more_s = self.delay_s + self.jitter_s if is_late else 0.0
         return self.delay_s + self.jitter_s * chance(), more_s

@@ -28,7 +28,7 @@ class Meeting:
         self._met: dict[tuple[object, object], int] = {}
 
     def protocol(self, one: "ZenohSession", other: "ZenohSession") -> str:
-        """The protocol of the link that two sessions make; "" where neither looks for the other."""
+        """The protocol of the link that two sessions make; "" if neither looks for the other."""
         if "client" in (one.mode, other.mode):
             return self._of_client(*((one, other) if one.mode == "client" else (other, one)))
         named = _named(one, other) or _named(other, one)
@@ -72,7 +72,7 @@ def _between(one: "ZenohSession", other: "ZenohSession") -> "list[ZenohSession]"
 
 
 def _named(one: "ZenohSession", other: "ZenohSession") -> str:
-    """The protocol by which `connect` of one session names the other; "" where it does not."""
+    """The protocol by which `connect` of one session names the other; "" if it does not."""
     for endpoint in one.connect:
         found = _ENDPOINT.fullmatch(endpoint)
         if found and _is_at(found["host"], one.process.host, other.process.host):

@@ -121,7 +121,7 @@ class Network:
     ) -> Process:
         """Start a process that runs `main(*args, **named)` and ends with it.
 
-        What `main` raises fails the test. SystemExit(0) of a command line does not.
+        An exception of `main` fails the test. SystemExit(0) of a command line does not.
         """
         process = self._table.add(self._host(host), name)
 
@@ -295,7 +295,7 @@ class Network:
     ) -> float:
         """Let the network run for this many of its seconds, or until a condition holds.
 
-        Returns the seconds that have passed. Raises SimulationError where the condition does not
+        Returns the seconds that have passed. Raises SimulationError if the condition does not
         hold after `timeout_s`.
         """
         begun_ns = self.tasks.now_ns

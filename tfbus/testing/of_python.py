@@ -1,9 +1,9 @@
 """Python's own clocks, threads and signals, as the code of a simulated process finds them.
 
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
-in a simulated process these are the simulation's, also where a module has `from time import sleep`.
-Outside of its tasks, and for what a module makes while it is imported, they stay Python's own. What
-cannot be simulated is refused (refused.py). `datetime.now()` tells the real time.
+in a simulated process these are the simulation's, also if a module has `from time import sleep`.
+Outside of its tasks, and for what a module makes while it is imported, they stay Python's own. A
+call that cannot be simulated is refused (refused.py). `datetime.now()` tells the real time.
 """
 
 import _thread
@@ -72,7 +72,7 @@ class _Searched:
         self._bound: list[tuple[Any, tuple[str, ...]]] = []
 
     def bound(self, replaced: Container[int]) -> list[tuple[Any, tuple[str, ...]]]:
-        """The modules that have some of the names, and which; all are searched where one is new, or
+        """The modules that have some of the names, and which; all are searched if one is new, or
         has new names.
         """
         modules = list(sys.modules.values())

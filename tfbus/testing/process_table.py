@@ -30,7 +30,7 @@ class ProcessTable:
     # Who is there
 
     def host(self, name: str) -> Host:
-        """The host of this name. Raises SimulationError where there is none."""
+        """The host of this name. Raises SimulationError if there is none."""
         if name not in self.hosts:
             known = ", ".join(repr(each) for each in self.hosts)
             raise SimulationError(

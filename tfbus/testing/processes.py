@@ -45,7 +45,7 @@ class Host:
         return self._read_ns
 
     def step_clock(self, step_s: float) -> None:
-        """Set its clock forward, or back where the step is negative."""
+        """Set its clock forward, or back if the step is negative."""
         self._offset_ns += round(step_s * 1e9)
         self._read_ns = 0
 

@@ -88,7 +88,7 @@ class Program:
 
     def wait_for_line(self, pattern: str, *, timeout_s: float = 60.0) -> str:
         """Let the network run until a line of its output or errors has the pattern in it: that
-        line. Raises SimulationError where it has ended without, or after `timeout_s`.
+        line. Raises SimulationError if it has ended without, or after `timeout_s`.
         """
         found: list[str] = []
         sought = re.compile(pattern)

@@ -26,7 +26,7 @@ _AROUND = 60
 
 
 class Message:
-    """A message on its way: `must_arrive` where it waits for room on a link."""
+    """A message on its way: `must_arrive` if it waits for room on a link."""
 
     def __init__(
         self, full: str, data: bytes, source: Source | None, *, must_arrive: bool, is_urgent: bool
@@ -84,7 +84,7 @@ class Publications:
         return found
 
     def send(self, message: Message, *, also_here: bool) -> None:
-        """Send a message of this session; waits for room where it must arrive."""
+        """Send a message of this session; waits for room if it must arrive."""
         if also_here:
             self._deliver(message, is_remote=False)
         for face, journey in self._session.routing.ways(SUBSCRIBER, message.full):
@@ -111,7 +111,7 @@ class Publications:
         face.send(receive, size, is_urgent=message.is_urgent)
 
     def _has_room(self, face: "Face", message: Message) -> bool:
-        """Whether a link takes a message, after a wait where it must arrive."""
+        """Whether a link takes a message, after a wait if it must arrive."""
         session = self._session
         if face.lane.has_room(message.is_urgent):
             return True

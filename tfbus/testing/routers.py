@@ -1,10 +1,10 @@
 """Routers: their knowledge of each other, and the ways of messages through them.
 
 As in Zenoh each router tells all others its links, its peers and what is declared at it. A message
-goes along the tree of shortest ways from the router that it came to first. Where several routers
+goes along the tree of shortest ways from the router that it came to first. If several routers
 have a link to a peer, one of them passes on between it and further routers. Each passes on between
 it and its own clients; these get what the peer sends a second time by the tree, unless their router
-is that one (eclipse-zenoh/zenoh#409). No router passes anything between two peers, also where these
+is that one (eclipse-zenoh/zenoh#409). No router passes anything between two peers, also if these
 have no link to each other (eclipse-zenoh/zenoh#498).
 """
 
@@ -70,7 +70,7 @@ class Router(Direct):
     # Declarations
 
     def spread(self, source: object, kind: str, key: str, change: int) -> None:
-        """Tell peers and clients, and other routers where it is of this one."""
+        """Tell peers and clients, and other routers if it is of this one."""
         for face in self._leaves():
             if face is not source and not (_is_peer(face) and source in self._peers()):
                 face.tell(kind, key, change)

@@ -1,7 +1,7 @@
 """Simulated threads in virtual time: one runs at a time, chosen from a seed.
 
-Each task is a thread of Python's that waits for its turn. It gives the turn back where it waits for
-something, and now and then where it could go on, so that the seed also decides how tasks
+Each task is a thread of Python's that waits for its turn. It gives the turn back if it waits for
+something, and now and then if it could go on, so that the seed also decides how tasks
 interleave. Time stands while any task can run, then jumps to the next moment at which one can.
 """
 
@@ -57,7 +57,7 @@ class Place(Protocol):
 
 
 class Task:
-    """One simulated thread."""
+    """A simulated thread."""
 
     def __init__(self, name: str, place: Place) -> None:
         self.name = name
@@ -161,7 +161,7 @@ class Tasks:
         self._rest()
 
     def _rest(self) -> None:
-        """Let another task have its turn; where none can, the work of this one takes time."""
+        """Let another task have its turn; if none can, the work of this one takes time."""
         if self.is_over:
             return
         if self._able:
@@ -323,7 +323,7 @@ class Tasks:
             turns = self.turns
 
     def _next(self) -> Task:
-        """The next task to run; time passes where none can now."""
+        """The next task to run; time passes if none can now."""
         able, alarms = self._able, self._alarms
         while True:
             while able:

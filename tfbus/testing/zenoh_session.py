@@ -74,7 +74,7 @@ class ZenohSession:
         return self._is_closed
 
     def check_open(self) -> None:
-        """Raise Zenoh's error where the session is closed, end what belongs to a dead process."""
+        """Raise Zenoh's error if the session is closed, end what belongs to a dead process."""
         if self.tasks.is_over and self.tasks.current is not self.tasks.main:
             raise SimulationOver
         if self._is_closed:

@@ -69,7 +69,7 @@ def init(
     """Begin; of the arguments of the process, or `args`, those after `--ros-args` count. The bus
     has no domains.
 
-    What it returns ends in a `with`, too. Raises RuntimeError where it was called before.
+    What it returns ends in a `with`, too. Raises RuntimeError if it was called before.
     """
     if unknown:
         raise TypeError(f"rclpy.init of tfbus.compat does not take {', '.join(unknown)}")

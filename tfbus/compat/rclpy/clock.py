@@ -37,7 +37,7 @@ class Clock:
         return self._clock.is_simulated
 
     def now(self) -> Time:
-        """The time now; 0 where it is simulated and has not begun."""
+        """The time now; 0 if it is simulated and has not begun."""
         steady = self._clock_type == ClockType.STEADY_TIME
         now_ns = self._clock.elapsed_ns() if steady else self._clock.now_ns()
         return Time(nanoseconds=max(0, now_ns), clock_type=self._clock_type)

@@ -72,7 +72,7 @@ def begin(args: Sequence[str] | None) -> Context:
 
 
 def current() -> Context:
-    """The context that is in force. Raises NotInitializedException where there is none."""
+    """The context that is in force. Raises NotInitializedException if there is none."""
     context = scheduler.of_process(_Begun).context
     if context is None or context.is_shut_down:
         raise NotInitializedException("call rclpy.init() first")

@@ -16,7 +16,7 @@ _END_NS = 2**63
 class Duration:
     """A span of time, of `seconds` and `nanoseconds` together; may be negative.
 
-    Raises OverflowError where it does not fit 64 bits of nanoseconds.
+    Raises OverflowError if it does not fit 64 bits of nanoseconds.
     """
 
     __slots__ = ("_nanoseconds",)

@@ -1,4 +1,4 @@
-"""What a node publishes, subscribes to, serves and calls, and its timers, with ROS's methods."""
+"""The topics, services and timers of a node, with ROS's methods."""
 
 import asyncio
 import threading
@@ -82,7 +82,7 @@ class Subscription(TakesTypes):
         self._messages: deque[Any] = deque(maxlen=depth)
 
     def receive(self, message: Any) -> None:
-        """Take a message of the bus; the oldest gives way where there are too many."""
+        """Take a message of the bus; the oldest gives way if there are too many."""
         received = self._on_bus.from_bus(message)
         with self._lock:
             is_full = len(self._messages) == self._messages.maxlen
@@ -181,7 +181,7 @@ class Rate:
         self._next_ns = clock.elapsed_ns() + self._period_ns
 
     def sleep(self) -> None:
-        """Sleep; returns early where the node is shut down."""
+        """Sleep; returns early if the node is shut down."""
         now_ns = self._clock.elapsed_ns()
         if self._next_ns > now_ns:
             self._node.wait((self._next_ns - now_ns) / 1e9, clock=self._clock)
@@ -268,7 +268,7 @@ class Client(TakesTypes):
         return self._client.call(request, timeout_s=timeout_sec)
 
     def call_async(self, request: Any) -> Future:
-        """A future of the response; its exception is a ServiceError where the service refuses.
+        """A future of the response; its exception is a ServiceError if the service refuses.
 
         Calls of one client go one after the other, once there is a server.
         """

@@ -66,7 +66,7 @@ class Executor:
     def spin(self) -> None:
         """Run callbacks until Ctrl-C or SIGTERM, which raise KeyboardInterrupt.
 
-        Raises ExternalShutdownException where `rclpy.shutdown()` is called meanwhile, and what a
+        Raises ExternalShutdownException if `rclpy.shutdown()` is called meanwhile, and what a
         callback raises.
         """
         here = self._begin()
@@ -186,8 +186,8 @@ class MultiThreadedExecutor(Executor):
     """Runs callbacks in `num_threads` threads, by default as many as there are processors, and at
     least two; those of a mutually exclusive group one at a time.
 
-    A callback without a group is in its node's default group, which is mutually exclusive. What
-    a callback raises ends `spin` in the thread that spins.
+    A callback without a group is in its node's default group, which is mutually exclusive. An
+    exception of a callback ends `spin` in the thread that spins.
     """
 
     def __init__(self, num_threads: int | None = None, **_: Any) -> None:

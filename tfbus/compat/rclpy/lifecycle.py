@@ -190,7 +190,7 @@ class LifecycleNode(Node):
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Called where one of the others fails: SUCCESS makes it unconfigured, else it ends."""
+        """Called if one of the others fails: SUCCESS makes it unconfigured, else it ends."""
         return TransitionCallbackReturn.FAILURE
 
     def trigger_configure(self) -> TransitionCallbackReturn:

@@ -113,7 +113,7 @@ RcutilsLogger = RosLogger
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
-    """The level of this name. Raises RuntimeError where there is none."""
+    """The level of this name. Raises RuntimeError if there is none."""
     try:
         return LoggingSeverity[log_severity.upper()]
     except KeyError:

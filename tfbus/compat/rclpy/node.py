@@ -59,7 +59,7 @@ class Node:
     `default_callback_group` run one at a time. Of the arguments of the process those after
     `--ros-args` count, and those of `tfbus launch`; and the environment (`TFBUS_...`).
 
-    Raises NotInitializedException before `rclpy.init()`; ends the process with the reason where the
+    Raises NotInitializedException before `rclpy.init()`; ends the process with the reason if the
     bus cannot be joined, or an argument is wrong.
     """
 
@@ -159,7 +159,7 @@ class Node:
     def node_in(self, namespace: str) -> TfbusNode:
         """The node of tfbus in a namespace: for another than its own, one of the same name there.
 
-        Who sends or listens to the transforms of a namespace is a node in it.
+        A process that sends or listens to the transforms of a namespace is a node in it.
         """
         if namespace == self.tfbus_node.namespace:
             return self.tfbus_node
@@ -236,7 +236,7 @@ class Node:
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Call `callback()` every `timer_period_sec` seconds of a clock, that of the node where
+        """Call `callback()` every `timer_period_sec` seconds of a clock, that of the node if
         none is given, the first time after one period; without `autostart`, after its `reset()`.
         """
         group = self.group_of(callback_group)
@@ -248,7 +248,7 @@ class Node:
         return timer
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """A rate whose `sleep()` makes a loop of `frequency` Hz of a clock, that of the node where
+        """A rate whose `sleep()` makes a loop of `frequency` Hz of a clock, that of the node if
         none is given.
         """
         return Rate(self.tfbus_node, 1.0 / frequency, (clock or self._clock).tfbus_clock)
@@ -366,7 +366,7 @@ class Node:
 
     def get_parameter(self, name: str) -> Parameter:
         """The parameter as it is now. Raises ParameterNotDeclaredException, or
-        ParameterUninitializedException where it has no value.
+        ParameterUninitializedException if it has no value.
         """
         return self._parameters.get(name)
 
@@ -379,7 +379,7 @@ class Node:
         return self._parameters.with_prefix(prefix)
 
     def get_parameter_or(self, name: str, alternative_value: Any = None) -> Any:
-        """The parameter as it is now, or the alternative where it is not declared."""
+        """The parameter as it is now, or the alternative if it is not declared."""
         return self.get_parameter(name) if self.has_parameter(name) else alternative_value
 
     def get_parameter_type(self, name: str) -> Any:

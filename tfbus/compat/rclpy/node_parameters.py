@@ -34,7 +34,7 @@ OnSet = Callable[[list[Parameter]], Any]
 
 
 class NodeParameters:
-    """The parameters of one node. Those without a value exist here only, until they have one."""
+    """The parameters of one node. One without a value exists here only, until it has a value."""
 
     def __init__(self, node: "TfbusNode", work: "Work", *, allow_undeclared: bool) -> None:
         self.callbacks: list[OnSet] = []
@@ -74,7 +74,7 @@ class NodeParameters:
 
     def get(self, name: str) -> Parameter:
         """It as it is now. Raises ParameterNotDeclaredException, or ParameterUninitializedException
-        where it has no value.
+        if it has no value.
         """
         if name == _SIM_TIME:
             return Parameter(name, None, self._node.clock.is_simulated)
@@ -184,7 +184,7 @@ class NodeParameters:
             raise ParameterError(reason)
 
     def _reason(self, parameters: list[Parameter]) -> str | None:
-        """Why a callback refuses them; None where all take them."""
+        """Why a callback refuses them; None if all take them."""
         for callback in [*self.callbacks]:
             result = callback(parameters)
             if not result.successful:

@@ -102,7 +102,7 @@ class Parameter(TakesTypes):
 
 
 def type_of(value: Any) -> _Type:
-    """ROS's type of a value. Raises TypeError where it has none."""
+    """ROS's type of a value. Raises TypeError if it has none."""
     if value is None:
         return _Type.NOT_SET
     if isinstance(value, list | tuple):

@@ -56,7 +56,7 @@ class DurabilityPolicy(IntEnum):
 
 
 class LivelinessPolicy(IntEnum):
-    """Who says that a publisher lives; on the bus its session does."""
+    """The side that says that a publisher lives; on the bus its session does."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -73,7 +73,9 @@ QoSLivelinessPolicy = LivelinessPolicy
 
 @dataclass(kw_only=True)
 class QoSProfile:
-    """How messages of a topic are sent. What tfbus does not apply is logged where it is used."""
+    """How messages of a topic are sent. A setting that tfbus does not apply is logged if it is
+    used.
+    """
 
     depth: int = 10
     history: HistoryPolicy = HistoryPolicy.KEEP_LAST
@@ -112,7 +114,7 @@ class QoSPresetProfiles(Enum):
 
     @classmethod
     def get_from_short_key(cls, name: str) -> QoSProfile:
-        """The profile of this name. Raises KeyError where there is none."""
+        """The profile of this name. Raises KeyError if there is none."""
         profile: QoSProfile = cls[name.upper()].value
         return profile
 

@@ -46,7 +46,7 @@ class Future(TakesTypes):
         self._end(cancelled=True)
 
     def result(self) -> Any:
-        """The result, None where there is none yet; raises the exception that was set."""
+        """The result, None if there is none yet; raises the exception that was set."""
         if self._exception is not None:
             raise self._exception
         return self._result

@@ -25,8 +25,8 @@ class Time:
     """A time since the Unix epoch, of `seconds` and `nanoseconds` together.
 
     `Time()` is 0, which asks a lookup for the latest. A time of `node.get_clock()` or `from_msg` is
-    ROS_TIME, another one SYSTEM_TIME unless `clock_type` says so. Raises ValueError where it is
-    negative, OverflowError where it does not fit 64 bits.
+    ROS_TIME, another one SYSTEM_TIME unless `clock_type` says so. Raises ValueError if it is
+    negative, OverflowError if it does not fit 64 bits.
     """
 
     __slots__ = ("_clock_type", "_nanoseconds")

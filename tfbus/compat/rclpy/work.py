@@ -23,7 +23,7 @@ class Job(NamedTuple):
 class Work:
     """The callbacks of a node that are ready to run, in the order in which they became so.
 
-    Those of a mutually exclusive group become ready one after the other; a coroutine holds its
+    Callbacks of a mutually exclusive group become ready one after the other; a coroutine holds its
     group until it ends, as in ROS.
     """
 

@@ -23,7 +23,7 @@ def set_message_fields(
     With `expand_header_auto` a header may be "auto", with `expand_time_now` a time "now": of each
     comes a function that sets the stamp, as `set_stamp(clock.now().to_msg())`.
 
-    Raises AttributeError for a field that is not there, TypeError where a map is wanted, and
+    Raises AttributeError for a field that is not there, TypeError if a map is wanted, and
     ValueError for a value that is none of the field's.
     """
     if not isinstance(values, Mapping):

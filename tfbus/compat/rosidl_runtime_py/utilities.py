@@ -13,7 +13,7 @@ _KINDS = ("msg", "srv", "action")
 def get_interface(identifier: str) -> Any:
     """The class of `nav_msgs/msg/Odometry`, `std_srvs/srv/Trigger`, `nav2_msgs/action/Spin`.
 
-    Raises ValueError where it is no such name, ModuleNotFoundError where the type is not known.
+    Raises ValueError if it is no such name, ModuleNotFoundError if the type is not known.
     """
     parts = identifier.split("/")
     if len(parts) != 3 or parts[1] not in _KINDS or not all(parts):

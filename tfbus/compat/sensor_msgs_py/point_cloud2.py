@@ -82,7 +82,7 @@ def read_points_numpy(
     uvs: Any = None,
     reshape_organized_cloud: bool = False,
 ) -> Any:
-    """The points as an array (N, fields) of one type. Raises AssertionError where the fields have
+    """The points as an array (N, fields) of one type. Raises AssertionError if the fields have
     several types.
     """
     points = read_points(cloud, field_names, skip_nans, uvs, reshape_organized_cloud)

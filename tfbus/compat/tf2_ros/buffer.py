@@ -55,7 +55,7 @@ class Buffer(BufferCore, BufferInterface):
 
         The time is a Time or a message's stamp, 0 the latest. Waits at most `timeout`. Raises
         LookupException, ConnectivityException, ExtrapolationException or InvalidArgumentException,
-        after waiting too, and at once where waiting does not help.
+        after waiting too, and at once if waiting does not help.
         """
         timeout_s = 0.0 if timeout is _AT_ONCE else _seconds(timeout)
         return self._look_up(target_frame, source_frame, time, timeout_s)
@@ -92,7 +92,7 @@ class Buffer(BufferCore, BufferInterface):
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
         """A future of the transform, for callbacks, coroutines and asyncio.
 
-        It waits for ever, unless cancelled; where waiting does not help it has the exception.
+        It waits for ever, unless cancelled; if waiting does not help it has the exception.
         """
         stamp_ns = stamp_ns_of(time) or None
         look = partial(self.lookup_transform_core, target_frame, source_frame, time)

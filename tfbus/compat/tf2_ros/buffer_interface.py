@@ -48,7 +48,7 @@ class TransformRegistration:
     def get(self, key: type) -> DoTransform:
         """The function of a type; a message of ROS itself has that of the same name here.
 
-        Raises TypeException where there is none.
+        Raises TypeException if there is none.
         """
         if key in self._functions:
             return self._functions[key]
@@ -87,22 +87,22 @@ class ConvertRegistration:
         self._convert[key] = callback
 
     def get_to_msg(self, key: type) -> Callable[[Any], Any]:
-        """The function. Raises TypeException where there is none."""
+        """The function. Raises TypeException if there is none."""
         return _found(self._to_msg, key, "add_to_msg")
 
     def get_from_msg(self, key: type) -> Callable[[Any], Any]:
-        """The function. Raises TypeException where there is none."""
+        """The function. Raises TypeException if there is none."""
         return _found(self._from_msg, key, "add_from_msg")
 
     def get_convert(self, key: tuple[type, type]) -> Callable[[Any], Any]:
-        """The function. Raises TypeException where there is none."""
+        """The function. Raises TypeException if there is none."""
         return _found(self._convert, key, "add_convert")
 
 
 def convert(a: Any, b_type: type) -> Any:
-    """The object as another type; a copy of it where it is of that type.
+    """The object as another type; a copy of it if it is of that type.
 
-    Raises TypeException where no functions are registered.
+    Raises TypeException if no functions are registered.
     """
     registration = ConvertRegistration()
     direct = registration._convert.get((type(a), b_type))
@@ -120,7 +120,7 @@ def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:
 
 
 class BufferInterface:
-    """What has lookups, and so can transform stamped objects.
+    """An object with lookups, which so can transform stamped objects.
 
     A subclass has `lookup_transform`, `lookup_transform_full`, `can_transform` and
     `can_transform_full`. `registration` is the table of types that `transform` takes.

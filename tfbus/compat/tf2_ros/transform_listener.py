@@ -61,7 +61,7 @@ class TransformListener:
 
     @property
     def buffer(self) -> Buffer:
-        """What it fills; set it to fill another buffer from then on."""
+        """The buffer that it fills; set it to fill another buffer from then on."""
         return self._buffer
 
     @buffer.setter

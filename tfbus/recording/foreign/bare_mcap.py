@@ -18,7 +18,7 @@ _PUBLISHER, _LATCHING = "callerid", "latching"
 
 
 class BareMcap:
-    """One MCAP file. Raises DecodeError where it is none, or one of ours, and OSError.
+    """One MCAP file. Raises DecodeError if it is none, or one of ours, and OSError.
 
     With `is_packed` each message is compressed for itself, as rosbag2 may do.
     """
@@ -45,7 +45,7 @@ class BareMcap:
 
     @property
     def damage(self) -> list[str]:
-        """What could not be read so far: `128 kB with 98 messages from +3.21s to +3.44s`."""
+        """The unreadable parts so far: `128 kB with 98 messages from +3.21s to +3.44s`."""
         return [each.text(self.start_ns) for each in united(self._file.damage)]
 
     def messages(self) -> Iterator[ForeignMessage]:

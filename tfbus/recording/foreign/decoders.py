@@ -26,9 +26,9 @@ _FOXGLOVE = ("foxglove.FrameTransform", "foxglove.FrameTransforms")
 
 
 def transforms_decoder(channel: ForeignChannel) -> TransformsDecoder | None:
-    """What reads the transforms of a channel; None where its messages are no transforms.
+    """The reader of the transforms of a channel; None if its messages are no transforms.
 
-    Raises DecodeError where they are, and cannot be read.
+    Raises DecodeError if they are, and cannot be read.
     """
     name = channel.type_name
     if name in _TF_MESSAGES and channel.encoding == "cdr":
@@ -48,7 +48,7 @@ def transforms_decoder(channel: ForeignChannel) -> TransformsDecoder | None:
 
 
 def values_decoder(channel: ForeignChannel) -> ValuesDecoder:
-    """What reads the messages of a channel into maps. Raises DecodeError where nothing can."""
+    """The reader of the messages of a channel into maps. Raises DecodeError if nothing can."""
     if channel.encoding == "json":
         return lambda data: (foxglove.json_map(data), None)
     if channel.encoding == "ros1" and channel.definition_format == "ros1msg":

@@ -44,7 +44,7 @@ def opened(*paths: Path) -> Iterator[ForeignFiles]:
     """The files, or folders of files, as one until the end of the `with`.
 
     Raises DecodeError for a file of another kind and one that cannot be read, OSError, and
-    ImportError where the library that reads it is not installed.
+    ImportError if the library that reads it is not installed.
     """
     with ExitStack() as stack:
         files: list[ForeignFile] = []
@@ -118,7 +118,7 @@ def _unpacked(folder: Path, stack: ExitStack) -> Path:
 
 
 def _metadata(folder: Path) -> Any:
-    """What rosbag2's metadata says; None where it is not YAML, which rosbags says better. Raises
+    """The contents of rosbag2's metadata; None if it is not YAML, which rosbags says better. Raises
     DecodeError for one of more than 10 MB, or nested so deeply that rosbags would read for hours.
     """
     path = folder / _METADATA

@@ -25,7 +25,7 @@ _Row = tuple[str, str, int, Sequence[float], Sequence[float]]
 
 
 def json_map(data: bytes) -> dict[str, Any]:
-    """A message in JSON. Raises DecodeError where it is none."""
+    """A message in JSON. Raises DecodeError if it is none."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -36,12 +36,12 @@ def json_map(data: bytes) -> dict[str, Any]:
 
 
 def of_json(data: bytes) -> Columns:
-    """The transforms of a message in JSON. Raises DecodeError where it is none."""
+    """The transforms of a message in JSON. Raises DecodeError if it is none."""
     return of_values(json_map(data))
 
 
 def of_values(values: Any) -> Columns:
-    """The transforms of a message by the names of its fields. Raises DecodeError where it is
+    """The transforms of a message by the names of its fields. Raises DecodeError if it is
     none.
     """
     try:
@@ -55,7 +55,7 @@ def of_values(values: Any) -> Columns:
 
 def of_protobuf(data: bytes, *, many: bool) -> Columns:
     """The transforms of a message in protobuf: of FrameTransforms with `many`, else of
-    FrameTransform. Raises DecodeError where it is none.
+    FrameTransform. Raises DecodeError if it is none.
     """
     try:
         if not many:
@@ -140,7 +140,7 @@ def _doubles(data: bytes, count: int) -> list[float]:
 
 
 def _signed(number: int) -> int:
-    """What protobuf's int32 and int64 write for a negative number."""
+    """The bytes that protobuf's int32 and int64 write for a negative number."""
     return number - 2**64 if number >= 2**63 else number
 
 

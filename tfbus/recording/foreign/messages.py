@@ -11,7 +11,7 @@ class ForeignChannel:
 
     `type_name` is as ROS 2 has it, `tf2_msgs/msg/TFMessage`, or as Foxglove, and `encoding` that of
     the messages: "cdr", "ros1", "json", "protobuf" or another. `definition` is the type's in
-    `definition_format`, "ros2msg" or "ros1msg" among others; "" where the file has none. A topic
+    `definition_format`, "ros2msg" or "ros1msg" among others; "" if the file has none. A topic
     that is `retained` is transient local in ROS 2, and latched in ROS 1.
     """
 
@@ -33,7 +33,7 @@ class ForeignMessage(NamedTuple):
 
 
 class ForeignFile(Protocol):
-    """One file, or the files of one rosbag2 recording.
+    """A file, or the files of one rosbag2 recording.
 
     `start_ns` and `end_ns` are the log times of the first and last message, both 0 without any.
     `note` is what a user should know of it, "" for nothing.
@@ -46,10 +46,10 @@ class ForeignFile(Protocol):
 
     @property
     def damage(self) -> list[str]:
-        """What could not be read so far, and was left out."""
+        """The unreadable parts so far, and was left out."""
 
     def messages(self) -> Iterator[ForeignMessage]:
-        """All messages in order of log time. Raises DecodeError where the file is damaged."""
+        """All messages in order of log time. Raises DecodeError if the file is damaged."""
 
     def close(self) -> None:
         """Close the file."""

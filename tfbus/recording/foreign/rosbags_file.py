@@ -22,7 +22,7 @@ _DEFINITION_FORMATS = {1: "msg", 2: "idl"}
 class RosbagsFile:
     """A .bag, a .db3, or the folder of a rosbag2 recording with its metadata.yaml.
 
-    Raises DecodeError where it cannot be read, OSError, and ImportError without rosbags.
+    Raises DecodeError if it cannot be read, OSError, and ImportError without rosbags.
     """
 
     def __init__(self, path: Path) -> None:
@@ -81,7 +81,7 @@ class RosbagsFile:
         return []
 
     def messages(self) -> Iterator[ForeignMessage]:
-        """All messages in order of log time. Raises DecodeError where the file is damaged."""
+        """All messages in order of log time. Raises DecodeError if the file is damaged."""
         try:
             for connection, log_ns, data in self._reader.messages(self._reader.connections):
                 if self._is_packed:
@@ -126,7 +126,7 @@ class RosbagsFile:
 
 
 def _mistake_in_database(path: Path) -> str:
-    """Why a database is not one that rosbag2 wrote, "" where it may be.
+    """Why a database is not one that rosbag2 wrote, "" if it may be.
 
     A view, a trigger, a virtual table or a computed column is a program: it can have a query go on
     for ever, which no signal ends. Its metadata may give it any name.

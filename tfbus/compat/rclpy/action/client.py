@@ -120,7 +120,7 @@ class ActionClient(TakesTypes):
     ) -> Future:
         """Send a Goal once there is a server: a future of its ClientGoalHandle.
 
-        Raises TypeError where the goal is of another type.
+        Raises TypeError if the goal is of another type.
         """
         if not isinstance(goal, self._type.Goal):
             raise TypeError(
@@ -135,7 +135,7 @@ class ActionClient(TakesTypes):
         return future
 
     def send_goal(self, goal: Any, **options: Any) -> GoalOutcome | None:
-        """Send a Goal and wait for its end, also in a callback; None where it was rejected."""
+        """Send a Goal and wait for its end, also in a callback; None if it was rejected."""
         handle: ClientGoalHandle = _waited(self.send_goal_async(goal, **options))
         return handle.get_result() if handle.accepted else None
 

@@ -81,7 +81,7 @@ class ServerGoalHandle(TakesTypes):
         self._handle.feedback(feedback)
 
     def succeed(self, response: Any = None) -> None:
-        """It is done; sends the Result where one is given, else it is what the callback returns."""
+        """It is done; sends the Result if one is given, else it is what the callback returns."""
         self._end(GoalStatus.STATUS_SUCCEEDED, response)
 
     def abort(self, response: Any = None) -> None:
@@ -184,7 +184,7 @@ class ActionServer(TakesTypes):
         self._server.close()
 
     def check(self, part: str, message: Any) -> None:
-        """Raise TypeError where a message is not this part of the action."""
+        """Raise TypeError if a message is not this part of the action."""
         expected = getattr(self._type, part)
         if not isinstance(message, expected):
             raise TypeError(

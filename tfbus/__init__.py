@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
     from tfbus.errors import UrdfError as UrdfError
+    from tfbus.frames.recording import Recording as Recording
     from tfbus.geometry.batch import TransformBatch as TransformBatch
     from tfbus.geometry.transform import Transform as Transform
     from tfbus.geometry.transform import TransformStamped as TransformStamped
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
     from tfbus.node.action import GoalResult as GoalResult
     from tfbus.node.node import Node as Node
     from tfbus.node.parameters import Parameter as Parameter
-    from tfbus.recording.recording import Recording as Recording
     from tfbus.robot.model import Joint as Joint
     from tfbus.robot.model import Link as Link
     from tfbus.robot.robot import Robot as Robot
@@ -109,7 +109,7 @@ _MODULE_OF = {
     "ReentrantCallbackGroup": "tfbus.runtime.callback_groups",
     "RightsError": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
-    "Recording": "tfbus.recording.recording",
+    "Recording": "tfbus.frames.recording",
     "Robot": "tfbus.robot.robot",
     "ServiceError": "tfbus.errors",
     "ServiceName": "tfbus.command.types",

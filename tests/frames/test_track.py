@@ -50,6 +50,17 @@ def test_a_circle_has_its_speeds(radius_m: float, rad_per_s: float) -> None:
     assert yaw == pytest.approx(math.pi / 2 + rad_per_s * track.seconds, abs=1e-6)
 
 
+@pytest.mark.parametrize("pitch", [-90.0, -89.9999999, -30.0, 0.0, 60.0, 89.99999, 90.0])
+def test_a_plot_has_the_orientation_that_echo_prints(pitch: float) -> None:
+    """At every pitch: at 90 degrees, too, the angles make the rotation."""
+    turns = [Transform.from_rpy(roll, pitch, 50.0, degrees=True) for roll in (12.5, 20.0, -170.0)]
+    stamps_ns = START_NS + NS * np.arange(3)
+    track = Track("world", "turtle", stamps_ns, TransformArray.of(turns))
+    for angles, turn in zip(track.rpy_rad(), turns, strict=True):
+        differences = angles - np.array(turn.as_rpy())
+        assert np.abs(np.sin(differences / 2)).max() < 1e-9
+
+
 def test_a_track_has_known_times_only() -> None:
     """Times before the first and after the last sample are left out."""
     buffer = circling(1.0, 1.0, 1.0)

@@ -6,8 +6,8 @@ import pytest
 
 from tests.recordings import at, described, publisher, statics, steadily, write
 from tfbus import ExtrapolationException, Recording
+from tfbus.frames.recorded_poses import poses_at, stamps_at_rate
 from tfbus.recording.edit import Span, cut
-from tfbus.recording.exported import poses_at, stamps_at_rate
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.pauses import Pause, pauses_of, recorded_ns
 from tfbus.recording.reader import RecordingReader

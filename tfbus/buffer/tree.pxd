@@ -2,7 +2,7 @@ cimport cython
 from tfbus.core cimport packed
 from tfbus.core.kernel cimport History
 from tfbus.core.kernel cimport Path, seek_as
-from tfbus.core.kernel cimport pose_t, compose, invert, normalised
+from tfbus.core.kernel cimport pose_t, chained, normalised
 from tfbus.geometry.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2

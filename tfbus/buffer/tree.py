@@ -20,8 +20,7 @@ from tfbus.core.kernel import (
     History,
     Path,
     Pose,
-    compose,
-    invert,
+    chained,
     normalised,
     seek_as,
 )
@@ -215,12 +214,15 @@ class Tree:
         if target is None or source is None or stamp_ns is None:
             return None
         from_source = self._walk(source, stamp_ns, sampling)
-        for frame, back, back_beyond in self._walk(target, stamp_ns, sampling):
-            for other, pose, beyond in from_source:
+        from_target = self._walk(target, stamp_ns, sampling)
+        for down, (frame, _, back_beyond) in enumerate(from_target, start=1):
+            for up, (other, _, beyond) in enumerate(from_source, start=1):
                 if other is frame:
-                    whole = normalised(compose(invert(back), pose))
+                    steps = [step for _, step, _ in from_source[1:up]]
+                    back = [step for _, step, _ in from_target[1:down]]
+                    pose = normalised(chained(steps, back))
                     beyond = max(beyond, back_beyond)
-                    return make_stamped(stamp_ns, target.name, source.name, whole, beyond)
+                    return make_stamped(stamp_ns, target.name, source.name, pose, beyond)
         return None
 
     def walk_end(self, frame: str, stamp_ns: int, sampling: Sampling) -> History:
@@ -243,20 +245,19 @@ class Tree:
     def _walk(
         self, history: History, stamp_ns: int, sampling: Sampling
     ) -> list[tuple[History, Pose, int]]:
-        """The frame and those above it at that time, each with the pose of the first in it, and how
-        far that was extrapolated.
+        """The frame and those above it at that time, each with the pose of the one before in it,
+        and how far the poses so far were extrapolated.
 
         Parents of different times may form a loop. It ends at the first frame of that: along the
         others, two frames would have two answers.
         """
-        pose = IDENTITY
         beyond = 0
-        walked = [(history, pose, beyond)]
+        walked = [(history, IDENTITY, beyond)]
         places = {history.name: 0}
         while history.parent is not None:
             if not seek_as(history, stamp_ns, sampling):
                 break
-            pose = compose(history.pose(sampling.interpolation == "screw"), pose)
+            pose = history.pose(sampling.interpolation == "screw")
             beyond = max(beyond, history.beyond)
             above = history.parent_here()
             if above is None:

@@ -41,7 +41,7 @@ cdef void _begin(
     j=Py_ssize_t, stamp_ns=cython.longlong, before=cython.longlong, after=cython.longlong,
     ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double, bx=double,
     by=double, bz=double, bpx=double, bpy=double, bpz=double, bpw=double, cosine=double,
-    short=double, angle=double, scale=double, elapsed=double, pace=double, ratio=double,
+    short=double, angle=double, scale=double, elapsed=double, period=double, ratio=double,
     rest=double, u=double, v=double)
 cdef void _step(
     block_t* block, samples_t* samples, Py_ssize_t count) noexcept nogil

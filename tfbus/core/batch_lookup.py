@@ -127,7 +127,7 @@ def _step(block: Block, samples: Samples, count: int) -> None:
     before = after = NO_DATA
     ax = ay = az = apx = apy = apz = apw = 0.0
     bx = by = bz = bpx = bpy = bpz = bpw = 0.0
-    pace = short = angle = scale = 0.0
+    period = short = angle = scale = 0.0
     for j in range(count):
         stamp_ns = block.stamps_ns[j]
         if stamp_ns < before or stamp_ns >= after:
@@ -140,9 +140,7 @@ def _step(block: Block, samples: Samples, count: int) -> None:
                 continue
             ax, ay, az, apx, apy, apz, apw = sample(samples, samples.here)
             bx, by, bz, bpx, bpy, bpz, bpw = sample(samples, samples.following)
-            bx, by, bz = bx - ax, by - ay, bz - az
-            elapsed = after - before
-            pace = 1.0 / elapsed
+            period = after - before
             cosine = apx * bpx + apy * bpy + apz * bpz + apw * bpw
             if cosine < 0.0:
                 cosine, bpx, bpy, bpz, bpw = -cosine, -bpx, -bpy, -bpz, -bpw
@@ -151,17 +149,19 @@ def _step(block: Block, samples: Samples, count: int) -> None:
                 angle = math.acos(cosine)
                 scale = 1.0 / math.sin(angle)
         elapsed = stamp_ns - before
-        ratio = elapsed * pace
+        ratio = elapsed / period
         rest = 1.0 - ratio
         if short < _SERIES_BELOW:
             u = rest * _weight(short, rest * rest)
             v = ratio * _weight(short, ratio * ratio)
+        elif ratio == 0.0:
+            u, v = 1.0, 0.0  # the sample itself, as `pose_at` has it
         else:
             u = math.sin(rest * angle) * scale
             v = math.sin(ratio * angle) * scale
-        block.step_x[j] = ax + ratio * bx
-        block.step_y[j] = ay + ratio * by
-        block.step_z[j] = az + ratio * bz
+        block.step_x[j] = rest * ax + ratio * bx
+        block.step_y[j] = rest * ay + ratio * by
+        block.step_z[j] = rest * az + ratio * bz
         block.step_qx[j] = u * apx + v * bpx
         block.step_qy[j] = u * apy + v * bpy
         block.step_qz[j] = u * apz + v * bpz

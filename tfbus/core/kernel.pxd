@@ -233,9 +233,9 @@ cdef class Path:
     @cython.locals(samples=samples_ptr, former=samples_ptr, i=Py_ssize_t, ratio=double,
                    pose=pose_t, step=pose_t)
     cdef bint follow_into(self, pose_t* poses, long long stamp_ns, bint screw) noexcept nogil
-    @cython.locals(history=History, beyond=cython.longlong, screw=cython.bint, back=pose_t)
+    @cython.locals(history=History, beyond=cython.longlong, screw=cython.bint)
     cdef long long follow_as(self, long long stamp_ns, sampling) except *
 
-@cython.locals(history=History, pose=pose_t)
-cdef pose_t _chain_pose(list histories, bint screw) except *
+@cython.locals(pose=pose_t, step=pose_t)
+cpdef pose_t chained(list up, list down) except *
 cpdef bint seek_as(History history, long long stamp_ns, sampling) except -1

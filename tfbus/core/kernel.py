@@ -51,7 +51,7 @@ LONGEST_NS = 2**62
 # tf2's tolerance (its "TF_DENORMALIZED_QUATERNION"): the squared norm is within 0.01 of one.
 QUATERNION_TOLERANCE = 0.01
 # The squared norm of a quaternion that was normalised before is as near to one.
-UNIT_TO_THE_LAST_BIT = 4.5e-16
+UNIT_TO_THE_LAST_BIT = 9e-16
 
 if cython.compiled:
     # `kernel.pxd` makes them numbers of C, which other modules could not import.
@@ -1265,16 +1265,23 @@ class Path:
                 return -1
             beyond = max(beyond, history.beyond)
         screw = sampling.interpolation == "screw"
-        back = invert(_chain_pose(self.down, screw))
-        self.pose = normalised(compose(back, _chain_pose(self.up, screw)))
+        up = [history.pose(screw) for history in self.up]
+        self.pose = normalised(chained(up, [history.pose(screw) for history in self.down]))
         return beyond
 
 
-def _chain_pose(histories: list[History], screw: bool) -> Pose:
-    """The pose of the first frame in the parent of the last, at their cursors."""
+def chained(up: list[Pose], down: list[Pose]) -> Pose:
+    """The pose of a source in a target, by the edges from the source up to the common ancestor, and
+    those from the target up to it: composed in the order of `Path.follow`, the same to the last
+    bit.
+    """
     pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    for history in histories:
-        pose = compose(history.pose(screw), pose)
+    for step in reversed(down):
+        pose = compose(pose, step)
+    if down:
+        pose = invert(pose)
+    for step in reversed(up):
+        pose = compose(pose, step)
     return pose
 
 

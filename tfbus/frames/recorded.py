@@ -8,6 +8,7 @@ stale, are by the log times too: it makes no difference when the recording is lo
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
@@ -18,14 +19,14 @@ from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.recorded_clock import RecordedClock, clock_topic, follows_clock
 from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.frames.viewpoint import Viewpoint
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
-from tfbus.recording.selection import Selection
+from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.viewpoint import Viewpoint
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
@@ -43,18 +44,13 @@ S = 1_000_000_000
 _MOST_BACK_S = 1200
 
 
-def _lasting(source: "RecordingReader") -> "LastingStatics":
-    from tfbus.recording.lasting_statics import LastingStatics  # numpy
-
-    return LastingStatics(source)
-
-
 class RecordedFrames:
     """The frames of a recording as a listener in `namespace`, or with a `fleet`, had them.
 
     `seek` goes to a moment, `advance` on to a later one; before the first there is nothing.
     `sim_time` is whether ages are by the simulated time that was recorded; None: where all
     publishers followed it. With `statics` "always" static transforms are there before they came.
+    `view` is in the place of a namespace and fleet, and `new_buffer` makes the buffer.
     """
 
     def __init__(
@@ -67,20 +63,17 @@ class RecordedFrames:
         sim_time: bool | None = None,
         statics: "Statics" = "then",
         sampling: Sampling = TF2,
+        view: Viewpoint | None = None,
+        new_buffer: Callable[[], Buffer] | None = None,
     ) -> None:
         self.dropped = 0
-        # Called before samples may be lost: by a new epoch of a stream, a description or a static
-        # set that leaves a frame out, a clock that is set back.
-        self.before_loss: Callable[[], object] = lambda: None
-        # How often a simulated clock was set back, and to when at last.
-        self.jumps = self.jumped_to_ns = 0
         self._source = source
-        self._lasting = _lasting(source) if statics == "always" else None
+        self._statics: Statics = statics
         self._events = source.events
         self.pauses = source.pauses
-        self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
+        self._view = view or Viewpoint(namespace or _only_namespace(source, fleet), fleet)
         self._cache_time_s = cache_time_s
-        self._sampling = sampling
+        self._new_buffer = new_buffer or (lambda: Buffer(cache_time_s, sampling=sampling))
         self._described = {each.name for each in self._events if each.kind == "stream"}
         nodes = map(_node_of, self._events)
         follows = follows_clock(filter(None, nodes)) if sim_time is None else sim_time
@@ -88,6 +81,12 @@ class RecordedFrames:
         self._selection = self._make_selection()
         self._at_ns = source.start_ns
         self._start()
+
+    @cached_property
+    def _lasting(self) -> "LastingStatics | None":
+        from tfbus.recording.lasting_statics import LastingStatics  # numpy
+
+        return LastingStatics(self._source) if self._statics == "always" else None
 
     @property
     def namespace(self) -> str:
@@ -101,13 +100,12 @@ class RecordedFrames:
         return Selection(topics=topics, streams=tuple(sorted(names)))
 
     def _start(self) -> None:
-        self.buffer = Buffer(self._cache_time_s, sampling=self._sampling)
+        self.buffer = self._new_buffer()
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
         self._full_names: dict[str, _Stream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
-        self._epochs: dict[str, int] = {}
         self._nodes: dict[str, NodeDescription] = {}
 
     # Moments
@@ -134,6 +132,13 @@ class RecordedFrames:
         for item in span:
             self.take(item)
         self.pass_time(at_ns)
+
+    def hear(self, from_ns: int | None, to_ns: int | None, selection: Selection = ALL) -> None:
+        """Be a listener that began at one log time and ended after another. `buffer` is another one
+        from then on, with what was in force at the beginning.
+        """
+        before = [] if from_ns is None else self._source.state_at(from_ns, selection).items(from_ns)
+        self._go_through(before, self._source.items(from_ns, to_ns, selection), self.end_ns)
 
     def count_from_now(self) -> None:
         """Count messages of streams, and those missed, from now on only."""
@@ -229,20 +234,16 @@ class RecordedFrames:
             self._take_event(item)
         elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
             # The clock was set back: transforms in its future have not happened.
-            self.jumped_to_ns = self._clock.now_ns()
-            self.jumps += 1
-            self.buffer.clear(after_ns=self.jumped_to_ns)
+            self.buffer.clear(after_ns=self._clock.now_ns())
         return item
 
     def _take_transforms(self, item: TransformItem) -> TransformItem | None:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
-        if item.static:
-            self.before_loss()
-            item = item if self._lasting is None else self._lasting.widened(item)
+        if item.static and self._lasting is not None:
+            item = self._lasting.widened(item)
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
-        self._note_epoch(name, item.stream.epoch_ns)
         names = self._names(item.stream)
         called = names.all_outside(item.rows.frames)
         rows = item.rows if called is item.rows.frames else item.rows.with_frames(called)
@@ -272,9 +273,6 @@ class RecordedFrames:
             if known is None and event.kind == "stream" and name and is_printable(name):
                 known = self._meet(name, event.name)
             if known is not None:
-                self.before_loss()
-                if name and isinstance(epoch_ns := event.facts.get("epoch"), int):
-                    self._note_epoch(name, epoch_ns)
                 known.take_event(event, self._view.names(namespace))
         elif event.kind == "paused":
             self._pause = self._pause or self._pause_at(event.log_ns)
@@ -286,11 +284,6 @@ class RecordedFrames:
 
     def _pause_at(self, log_ns: int) -> Pause | None:
         return next((each for each in self.pauses if each.from_ns == log_ns), None)
-
-    def _note_epoch(self, name: str, epoch_ns: int) -> None:
-        if self._epochs.setdefault(name, epoch_ns) != epoch_ns:
-            self._epochs[name] = epoch_ns
-            self.before_loss()
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
@@ -311,6 +304,26 @@ class RecordedFrames:
     def now_ns(self) -> int:
         """The moment; by the simulated clock where that is followed."""
         return self._clock.now_ns()
+
+    @property
+    def follows_clock(self) -> bool:
+        """Whether the time is the simulated one that was recorded, where there is one."""
+        return self._follows_clock
+
+    def epoch_ns(self, stream: str) -> int | None:
+        """The epoch that counts of a stream, by its full name; None before its first message."""
+        known = self._full_names.get(stream)
+        return None if known is None else known.reception.epoch_ns
+
+    @property
+    def source(self) -> "RecordingReader":
+        """The files."""
+        return self._source
+
+    @property
+    def statics(self) -> "Statics":
+        """Which static transforms are known at a moment."""
+        return self._statics
 
     @property
     def selection(self) -> Selection:

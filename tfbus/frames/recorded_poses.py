@@ -1,9 +1,12 @@
-"""Poses of one frame in another, from a recording: at a moment, or along a span."""
+"""Poses of one frame in another, from a recording: at a moment, or along a span.
+
+`tfbus.Recording` has the answers; here are the questions of the tools: moments and spans of log
+times, and errors that say where in the recording to look.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.explain import after_waiting_with
@@ -22,12 +25,16 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import Track
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.trajectory.trajectory import check_count
+from tfbus.recording.items import Item, TransformItem
+from tfbus.trajectory.trajectory import Trajectory, check_count
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from tfbus.frames.recording import Recording
+    from tfbus.recording.reader import RecordingReader
 
     Ints = NDArray[np.int64]
 else:
@@ -35,22 +42,16 @@ else:
 
 S = 1_000_000_000
 
-# The poses of a span are looked up in parts of this length. What a slow frame of the path lags
-# behind the others, and the pauses that are interpolated, are at most as long as the cache.
-_PART_NS = 2 * S
-_CACHE_S = 60.0
+# The poses of a span are looked up in parts: the first is short, so that it comes soon, and each
+# further one is twice as long, up to this.
+_FIRST_PART_NS, _LONGEST_PART_NS = 2 * S, 512 * S
 
-# A lookup at a stamp needs a later sample of each frame on the path, which comes within this.
-_LATER_S = (1, 5, 55)
+# For the last transforms before a moment, so much of the recording is read at first.
+_LOOKED_BACK_NS = 2 * S
 
 
 def frames_of(
-    bag: OpenBag,
-    settings: NodeSettings,
-    fleet: Fleet | None,
-    *,
-    cache_time_s: float = 10.0,
-    sampling: Sampling = TF2,
+    bag: OpenBag, settings: NodeSettings, fleet: Fleet | None, *, cache_time_s: float = 10.0
 ) -> RecordedFrames:
     """The frames of an open recording, as a tool with these settings saw them."""
     return RecordedFrames(
@@ -60,8 +61,14 @@ def frames_of(
         cache_time_s=cache_time_s,
         sim_time=settings.sim_time or None,
         statics=bag.choice.statics,
-        sampling=sampling,
     )
+
+
+def recording_of(frames: RecordedFrames) -> Recording:
+    """The recording of these frames, for lookups by stamps, with the same names."""
+    from tfbus.frames.recording import Recording  # numpy
+
+    return Recording.of_reader(frames.source, frames.statics, frames.viewpoint)
 
 
 def recorded_transform(
@@ -78,87 +85,52 @@ def recorded_transform(
     """
     with choice.opened() as bag:
         at_ns = bag.at_ns
-        if fixed_frame is not None:
-            cache_s = (bag.reader.end_ns - at_ns) / S + 10.0
-            frames = frames_of(bag, settings, fleet, cache_time_s=cache_s, sampling=sampling)
-            stamp_ns = _stamp_at(frames, at_ns)
-            frames.seek(bag.reader.end_ns)
-            with _explained(frames):
-                return frames.buffer.lookup_transform_full(
-                    target, None, source, stamp_ns, fixed_frame
-                )
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
-        stamp_ns = _stamp_at(frames, at_ns)
-        with _explained(frames):
-            return _at(frames, target, source, stamp_ns)
-
-
-def _stamp_at(frames: RecordedFrames, at_ns: int) -> int:
-    """The stamp of a log time: the same, but under simulated time."""
-    frames.seek(at_ns)
-    return frames.now_ns()
-
-
-def why_no_pose(frames: RecordedFrames, target: str, source: str) -> str:
-    """Why there is no pose at the very moment of the frames, as `tfbus echo --at` says it; "" where
-    there is one.
-    """
-    at_ns = frames.at_ns
-    try:
-        with _explained(frames):
-            _at(frames, target, source, frames.now_ns())
-    except TfbusError as error:
-        return str(error)
-    finally:
-        if frames.at_ns != at_ns:
+        frames = frames_of(bag, settings, fleet)
+        stamp_ns = at_ns
+        if frames.follows_clock:
             frames.seek(at_ns)
-    return ""
+            stamp_ns = frames.now_ns()
+        recording = recording_of(frames)
+        with _explained(frames, at_ns):
+            if fixed_frame is None:
+                return recording.lookup_transform(target, source, stamp_ns, sampling=sampling)
+            return recording.lookup_transform_full(
+                target, None, source, stamp_ns, fixed_frame, sampling=sampling
+            )
 
 
-def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
-    first: FutureExtrapolationException | None = None
-    # What is known of the moment before a publisher begins again, or a frame is removed.
-    found: list[TransformStamped] = []
-
-    def look() -> None:
-        with suppress(TransformException):
-            found.append(frames.buffer.lookup_transform(target, source, stamp_ns))
-
-    frames.before_loss = look
-    for later_s in _LATER_S:
-        if found:
-            return found[0]
-        try:
-            return frames.buffer.lookup_transform(target, source, stamp_ns)
-        except FutureExtrapolationException as error:
-            first = first or error
-            if frames.pause is not None:
-                raise TfbusError(
-                    f"no pose of {source!r} in {target!r} then: {frames.said(frames.pause)}"
-                ) from error
-            frames.advance(min(frames.at_ns + later_s * S, frames.end_ns))
-        except PastExtrapolationException as error:
-            # Its publisher began again meanwhile.
-            raise first or error from None
-    return found[0] if found else frames.buffer.lookup_transform(target, source, stamp_ns)
+def transform_then(frames: RecordedFrames, target: str, source: str) -> TransformStamped:
+    """The pose at the very moment of the frames, as `tfbus echo --at` has it. Raises TfbusError."""
+    with _explained(frames, frames.at_ns):
+        return recording_of(frames).lookup_transform(target, source, frames.now_ns())
 
 
 class _explained:
     """Says of an unknown frame where in the recording it is to be found, and advises nothing that
-    a recording does not have.
+    a recording does not have; `at_ns` is the moment that was asked for.
     """
 
-    def __init__(self, frames: RecordedFrames) -> None:
-        self._frames = frames
+    def __init__(self, frames: RecordedFrames, at_ns: int) -> None:
+        self._frames, self._at_ns = frames, at_ns
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
+        if not isinstance(error, TransformException):
+            return
+        frames = self._frames
+        if frames.at_ns != self._at_ns or not frames.streams():
+            frames.seek(self._at_ns)
+        frame = ""
+        if isinstance(error, LookupException):
+            frame = error.frame
+        elif isinstance(error, PastExtrapolationException):
+            frame = error.child_frame_id
+        if frame and (hint := frames.hint(frame)):
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
         if isinstance(error, ExtrapolationException):
-            gone = self._frames.said_gone(error.authority)
+            gone = frames.said_gone(error.authority)
             is_after = gone and isinstance(error, FutureExtrapolationException)
             raise TfbusError(
                 after_waiting_with(
@@ -185,12 +157,9 @@ def recorded_transforms(
 
     Raises TfbusError where there is none.
     """
-    with choice.opened() as bag:
-        from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
-        for stamps_ns, poses in poses_in(frames, target, source, from_ns, to_ns, rate_hz):
-            for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True):
-                yield TransformStamped(stamp_ns, target, source, pose)
+    for stamps_ns, poses in _parts(choice, settings, fleet, target, source, rate_hz, sampling):
+        for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True):
+            yield TransformStamped(stamp_ns, target, source, pose)
 
 
 def recorded_track(
@@ -203,10 +172,7 @@ def recorded_track(
     sampling: Sampling = TF2,
 ) -> Track:
     """The poses of `recorded_transforms` together."""
-    with choice.opened() as bag:
-        from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet, cache_time_s=_CACHE_S, sampling=sampling)
-        parts = list(poses_in(frames, target, source, from_ns, to_ns, rate_hz))
+    parts = list(_parts(choice, settings, fleet, target, source, rate_hz, sampling))
     return Track(
         target,
         source,
@@ -218,41 +184,36 @@ def recorded_track(
     )
 
 
-def poses_in(
-    frames: RecordedFrames,
+def _parts(
+    choice: BagChoice,
+    settings: NodeSettings,
+    fleet: Fleet | None,
     target: str,
     source: str,
-    from_ns: int,
-    to_ns: int,
-    rate_hz: float | None = None,
+    rate_hz: float | None,
+    sampling: Sampling,
 ) -> Iterator[tuple[Ints, TransformArray]]:
-    """The poses that could be looked up from one log time to another, part by part: stamps (N,) and
-    poses. Raises TfbusError where there is none.
-    """
-    poses = _Poses(frames, target, source, rate_hz)
-    frames.seek(from_ns)
-    if from_ns > frames.start_ns:
-        poses.skip()
-    due_ns = from_ns + _PART_NS
-    has_any = False
-    found: list[tuple[Ints, TransformArray]] = []
-    frames.before_loss = lambda: found.extend(poses.new())
-    for item in frames.play(to_ns):
-        if item.log_ns >= due_ns:
-            due_ns = item.log_ns + _PART_NS
-            found += poses.new()
-        has_any |= bool(found)
-        yield from found
-        found.clear()
-    for part in poses.new():
-        has_any = True
-        yield part
-    if not has_any:
-        with _explained(frames):
-            frames.buffer.lookup_transform(target, source)
-        raise TfbusError(
-            f"no pose of {source!r} in {target!r} in that span: {_why_none(frames, from_ns, to_ns)}"
-        )
+    """The poses of `recorded_transforms`, part by part: stamps (N,) and poses."""
+    with choice.opened() as bag:
+        from_ns, to_ns = bag.span
+        frames = frames_of(bag, settings, fleet)
+        recording = recording_of(frames)
+        span = stamps_of(bag)
+        has_any = False
+        with _explained(frames, to_ns):
+            if is_static(recording, target, source):
+                stamps = np.zeros(1, dtype=np.int64)
+                at = stamps if span is None else stamps + span[0]
+                yield stamps, recording.lookup_transforms(target, source, at)
+                return
+            for path in _paths(recording, target, source, span, rate_hz, sampling):
+                has_any |= len(path) > 0
+                yield path.stamps_ns, TransformArray(path.xyz, path.quat_xyzw)
+        if not has_any:
+            raise TfbusError(
+                f"no pose of {source!r} in {target!r} in that span: "
+                + _why_none(frames, from_ns, to_ns)
+            )
 
 
 def _why_none(frames: RecordedFrames, from_ns: int, to_ns: int) -> str:
@@ -262,65 +223,125 @@ def _why_none(frames: RecordedFrames, from_ns: int, to_ns: int) -> str:
     return "nothing came of the frames between"
 
 
-class _Poses:
-    """The poses of a pair that are new since the last look."""
+# Stamps
 
-    def __init__(
-        self, frames: RecordedFrames, target: str, source: str, rate_hz: float | None
-    ) -> None:
-        self._frames, self._target, self._source = frames, target, source
-        self._step_ns = None if rate_hz is None else max(round(S / rate_hz), 1)
-        self._last_ns: int | None = None
-        self._jumps = 0
-        self._is_static = False
 
-    def skip(self) -> None:
-        """What is there now is not new; a rate begins now."""
-        if self._step_ns is not None:
-            self._last_ns = self._frames.now_ns() - self._step_ns
-            return
+def is_static(recording: Recording, target: str, source: str) -> bool:
+    """Whether all edges between two frames are static, at the end of the recording."""
+    try:
+        return recording.latest_common_time(target, source) is None
+    except TransformException:
+        return False
+
+
+def stamps_of(bag: OpenBag) -> tuple[int, int] | None:
+    """The first and last stamp of what was received in the span that was chosen; the span itself
+    where that were no dynamic transforms, None where none was chosen.
+    """
+    if bag.choice.begin is None and bag.choice.end is None:
+        return None
+    first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+    return bag.span if first_ns is None or last_ns is None else (first_ns, last_ns)
+
+
+def stamps_received(
+    reader: RecordingReader, from_ns: int, to_ns: int
+) -> tuple[int | None, int | None]:
+    """The first stamp of the dynamic transforms that were received from one log time to another,
+    and the last; None where there are none.
+    """
+    first = next(_stamps(reader.items(from_ns, to_ns)), None)
+    last = None
+    window_ns = _LOOKED_BACK_NS
+    while last is None and first is not None:
+        begin_ns = max(from_ns, to_ns - window_ns)
+        last = max(map(max, _stamps(reader.items(begin_ns, to_ns))), default=None)
+        window_ns *= 4
+    return (min(first) if first else None), last
+
+
+def _stamps(items: Iterator[Item]) -> Iterator[list[int]]:
+    for item in items:
+        if isinstance(item, TransformItem) and not item.static and item.rows.count:
+            yield item.rows.stamps_as_ints()
+
+
+def stamps_at_rate(first_ns: int, last_ns: int, rate_hz: float) -> Ints:
+    """Stamps from the first on, at most to the last, this many a second; each rounded. Raises
+    TfbusError for more than 20 million.
+    """
+    count = int((last_ns - first_ns) * rate_hz / 1e9) + 1
+    check_count(count)
+    since: Ints = np.round(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
+    return first_ns + since[since <= last_ns - first_ns]
+
+
+# Paths
+
+
+def _paths(
+    recording: Recording,
+    target: str,
+    source: str,
+    span: tuple[int, int] | None,
+    rate_hz: float | None,
+    sampling: Sampling,
+) -> Iterator[Trajectory]:
+    """The path from one stamp to another, part by part. Raises as `Recording.trajectory` where
+    nothing of it is known.
+    """
+    if rate_hz is not None:
+        yield path_at_rate(recording, target, source, span, rate_hz, sampling)
+        return
+    dynamic = [each for each in recording.frames() if not each.is_static]
+    first_ns, last_ns = span or (
+        min((each.first_ns for each in dynamic), default=0),
+        max((each.last_ns for each in dynamic), default=0),
+    )
+    length_ns = _FIRST_PART_NS
+    has_any, reason = False, None
+    while first_ns <= last_ns:
+        end_ns = min(first_ns + length_ns, last_ns)
         try:
-            self._last_ns = self._frames.buffer.latest_common_time(self._target, self._source)
-        except TransformException:
-            self._last_ns = self._frames.now_ns()
+            path = recording.trajectory(target, source, first_ns, end_ns, sampling=sampling)
+            has_any = True
+            yield path
+        except TransformException as error:
+            reason = error
+        first_ns, length_ns = end_ns + 1, min(2 * length_ns, _LONGEST_PART_NS)
+    if not has_any and reason is not None:
+        raise reason
 
-    def new(self) -> Iterator[tuple[Ints, TransformArray]]:
-        """The new ones, none or some."""
-        buffer = self._frames.buffer
-        if self._frames.jumps > self._jumps:
-            # A simulated clock was set back: what follows comes from then on.
-            self._jumps = self._frames.jumps
-            self._last_ns = self._frames.jumped_to_ns
-        try:
-            newest_ns = buffer.latest_common_time(self._target, self._source)
-            if newest_ns is None:
-                yield from self._static()
-                return
-            stamps = self._stamps(newest_ns)
-            poses, known = buffer.lookup_known_transforms(self._target, self._source, stamps)
-        except TransformException:
-            return
-        stamps = stamps[known]
-        if len(stamps):
-            self._last_ns = int(stamps[-1])
-            yield stamps, poses[known]
 
-    def _static(self) -> Iterator[tuple[Ints, TransformArray]]:
-        """A path without a dynamic edge: one pose."""
-        if not self._is_static:
-            self._is_static = True
-            stamps = np.zeros(1, dtype=np.int64)
-            yield stamps, self._frames.buffer.lookup_transforms(self._target, self._source, stamps)
+def path_at_rate(
+    recording: Recording,
+    target: str,
+    source: str,
+    span: tuple[int, int] | None,
+    rate_hz: float,
+    sampling: Sampling = TF2,
+) -> Trajectory:
+    """The path between the first and last stamp of the source in a span, by default anywhere, so
+    many poses a second; of a static one from the beginning of the span to its end.
+    """
+    if is_static(recording, target, source):
+        begin_ns, end_ns = span or (recording.start_ns, recording.end_ns)
+    else:
+        stamps = recording.trajectory(target, source, *(span or (None, None))).stamps_ns
+        if not len(stamps):
+            return poses_at(recording, target, source, stamps, sampling)
+        begin_ns, end_ns = int(stamps[0]), int(stamps[-1])
+    return poses_at(recording, target, source, stamps_at_rate(begin_ns, end_ns, rate_hz), sampling)
 
-    def _stamps(self, newest_ns: int) -> Ints:
-        buffer, last_ns = self._frames.buffer, self._last_ns
-        path = buffer.path(self._target, self._source)
-        infos = map(buffer.frame, path)
-        dynamic = next(info.name for info in infos if info.parent in path and not info.static)
-        stamps = buffer.samples(dynamic).stamps_ns
-        if self._step_ns is not None and len(stamps):
-            first_ns = int(stamps[0]) if last_ns is None else last_ns + self._step_ns
-            check_count((newest_ns - first_ns) // self._step_ns)
-            return np.arange(first_ns, newest_ns + 1, self._step_ns, dtype=np.int64)
-        # The buffer answers none beyond the newest common time.
-        return stamps if last_ns is None else stamps[stamps > last_ns]
+
+def poses_at(
+    recording: Recording, target: str, source: str, stamps_ns: Ints, sampling: Sampling = TF2
+) -> Trajectory:
+    """Where the source was, seen from the target, at those of the stamps at which that is known.
+
+    Raises as `Recording.lookup_transform` where it is known at none.
+    """
+    poses, known = recording.lookup_known_transforms(target, source, stamps_ns, sampling=sampling)
+    if len(stamps_ns) and not known.any():
+        recording.lookup_transform(target, source, int(stamps_ns[-1]), sampling=sampling)
+    return Trajectory(target, source, stamps_ns[known], poses.xyz[known], poses.quat_xyzw[known])

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 from tfbus.buffer.explain import without_advice
 from tfbus.buffer.info import FrameInfo
+from tfbus.errors import TfbusError
 from tfbus.frames.recorded import RecordedFrames, S
-from tfbus.frames.recorded_poses import why_no_pose
+from tfbus.frames.recorded_poses import transform_then
 from tfbus.frames.snapshot import Problem, ProblemKind, who
 from tfbus.frames.why import Advice, Explanation, explain
 from tfbus.listen.info import StreamInfo
@@ -34,9 +35,11 @@ def explain_recorded(
     """
     advice = _InRecording(frames, files)
     found = explain(frames.tree(), frames.buffer, target, source, advice=advice)
-    if at_moment and found.answer is not None and frames.pause is None:
-        failure = why_no_pose(frames, target, source)
-        found = replace(found, answer=None if failure else found.answer, failure=failure)
+    if at_moment and frames.pause is None:
+        try:
+            found = replace(found, answer=transform_then(frames, target, source), failure="")
+        except TfbusError as error:
+            found = replace(found, answer=None, failure=str(error))
     known = frames.buffer.frames()
     hints = [frames.hint(each) for each in (target, source) if each not in known]
     pause = (

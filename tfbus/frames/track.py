@@ -50,12 +50,10 @@ class Track:
         return gaps_in(np.diff(self.stamps_ns))
 
     def rpy_rad(self) -> Floats:
-        """(N, 3) roll, pitch and yaw in radians, without jumps by whole turns."""
-        x, y, z, w = np.moveaxis(self.poses.quat_xyzw, -1, 0)
-        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        angles: Floats = np.unwrap(np.stack([roll, pitch, yaw], axis=1), axis=0)
+        """(N, 3) roll, pitch and yaw in radians, those of `Transform.as_rpy` without jumps by whole
+        turns.
+        """
+        angles: Floats = np.unwrap(self.poses.as_rpy(), axis=0)
         return angles
 
     def linear_speed(self) -> Floats:

@@ -9,15 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
-from tfbus.recording.reader import RecordingReader
-from tfbus.recording.recording import Recording
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.csv_columns import FRAME_COLUMNS, POSE_COLUMNS
-from tfbus.trajectory.trajectory import Trajectory, check_count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,9 +23,6 @@ else:
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 
 _LOG_TIME = "log_ns"
-
-# For the last transforms before a moment, so much of the recording is read at first.
-_LOOKED_BACK_NS = 2_000_000_000
 
 
 def write_transforms_csv(items: Iterable[Item], path: Path) -> int:
@@ -132,70 +124,6 @@ class _Table:
             "frames": np.array(list(self._frames), dtype=str),
             "streams": np.array(list(self._streams), dtype=str),
         }
-
-
-def stamps_at_rate(first_ns: int, last_ns: int, rate_hz: float) -> NDArray[np.int64]:
-    """Stamps from the first on, at most to the last, this many a second; each rounded. Raises
-    TfbusError for more than 20 million.
-    """
-    count = int((last_ns - first_ns) * rate_hz / 1e9) + 1
-    check_count(count)
-    since: NDArray[np.int64] = np.round(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
-    return first_ns + since[since <= last_ns - first_ns]
-
-
-def poses_at(
-    recording: Recording,
-    target: str,
-    source: str,
-    stamps_ns: NDArray[np.int64],
-    sampling: Sampling = TF2,
-) -> Trajectory:
-    """Where the source was, seen from the target, at those of the stamps at which that is known.
-
-    Raises as `Recording.lookup_transform` where it is known at none.
-    """
-    try:
-        poses = recording.lookup_transforms(target, source, stamps_ns, sampling=sampling)
-        return Trajectory(target, source, stamps_ns, poses.xyz, poses.quat_xyzw)
-    except InvalidArgumentException:
-        raise
-    except TransformException as error:
-        reason = error
-    # Within a gap: the others one by one.
-    found = []
-    for stamp_ns in stamps_ns.tolist():
-        try:
-            found.append(recording.lookup_transform(target, source, stamp_ns, sampling=sampling))
-        except TransformException as error:
-            reason = error
-    if not found:
-        raise reason
-    numbers = np.array([each.transform.as_pose() for each in found])
-    stamps = [each.stamp_ns for each in found]
-    return Trajectory(target, source, stamps, numbers[:, :3], numbers[:, 3:])
-
-
-def stamps_received(
-    reader: RecordingReader, from_ns: int, to_ns: int
-) -> tuple[int | None, int | None]:
-    """The first stamp of the dynamic transforms that were received from one log time to another,
-    and the last; None where there are none.
-    """
-    first = next(_stamps(reader, from_ns, to_ns), None)
-    last = None
-    window_ns = _LOOKED_BACK_NS
-    while last is None and first is not None:
-        begin_ns = max(from_ns, to_ns - window_ns)
-        last = max(map(max, _stamps(reader, begin_ns, to_ns)), default=None)
-        window_ns *= 4
-    return (min(first) if first else None), last
-
-
-def _stamps(reader: RecordingReader, from_ns: int, to_ns: int) -> Iterator[list[int]]:
-    for item in _transforms(reader.items(from_ns, to_ns)):
-        if not item.static and item.rows.count:
-            yield item.rows.stamps_as_ints()
 
 
 def _transforms(items: Iterable[Item]) -> Iterator[TransformItem]:

@@ -235,6 +235,11 @@ class Group:
         """The messages behind a log time; None where there is none."""
         return self._slice(bisect_right(self.log_ns, log_ns), len(self.log_ns))
 
+    def messages(self) -> "list[Group]":
+        """Each message by itself."""
+        found = (self._slice(at, at + 1) for at in range(len(self.log_ns)))
+        return [each for each in found if each is not None]
+
     def _slice(self, start: int, end: int) -> "Group | None":
         if start >= end or end - start == len(self.log_ns):
             return self if start < end else None

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tfbus.recording.damage import Damage, united
+from tfbus.recording.edges import EdgeFacts, EdgeTable
 from tfbus.recording.items import EventItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
-from tfbus.recording.samples import FrameFacts, Samples
+from tfbus.recording.viewpoint import Viewpoint
 
 if TYPE_CHECKING:
     import numpy as np
@@ -142,7 +143,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
         reader.start_ns,
         reader.end_ns,
         reader.about,
-        _streams(reader, Samples(reader).facts(), flows),
+        _streams(reader, EdgeTable(reader, Viewpoint(None)).facts(), flows),
         tuple(
             TopicFacts(
                 topic.name,
@@ -196,7 +197,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
 
 
 def _streams(
-    reader: "RecordingReader", facts: Iterable[FrameFacts], flows: Mapping[_FlowKey, Flow]
+    reader: "RecordingReader", facts: Iterable[EdgeFacts], flows: Mapping[_FlowKey, Flow]
 ) -> tuple[StreamFacts, ...]:
     dynamic: dict[str, set[str]] = {}
     static: dict[str, set[str]] = {}

@@ -21,7 +21,7 @@ from tfbus.runtime.addresses import is_local
 from tfbus.runtime.clock import Clock
 
 if TYPE_CHECKING:
-    from tfbus.recording.recording import Recording
+    from tfbus.frames.recording import Recording
     from tfbus.robot.robot import Robot
     from tfbus.view.access import Access
     from tfbus.view.page import Page, Serving

@@ -14,9 +14,6 @@ from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, MomentType
 from tfbus.recording.exported import (
-    poses_at,
-    stamps_at_rate,
-    stamps_received,
     write_topic_csv,
     write_transforms_csv,
     write_transforms_npz,
@@ -32,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tfbus.core.sampling import Sampling
-    from tfbus.recording.recording import Recording
+    from tfbus.frames.recording import Recording
 
     # Of a recording, from one stamp to another.
     StampsOf = Callable[[Recording, int | None, int | None], NDArray[np.int64]]
@@ -141,7 +138,8 @@ def command(
                 output,
                 form,
                 force,
-                _stamps_of(target, source, rate_hz, samples_of),
+                rate_hz,
+                samples_of,
                 sampling,
             )
         elif topic is not None:
@@ -151,61 +149,36 @@ def command(
     click.echo(f"Wrote {output}: {size_text(output.stat().st_size)}, {what}")
 
 
-def _stamps_of(
-    target: str, source: str, rate_hz: float | None, samples_of: str | None
-) -> "StampsOf | None":
-    """The stamps of the poses, from one to another; None for those of the samples of the source."""
-    if samples_of is not None:
-        return lambda recording, first_ns, last_ns: (
-            recording.samples(samples_of, first_ns, last_ns).stamps_ns
-        )
-    if rate_hz is None:
-        return None
-
-    def at_rate(
-        recording: "Recording", first_ns: int | None, last_ns: int | None
-    ) -> "NDArray[np.int64]":
-        if recording.latest_common_time(target, source) is None:  # static: it is there all the time
-            begin_ns = recording.start_ns if first_ns is None else first_ns
-            end_ns = recording.end_ns if last_ns is None else last_ns
-            return stamps_at_rate(begin_ns, end_ns, rate_hz)
-        stamps_ns = recording.trajectory(target, source, first_ns, last_ns).stamps_ns
-        if not len(stamps_ns):
-            return stamps_ns
-        return stamps_at_rate(int(stamps_ns[0]), int(stamps_ns[-1]), rate_hz)
-
-    return at_rate
-
-
 def _pair(
     bag: OpenBag,
     pair: tuple[str, str],
     output: Path,
     form: str,
     force: bool,
-    stamps_of: "StampsOf | None",
+    rate_hz: float | None,
+    samples_of: str | None,
     sampling: "Sampling",
 ) -> str:
-    from tfbus.recording.recording import Recording
+    from tfbus.frames.recorded_poses import is_static, path_at_rate, poses_at, stamps_of
+    from tfbus.frames.recording import Recording
 
     recording = Recording.of_reader(bag.reader, bag.choice.statics)
-    first_ns, last_ns = None, None
-    is_static = recording.latest_common_time(*pair) is None
-    if is_static and stamps_of is None:
+    recording.latest_common_time(*pair)  # raises for frames that are not joined
+    span = stamps_of(bag)
+    if rate_hz is not None:
+        poses = path_at_rate(recording, *pair, span, rate_hz, sampling)
+    elif samples_of is not None:
+        stamps = recording.samples(samples_of, *(span or ())).stamps_ns
+        poses = poses_at(recording, *pair, stamps, sampling)
+    elif is_static(recording, *pair):
         raise click.UsageError(
             f"'{pair[1]}' is static in '{pair[0]}', without samples: give --rate HZ, or "
             "--samples-of FRAME for poses at those of another frame"
         )
-    if bag.choice.begin is not None or bag.choice.end is not None:
-        first_ns, last_ns = stamps_received(bag.reader, *bag.span)
-        if first_ns is None and is_static:
-            first_ns, last_ns = bag.span
-        if first_ns is None:
-            raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
-    if stamps_of is None:
-        poses = recording.trajectory(*pair, first_ns, last_ns, sampling=sampling)
     else:
-        poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns), sampling)
+        poses = recording.trajectory(*pair, *(span or ()), sampling=sampling)
+    if span is not None and not len(poses):
+        raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
     write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
     with new_file(output, force=force, sources=_sources(bag)) as beside:
         write(beside)

@@ -2,7 +2,6 @@
 
 import math
 import os
-import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,15 +18,18 @@ from tfbus.errors import (
     NoDataException,
     TransformException,
 )
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.runs import FIRST_NS, LAST_NS
+from tfbus.frames.samples import Samples, Span, only, poses_of
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.recording.filled_buffer import FilledBuffer
 from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.lasting_statics import STATICS, Statics
 from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
-from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
 from tfbus.recording.selection import ALL, Selection, is_of_transforms
+from tfbus.recording.viewpoint import Viewpoint
+from tfbus.runtime import scheduler
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
@@ -72,12 +74,12 @@ class Recording(Closing):
             pose = recording.lookup_transform("map", "laser", stamp_ns)
 
     Lookups go by the stamps of the transforms, anywhere in the recording, and read only what they
-    need. They answer as a listener would have: of a stream that restarted each epoch counts for its
-    own stamps, and the static transforms are those in force then. A static transform also holds
-    before it was received, as in tf2; with `statics="then"` it does not. Nothing is interpolated
-    across a pause of the recorder: lookups in it raise ExtrapolationException. The times `start_ns`
-    and `end_ns`, and those of items and messages, are log times: when the recorder received them.
-    Both are nanoseconds since the Unix epoch.
+    need. They answer as a listener would have that knew all that came: of a stream that restarted
+    each epoch counts for its own stamps, and the static transforms are those in force then. A
+    static transform also holds before it was received, as in tf2; with `statics="then"` it does
+    not. Nothing is interpolated across a pause of the recorder: lookups in it raise
+    ExtrapolationException. The times `start_ns` and `end_ns`, and those of items and messages, are
+    log times: when the recorder received them. Both are nanoseconds since the Unix epoch.
 
     What of a file cannot be read is left out, and logged once.
 
@@ -96,19 +98,24 @@ class Recording(Closing):
                 )
         if statics not in STATICS:
             raise InvalidArgumentException(f"statics: {statics!r} is none of {', '.join(STATICS)}")
-        self._begin(RecordingReader(*paths), statics)
+        self._begin(RecordingReader(*paths), statics, Viewpoint(None))
 
     @classmethod
-    def of_reader(cls, reader: RecordingReader, statics: Statics = "always") -> Self:
-        """The recording that an open reader reads; `close` closes the reader."""
+    def of_reader(
+        cls, reader: RecordingReader, statics: Statics = "always", view: Viewpoint | None = None
+    ) -> Self:
+        """The recording that an open reader reads, seen from a viewpoint; `close` closes the
+        reader.
+        """
         recording = cls.__new__(cls)
-        recording._begin(reader, statics)
+        recording._begin(reader, statics, view or Viewpoint(None))
         return recording
 
-    def _begin(self, reader: RecordingReader, statics: Statics) -> None:
+    def _begin(self, reader: RecordingReader, statics: Statics, view: Viewpoint) -> None:
         self._reader = reader
         self._statics: Statics = statics
-        self._lock = threading.RLock()
+        self._view = view
+        self._lock = scheduler.RLock()
         self._is_closed = False
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
@@ -346,17 +353,40 @@ class Recording(Closing):
         Raises as `lookup_transform` where one of the stamps cannot be answered.
         """
         stamps = _checked_stamps(stamps_ns)
-        xyz = np.empty((len(stamps), 3))
-        quat_xyzw = np.empty((len(stamps), 4))
-        for first_ns, last_ns in _runs(stamps):
-            for span in self._pieces(target_frame, source_frame, first_ns, last_ns, stamps):
-                of_span = (stamps >= span.first_ns) & (stamps <= span.last_ns)
-                with self._telling_of_all(span):
-                    found = span.buffer.lookup_transforms(
-                        target_frame, source_frame, stamps[of_span], sampling=sampling
-                    )
-                xyz[of_span], quat_xyzw[of_span] = found.xyz, found.quat_xyzw
-        return TransformArray(xyz, quat_xyzw)
+        poses = np.empty((len(stamps), 7))
+        for span, of_span in self._spans_of(target_frame, source_frame, stamps):
+            with self._telling_of_all(span):
+                found = span.buffer.lookup_transforms(
+                    target_frame, source_frame, stamps[of_span], sampling=sampling
+                )
+            poses[of_span, :3], poses[of_span, 3:] = found.xyz, found.quat_xyzw
+        return TransformArray(poses[:, :3], poses[:, 3:])
+
+    def lookup_known_transforms(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps_ns: "ArrayLike",
+        *,
+        sampling: Sampling | None = None,
+    ) -> "tuple[TransformArray, NDArray[np.bool_]]":
+        """The transforms at those of N stamps that can be answered, and which they are.
+
+        The mask (N,) is False, and the rows are NaN, where there is no answer. Raises
+        LookupException for a frame that is not in the recording.
+        """
+        stamps = _checked_stamps(stamps_ns)
+        poses, known = np.full((len(stamps), 7), np.nan), np.zeros(len(stamps), bool)
+        for span, of_span in self._spans_of(target_frame, source_frame, stamps):
+            try:
+                found, are_known = span.buffer.lookup_known_transforms(
+                    target_frame, source_frame, stamps[of_span], sampling=sampling
+                )
+            except TransformException:
+                continue  # one of the frames was not there
+            poses[of_span, :3], poses[of_span, 3:] = found.xyz, found.quat_xyzw
+            known[of_span] = are_known
+        return TransformArray(poses[:, :3], poses[:, 3:]), known
 
     def trajectory(
         self,
@@ -424,7 +454,7 @@ class Recording(Closing):
         first_ns, last_ns = self._stamps_from(from_ns), self._stamps_to(to_ns)
         with self._lock:
             samples = self._samples()
-            groups = samples.groups(first_ns, last_ns, {frame})
+            groups = samples.groups(first_ns, last_ns, frozenset({frame}))
             rows = [only(group.rows, {frame}, parent) for group in groups]
             if known[frame].is_static:
                 rows = [only(item.rows, {frame}, parent) for item in samples.last_statics()]
@@ -460,14 +490,14 @@ class Recording(Closing):
         """
         _check_span(from_ns, to_ns)
         buffer = Buffer(**{"cache_time_s": math.inf, **arguments})
-        filled = FilledBuffer(buffer, self.start_ns)
+        clock = buffer.clock
+        frames = RecordedFrames(
+            self._reader, view=self._view, sim_time=False, new_buffer=lambda: buffer
+        )
         with self._lock:
-            if from_ns is not None:
-                for item in self._reader.state_at(from_ns, selection).items(from_ns):
-                    filled.take(item)
-            for item in self._reader.items(from_ns, to_ns, selection):
-                filled.take(item)
+            frames.hear(from_ns, to_ns, selection)
         buffer.expect_no_more()
+        buffer.clock = clock
         if "clock" not in arguments:
             now_ns = self.end_ns if to_ns is None else min(to_ns, self.end_ns)
             stamps = [each.newest_ns for each in buffer.all_frames() if each.newest_ns is not None]
@@ -488,7 +518,7 @@ class Recording(Closing):
         with self._lock:
             self._check_open()
             if self._known is None:
-                self._known = Samples(self._reader, self._statics)
+                self._known = Samples(self._reader, self._statics, self._view)
             return self._known
 
     def _stamps_from(self, from_ns: int | None) -> int:
@@ -499,16 +529,16 @@ class Recording(Closing):
         last_ns = self._samples().last_ns or 0
         return last_ns if to_ns is None else min(check_stamp(to_ns), last_ns)
 
-    def _around(self, stamp_ns: int, *, of_last_epochs: bool = False) -> Span:
+    def _around(self, stamp_ns: int, *, of_last_runs: bool = False) -> Span:
         """A span with a stamp in it."""
         with self._lock:
             samples = self._samples()
             cell_ns = stamp_ns - stamp_ns % _CELL_NS
             first_ns = samples.start_of(stamp_ns, cell_ns)
-            key = first_ns, of_last_epochs
+            key = first_ns, of_last_runs
             span = self._spans.get(key)
             if span is None:
-                span = samples.span(first_ns, cell_ns + _CELL_NS - 1, of_last_epochs=of_last_epochs)
+                span = samples.span(first_ns, cell_ns + _CELL_NS - 1, of_last_runs=of_last_runs)
                 self._spans[key] = span
                 if len(self._spans) > _KEPT_SPANS:
                     self._spans.popitem(last=False)
@@ -529,7 +559,7 @@ class Recording(Closing):
         end = self._end()
         latest_ns = end.latest_common_time(target_frame, source_frame)
         if latest_ns is not None:
-            end = self._around(latest_ns, of_last_epochs=True).buffer
+            end = self._around(latest_ns, of_last_runs=True).buffer
         return end.lookup_transform(target_frame, source_frame, latest_ns, sampling=sampling)
 
     @contextmanager
@@ -539,7 +569,7 @@ class Recording(Closing):
             yield
         except ExtrapolationException as error:
             self._tell_of_other_clock(error)
-            known = self._samples().range_of(error.child_frame_id, span.keys)
+            known = self._samples().range_of(error.child_frame_id, span.runs)
             if known is not None:
                 error.oldest_ns, error.newest_ns = known
             raise
@@ -579,6 +609,14 @@ class Recording(Closing):
                     span = self._samples().span(first_ns, end_ns, children=children)
                 yield span
             first_ns = end_ns + 1
+
+    def _spans_of(
+        self, target_frame: str, source_frame: str, stamps: "NDArray[np.int64]"
+    ) -> "Iterator[tuple[Span, NDArray[np.bool_]]]":
+        """Spans that have all of the stamps (N,), and which of these are in each (N,)."""
+        for first_ns, last_ns in _runs(stamps):
+            for span in self._pieces(target_frame, source_frame, first_ns, last_ns, stamps):
+                yield span, (stamps >= span.first_ns) & (stamps <= span.last_ns)
 
     def _unknown(self, target_frame: str, source_frame: str) -> TransformException:
         """The error of a lookup that has no samples to go by."""

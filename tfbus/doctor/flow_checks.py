@@ -5,6 +5,7 @@ from collections import Counter
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
+from tfbus.frames.gaps import least_gap_s
 from tfbus.frames.other_clocks import MOST_SKEW_S, is_ahead, is_another_time, whose_clock
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.state import state, why_another_time
@@ -20,8 +21,6 @@ _DELAYED = "check the network, and the load of this host (tfbus monitor)"
 _SENT_IRREGULARLY = (
     "check the load of its host, and whether its timer or loop waits for other work of its node"
 )
-# A pause is a gap if it is this many periods long, and at least this long.
-_GAP_PERIODS, _LEAST_GAP_S = 5.0, 0.25
 # A message longer than Zenoh's batch goes in fragments: one dropped fragment loses all.
 _BATCH_BYTES = 65_535
 
@@ -94,7 +93,7 @@ def check_gaps(seen: Examination) -> Finding:
     """No samples are missing in between."""
     evidence = []
     for flow in _of_near_stamps(seen):
-        limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
+        limit_s = least_gap_s(1.0 / flow.rate_hz if flow.rate_hz else 0.0)
         if flow.longest_gap_s > limit_s:
             evidence.append(
                 f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in that time "

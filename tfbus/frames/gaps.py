@@ -10,13 +10,17 @@ if TYPE_CHECKING:
 else:
     from tfbus.core import lazy_numpy as np
 
-# A time without a sample is a gap if it is this many periods long, and at least this long.
-GAP_PERIODS, LEAST_GAP_S = 5.0, 0.25
+# A time without a sample is a gap if it is longer than this many periods, and than this.
+_PERIODS, _LEAST_S = 5.0, 0.25
+
+
+def least_gap_s(period_s: float) -> float:
+    """The time in seconds beyond which there is a gap between samples of this period."""
+    return max(_LEAST_S, _PERIODS * period_s)
 
 
 def gaps_in(between_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of the times between samples (N,) are gaps (N,)."""
     if not len(between_ns):
         return between_ns > 0
-    limit_ns = max(LEAST_GAP_S * 1e9, GAP_PERIODS * float(np.median(between_ns)))
-    return between_ns > limit_ns
+    return between_ns > least_gap_s(float(np.median(between_ns)) / 1e9) * 1e9

@@ -293,7 +293,11 @@ def _paths(
     if rate_hz is not None:
         yield path_at_rate(recording, target, source, span, rate_hz, sampling)
         return
-    first_ns, last_ns = span or recording.stamps or (0, 0)
+    dynamic = [each for each in recording.frames() if not each.is_static]
+    first_ns, last_ns = span or (
+        min((each.first_ns for each in dynamic), default=0),
+        max((each.last_ns for each in dynamic), default=0),
+    )
     length_ns = _FIRST_PART_NS
     has_any, reason = False, None
     while first_ns <= last_ns:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -30,6 +29,7 @@ from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.selection import ALL, Selection, is_of_transforms
 from tfbus.recording.viewpoint import Viewpoint
+from tfbus.runtime import scheduler
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
@@ -115,7 +115,7 @@ class Recording(Closing):
         self._reader = reader
         self._statics: Statics = statics
         self._view = view
-        self._lock = threading.RLock()
+        self._lock = scheduler.RLock()
         self._is_closed = False
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
@@ -181,13 +181,6 @@ class Recording(Closing):
     def events(self) -> tuple[EventItem, ...]:
         """Events on the bus, and of the recorder, in order of time."""
         return self._reader.events
-
-    @property
-    def stamps(self) -> tuple[int, int] | None:
-        """The first and last stamp of the dynamic transforms; None where there is none."""
-        samples = self._samples()
-        first_ns, last_ns = samples.first_ns, samples.last_ns
-        return None if first_ns is None or last_ns is None else (first_ns, last_ns)
 
     def frames(self) -> tuple[RecordedFrame, ...]:
         """The child frames of all transforms, by name."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from heapq import merge
-from itertools import pairwise
+from itertools import pairwise, repeat
+from operator import itemgetter
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.recorded import RecordedFrames
@@ -109,29 +109,31 @@ def _told(
     """The events of streams, and of those with several epochs the messages that may begin one, each
     when `frames` has taken it.
     """
-    events = (each for each in reader.events if each.kind in ("stream", "stream gone"))
-    told: Iterator[EventItem | TransformItem] = merge(
-        events, _messages(reader, several), key=lambda item: item.log_ns
-    )
-    # By stream: the epoch of its last message that counted. The next like it changes nothing.
-    counted: dict[str, int] = {}
-    for item in told:
-        if isinstance(item, EventItem):
-            counted.pop(item.name, None)
-        else:
-            name, epoch_ns = item.stream.name, item.stream.epoch_ns
-            if counted.get(name) == epoch_ns and not item.static:
-                continue
-            counted.pop(name, None)
+    events = [each for each in reader.events if each.kind in ("stream", "stream gone")]
+    # By stream the channel of its last message that counted: the next of it changes nothing.
+    counted: dict[str, StreamChannel] = {}
+    at = 0
+    for log_ns, channel in [*_messages(reader, several), (LAST_NS, None)]:
+        while at < len(events) and events[at].log_ns <= log_ns:
+            counted.pop(events[at].name, None)
+            frames.take(events[at])
+            yield events[at]
+            at += 1
+        if channel is None or counted.get(channel.stream.name) is channel:
+            continue
+        stream = channel.stream
+        item = TransformItem(log_ns, stream, _NONE, channel.is_static)
         frames.take(item)
-        if isinstance(item, TransformItem) and frames.epoch_ns(name) == epoch_ns:
-            counted[name] = epoch_ns
+        if frames.epoch_ns(stream.name) == stream.epoch_ns and not channel.is_static:
+            counted[stream.name] = channel
+        else:
+            counted.pop(stream.name, None)
         yield item
 
 
-def _messages(reader: RecordingReader, streams: Collection[str]) -> Iterator[TransformItem]:
-    """The messages of streams, without their transforms, and the changes of their static sets; in
-    the order of their log times.
+def _messages(reader: RecordingReader, streams: Collection[str]) -> list[tuple[int, StreamChannel]]:
+    """The log times and channels of the messages of streams, and of the changes of their static
+    sets, in the order of the log times.
     """
     found: list[tuple[int, StreamChannel]] = []
     for part in reader.parts:
@@ -140,7 +142,7 @@ def _messages(reader: RecordingReader, streams: Collection[str]) -> Iterator[Tra
         for chunk in part.chunks if wanted else ():
             for channel, times in part.file.log_times(chunk.chunk).items():
                 if channel in wanted and not channels[channel].is_static:
-                    found += [(log_ns, channels[channel]) for log_ns in times]
+                    found += zip(times, repeat(channels[channel]), strict=False)
         found += [(at, channels[each]) for each, at in part.index.changes if each in wanted]
-    found.sort(key=lambda each: each[0])
-    return (TransformItem(at, each.stream, _NONE, each.is_static) for at, each in found)
+    found.sort(key=itemgetter(0))
+    return found

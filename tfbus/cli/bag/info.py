@@ -14,6 +14,7 @@ from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
+from tfbus.frames.gaps import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
@@ -23,9 +24,6 @@ from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
 _S = 1_000_000_000
 _LABEL = 10
-
-# Where a longest gap began is shown where it is longer than this number of mean periods.
-_NOTABLE_PERIODS = 2.0
 
 # All messages of a recording are read, to find what is damaged, where they have at most this number
 # of bytes: that takes some seconds.
@@ -278,10 +276,10 @@ def _rate(flow: Flow) -> str:
 
 
 def _gap(flow: Flow, summary: Summary) -> str:
-    """The longest gap and, where it is longer than others, its begin: `2.3 s at +31.2s`."""
+    """The longest time without a message and, where it is a gap, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
-    if flow.rate is None or flow.longest_gap_s < _NOTABLE_PERIODS / flow.rate:
+    if flow.rate is None or flow.longest_gap_s <= least_gap_s(1.0 / flow.rate):
         return duration(flow.longest_gap_s)
     begins_s = (flow.gap_from_ns - summary.start_ns) * 1e-9
     return f"{duration(flow.longest_gap_s)} at +{begins_s:.1f}s"

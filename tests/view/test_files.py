@@ -1,7 +1,6 @@
 """What `tfbus view` reads and writes, seen in a real Chromium: settings, a robot, pictures."""
 
 import os
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -61,24 +60,6 @@ def test_the_page_says_which_parts_of_a_robot_it_cannot_show(
     view.wait_for_status("base", "dynamic")
     said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
     assert "--package-path names the folder with package 'arm'" in said.inner_text()
-
-
-@pytest.mark.real
-def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
-    """With the given size; then the process ends by itself."""
-    needs.program("chromium")
-    Arm(bus.node("arm"))
-    path = tmp_path / "out.png"
-    done = bus.run(
-        "view",
-        *("--port", str(free_port())),
-        *("--screenshot", str(path), "--after", "0", "--size", "640x480"),
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == f"Wrote {path}\n"
-    picture = path.read_bytes()
-    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
-    assert struct.unpack(">II", picture[16:24]) == (640, 480)
 
 
 @pytest.fixture

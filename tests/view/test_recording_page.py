@@ -139,7 +139,7 @@ def test_a_signal_ends_it_quietly(bus: Bus, path: Path, signal: int) -> None:
 
 @pytest.mark.real
 def test_a_picture_shows_the_moment_that_is_asked_for(bus: Bus, path: Path, tmp_path: Path) -> None:
-    """By default the end; without a bus."""
+    """Of the given size, without a bus; then the process ends by itself."""
     needs.program("chromium")
     pytest.importorskip("viser", reason="needs viser: the extra view")
     picture = tmp_path / "out.png"
@@ -149,7 +149,9 @@ def test_a_picture_shows_the_moment_that_is_asked_for(bus: Bus, path: Path, tmp_
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"Wrote {picture}\n"
-    assert struct.unpack(">II", picture.read_bytes()[16:24]) == (640, 480)
+    written = picture.read_bytes()
+    assert written[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", written[16:24]) == (640, 480)
 
 
 @pytest.mark.parametrize(

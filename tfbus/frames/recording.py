@@ -2,7 +2,6 @@
 
 import math
 import os
-import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -30,6 +29,7 @@ from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.selection import ALL, Selection, is_of_transforms
 from tfbus.recording.viewpoint import Viewpoint
+from tfbus.runtime import scheduler
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
@@ -115,7 +115,7 @@ class Recording(Closing):
         self._reader = reader
         self._statics: Statics = statics
         self._view = view
-        self._lock = threading.RLock()
+        self._lock = scheduler.RLock()
         self._is_closed = False
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()

@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from tests.buses import DEADLINE_S
-from tfbus import Node
+from tfbus import InvalidArgumentException, Node
 from tfbus.broadcast import node_streams
 from tfbus.broadcast.node_streams import NodeStreams, stream_of_node
 
@@ -41,6 +41,12 @@ def test_a_stream_that_begins_anew_takes_the_place_of_the_former(
     assert stream_of_node(robot) is again
     streams.close("robot")
     assert closed == [former, again]
+
+
+def test_who_is_no_node_has_no_stream() -> None:
+    """A broadcaster of anything else is refused with what is right."""
+    with pytest.raises(InvalidArgumentException, match=r"takes a Node, .* not str"):
+        stream_of_node("robot")  # type: ignore[arg-type]
 
 
 def test_nodes_do_not_wait_for_the_streams_of_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import tfbus
+from tests.simulation.budgets import beyond
 from tests.simulation.model import Publisher
 from tests.simulation.plans import PLAIN
 from tfbus.testing.processes import Process
@@ -58,6 +59,8 @@ class Laws:
         self._last_seen: dict[tuple[int, str], int] = {}
         self._stepped_s: dict[str, float] = {}
         self._stuck: dict[Any, tuple[int, float]] = {}
+        # Since when a listener takes a stream for gone.
+        self._gone_s: dict[tuple[int, str], float] = {}
 
     @property
     def _patience(self) -> float:
@@ -196,6 +199,7 @@ class Laws:
         states = part.listener._watch.streams()
         if strange := states.keys() - self._run.plan.publishers.keys():
             self._run.violate(f"{part.name}: there are no streams {strange}")
+        self._check_budgets(part, states)
         # An error for an unknown frame names near ones, which takes long.
         frames = set(part.buffer.frames())
         for slot in self._run.plan.publishers:
@@ -214,6 +218,17 @@ class Laws:
                 if knows_all and is_read:
                     self._check_statics(part, living[0])
         self._check_shared(part)
+
+    def _check_budgets(self, part: "Part", states: dict[str, Any]) -> None:
+        """What a listener keeps stays within its bounds, and of streams that are gone ends."""
+        now_s, gone_for_s = self._run.now_s, {}
+        for slot, state in states.items():
+            self._note(self._gone_s, (id(part), slot), not state.alive)
+            gone_for_s[slot] = now_s - self._gone_s.get((id(part), slot), now_s)
+        if extra := part.listener._registry._streams.keys() - self._run.plan.publishers.keys():
+            self._suspect(f"{part.name}: it keeps streams {sorted(extra)}")
+        for text in beyond(part, gone_for_s):
+            self._suspect(f"{part.name}: {text}")
 
     def _knows_all_of(self, part: "Part", publisher: Publisher) -> bool:
         """Whether a listener had the time to know all that the one process of a slot holds."""

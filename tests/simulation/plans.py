@@ -119,7 +119,7 @@ class Plan:
             for who in (*senders, *readers)
         ]
         for _ in range(draw.randint(*size.actions)):
-            found += _drawn_actions(draw, hosts, list(senders), list(readers), size.seconds)
+            found += _drawn_actions(draw, hosts, senders, readers, size.seconds)
         if draw.random() < 0.5:
             found += _joins_at_last(draw, list(readers), size.seconds)
         return cls(
@@ -152,17 +152,25 @@ class Plan:
         return "\n".join([*rows, *map(str, self.actions)])
 
 
+# The host of each publisher; and of each listener with its other choices.
+_Senders = dict[str, str]
+_Readers = dict[str, tuple[str, float, bool]]
+
+
 def _drawn_actions(
     draw: random.Random,
     hosts: tuple[str, ...],
-    senders: list[str],
-    readers: list[str],
+    senders: _Senders,
+    readers: _Readers,
     end_s: float,
 ) -> list[Action]:
     """An action, or a few that follow each other closely: faults that meet are worse."""
     at_s = round(draw.uniform(1.0, end_s), 3)
-    if draw.random() < 0.1:
+    kind = draw.random()
+    if kind < 0.1:
         return _join_and_remove(draw, at_s, hosts, senders, readers)
+    if kind < 0.15:
+        return _die_and_return(draw, at_s, senders)
     found = [_drawn_action(draw, at_s, hosts, senders, readers)]
     while draw.random() < 0.3:
         at_s = round(at_s + draw.choice((0.01, 0.1, 1.0, 3.0)) * draw.uniform(0.5, 1.5), 3)
@@ -178,33 +186,48 @@ def _joins_at_last(draw: random.Random, readers: list[str], end_s: float) -> lis
 
 
 def _join_and_remove(
-    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: list[str], readers: list[str]
+    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: _Senders, readers: _Readers
 ) -> list[Action]:
     """A listener joins over a slow path, and frames are removed before it knows them."""
-    one, other = draw.sample(hosts, 2)
-    delay_s = round(draw.uniform(0.2, 1.5), 3)
-    found = [
-        Action(at_s, "slow", one, (other, delay_s, 0.0, 0)),
-        Action(at_s, draw.choice(("restart_listener", "listen_again")), draw.choice(readers)),
-    ]
-    for sender in draw.sample(senders, min(len(senders), 3)):
+    # A kept message is overtaken by the news of the removal, most of all where it waits for room.
+    keeping = [who for who, (_, history_s, _) in readers.items() if history_s]
+    reader = draw.choice(keeping or [*readers])
+    here = readers[reader][0]
+    delay_s, rate = round(draw.uniform(0.1, 1.5), 3), draw.choice((0, 2_000, 5_000))
+    others = {host for host in senders.values() if host != here} or {*hosts} - {here}
+    found = [Action(at_s, "slow", here, (other, delay_s, 0.0, rate)) for other in sorted(others)]
+    found.append(Action(at_s, draw.choice(("restart_listener", "listen_again")), reader))
+    for sender in draw.sample([*senders], min(len(senders), 3)):
         soon_s = round(at_s + draw.uniform(0.5, 2.5) * delay_s, 3)
-        found.append(Action(soon_s, draw.choice(("remove", "fail_over")), sender, (one,)))
+        if draw.random() < 0.7:
+            found.append(Action(soon_s, "remove", sender))
+        else:
+            found.append(Action(soon_s, "fail_over", sender, (draw.choice(sorted(others)),)))
+    return found
+
+
+def _die_and_return(draw: random.Random, at_s: float, senders: _Senders) -> list[Action]:
+    """A publisher ends for a while, and the process that begins anew sends less than it did."""
+    sender = draw.choice([*senders])
+    killed_s = at_s + draw.uniform(0.5, 2.0)
+    back_s = killed_s + draw.uniform(5.0, 8.0)
     return [
-        Action(each.at_s, each.kind, each.who) if each.kind == "remove" else each for each in found
+        Action(at_s, "static", sender, (draw.choice((1, 2)),)),
+        Action(round(killed_s, 3), draw.choice(("kill", "close")), sender),
+        Action(round(back_s, 3), "restart", sender),
     ]
 
 
 def _drawn_action(
-    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: list[str], readers: list[str]
+    draw: random.Random, at_s: float, hosts: tuple[str, ...], senders: _Senders, readers: _Readers
 ) -> Action:
     kind = draw.choices([*_KINDS], [*_KINDS.values()])[0]
     who = draw.choice(hosts)
     args: tuple[Any, ...] = ()
     if kind in _OF_PUBLISHERS:
-        who = draw.choice(senders)
+        who = draw.choice([*senders])
     if kind in _OF_LISTENERS:
-        who = draw.choice(readers)
+        who = draw.choice([*readers])
     if kind in ("static", "remove_static"):
         args = (draw.randrange(3),)
     elif kind in ("fail_over", "twin"):

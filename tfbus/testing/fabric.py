@@ -106,7 +106,7 @@ class Fabric:
             face.send(lambda far: self.lose(far))
             self._close(face)
             # Where the news of its end does not come, no keep-alive does either.
-            self._watch_silence(face.far, face.lane.busy_s() + LEASE_S)
+            self._watch_silence(face.far, face.lane.lost_after_s())
         self._sessions.pop(session, None)
 
     # Asked by sessions
@@ -153,7 +153,7 @@ class Fabric:
                 if face.lane.is_reliable:
                     face.lane.send(partial(far.session.process.receive, partial(self.lose, far)))
                 # Where the news of its end does not come either, no keep-alive does.
-                self._watch_silence(far, face.lane.busy_s() + LEASE_S)
+                self._watch_silence(far, face.lane.lost_after_s())
             session.faces.clear()
             self._sessions.pop(session, None)
 

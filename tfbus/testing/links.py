@@ -108,9 +108,20 @@ class Lane:
 
     def busy_s(self) -> float:
         """How long all that is under way still takes to arrive."""
+        return self._waits_s() + self._repeats_s()
+
+    def lost_after_s(self) -> float:
+        """How long the far end still takes to notice that nothing more is sent: the lease, once all
+        has arrived, or has been repeated for as long.
+        """
+        return self._waits_s() + min(self._repeats_s(), LEASE_S) + LEASE_S
+
+    def _waits_s(self) -> float:
         rate = self.path.bytes_a_second
-        waits_s = sum(packet.size for packet in self._waiting) / rate if rate else 0.0
-        return waits_s + max(0, self.due_ns - self._tasks.now_ns) / 1e9
+        return sum(packet.size for packet in self._waiting) / rate if rate else 0.0
+
+    def _repeats_s(self) -> float:
+        return max(0, self.due_ns - self._tasks.now_ns) / 1e9
 
     def has_room(self, urgent: bool) -> bool:
         """Whether a message that may be dropped is sent."""

@@ -1,0 +1,58 @@
+"""Budgets of a listener: its tables, queues and waits stay within their bounds."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from tfbus.listen.listener import TransformListener
+from tfbus.runtime.executor import Executor
+
+if TYPE_CHECKING:
+    from tests.simulation.histories import Part
+
+# Nothing is asked of a stream that is gone, and nothing of it measured, after this time: the
+# longest pause between two questions, and the longest wait for an answer.
+FORGOTTEN_WITHIN_S = 20.0
+# So many callbacks may wait for a thread, and so many timers for their time; more with streams.
+MOST_READY, MOST_DUE, MORE_A_STREAM = 50, 50, 3
+# A node of a history has no more questions under way at once, each of which may wait for a frame.
+MOST_WAITERS = 20
+
+
+def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
+    """Each bound that a listener exceeds, as a sentence; `gone_for_s` is for how long it has taken
+    each stream for gone.
+    """
+    listener = part.listener
+    for stream, seconds in gone_for_s.items():
+        if seconds > FORGOTTEN_WITHIN_S:
+            for what in _kept_of(listener, stream):
+                yield f"stream {stream} is gone for {FORGOTTEN_WITHIN_S:g} s, and {what}"
+    for executor in (part.node.executor, listener._watch._executor):
+        yield from _full(executor, MORE_A_STREAM * len(gone_for_s))
+    waiters = len(part.buffer._store.waiters)
+    if waiters > MOST_WAITERS:
+        yield f"{waiters} lookups wait in a buffer"
+
+
+def _kept_of(listener: TransformListener, stream: str) -> Iterator[str]:
+    watch, history = listener._watch, listener._history
+    key = watch.streams()[stream].key
+    if key in watch._asking or key in watch._to_ask:
+        yield "its description is asked for"
+    if key in watch._claims or key in watch._challenges:
+        yield "its epoch is disputed"
+    asking = listener._recovery._asking.get(stream)
+    if asking is not None and not asking.is_over:
+        yield "its static transforms are asked for"
+    if stream in listener._offsets._sessions:
+        yield "its clock is measured"
+    if stream in history._expected:
+        yield "its history is expected"
+
+
+def _full(executor: Executor, more: int) -> Iterator[str]:
+    ready, due = len(executor._ready), len(executor._due)
+    if ready > MOST_READY + more:
+        yield f"{ready} callbacks wait for a thread"
+    if due > MOST_DUE + more:
+        yield f"{due} timers wait"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.buses import eventually, keep_sending, send_static
+from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
 from tests.live_bus import Bus, free_port
 from tfbus import Buffer, TransformListener
 from tfbus.messages import Spawn
@@ -50,7 +50,8 @@ def test_a_peer_of_another_release_is_understood(bus: Bus, release: Path, python
     peer.wait_for_line(r"received tf/ours \['world', 'robot'\]")
     peer.wait_for_line("token @tfbus/stream/ours SampleKind.PUT")
     assert "sim" in {stream.name for stream in listener.streams() if stream.alive}
-    assert node.create_client(Spawn, "spawn").call(Spawn.Request(1.0, 2.0)).name == "a text"
+    spawn = node.create_client(Spawn, "spawn")
+    assert spawn.call(Spawn.Request(1.0, 2.0), timeout_s=DEADLINE_S).name == "a text"
     peer.kill()
     eventually(lambda: not any(s.alive for s in listener.streams() if s.name == "sim"))
 

@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+from types import ModuleType
 
 import click
 import pytest
@@ -176,3 +177,22 @@ def test_an_error_shows_what_a_program_has_printed(network: Network) -> None:
     program.kill()
     with pytest.raises(SimulationError, match="mute has ended without 'ready'"):
         program.wait_for_line("ready")
+
+
+def test_names_that_a_module_has_bound_are_virtual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by `from time import sleep`: in a module that is new, in one that has a new name since the
+    simulation before, and in each further simulation; after each they are Python's own.
+    """
+    module = ModuleType("bound_names")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    names: dict[str, object] = {"sleep": time.sleep, "monotonic": time.monotonic}
+    for bound in (["sleep"], ["sleep", "monotonic"], ["sleep", "monotonic"]):
+        for name in bound:
+            setattr(module, name, names[name])
+        with Network() as network:
+            for name in bound:
+                assert getattr(module, name) is not names[name]
+            begun_ns = network.now_ns
+            module.sleep(5.0)
+            assert network.now_ns - begun_ns >= 5_000_000_000
+        assert [getattr(module, name) for name in bound] == [names[name] for name in bound]

@@ -169,6 +169,7 @@ def test_any_buffer_answers_after_loading_as_before(tmp_path: Path, rows: list[A
 def test_an_unlimited_cache_and_an_empty_buffer_are_saved(tmp_path: Path) -> None:
     """Both are what they were."""
     assert saved(Buffer(math.inf), tmp_path / "a.npz").cache_time_s == math.inf
+    assert saved(Buffer(0.5), tmp_path / "a.npz").cache_time_s == 0.5
     assert saved(Buffer(), tmp_path / "a.npz").frames() == []
 
 

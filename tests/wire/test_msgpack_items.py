@@ -76,3 +76,43 @@ def test_a_large_message_of_few_values_is_read() -> None:
     payload = msgpack.packb(message)
     assert too_many_items(payload) == ""
     assert decode_map(payload) == message
+
+
+def _packed(head: int, size: int, width: int) -> bytes:
+    """A value whose length is written in so many bytes, and then comes."""
+    return bytes([head]) + size.to_bytes(width, "big") + _inside(size)
+
+
+def _inside(size: int) -> bytes:
+    """Each of these bytes would begin fifteen values."""
+    return b"\x9f" * size
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(bytes([0xA0 + size]) + _inside(size) for size in (0, 1, 31)),
+        *(
+            _packed(head, 300 % 256**width, width)
+            for head, width in ((0xD9, 1), (0xDA, 2), (0xDB, 4))
+        ),
+        *(
+            _packed(head, 300 % 256**width, width)
+            for head, width in ((0xC4, 1), (0xC5, 2), (0xC6, 4))
+        ),
+        *(
+            _packed(head, 7, width) + _inside(1)
+            for head, width in ((0xC7, 1), (0xC8, 2), (0xC9, 4))
+        ),
+        *(bytes([0xD4 + at]) + _inside(1 + 2**at) for at in range(5)),
+        *(
+            bytes([0xCA + at]) + _inside(size)
+            for at, size in enumerate((4, 8, 1, 2, 4, 8, 1, 2, 4, 8))
+        ),
+        *(bytes([head]) for head in (0x00, 0x7F, 0xC0, 0xC2, 0xC3, 0xE0, 0xFF)),
+    ],
+    ids=lambda value: f"{value[0]:02x}-{len(value)}",
+)
+def test_a_value_of_any_kind_is_one(value: bytes) -> None:
+    """The next begins right behind it."""
+    assert values_in(b"\x93" + value + b"\x92\x01\x02" + value, 1000) == 6

@@ -37,7 +37,8 @@ def explain_recorded(
     found = explain(frames.tree(), frames.buffer, target, source, advice=advice)
     if at_moment and frames.pause is None:
         try:
-            found = replace(found, answer=transform_then(frames, target, source), failure="")
+            then = transform_then(frames, target, source)
+            found = replace(found, answer=found.answer or then, failure="")
         except TfbusError as error:
             found = replace(found, answer=None, failure=str(error))
     known = frames.buffer.frames()

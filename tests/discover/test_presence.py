@@ -16,7 +16,7 @@ from tfbus.discover.presence import (
     list_nodes,
 )
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import node_key, relative_name
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -31,6 +31,20 @@ def test_nodes_are_listed_by_their_full_names(bus: Bus) -> None:
     wanted = ["/broadcaster1", "/l/r/a", "/looker", "/robot7/sim", "/sim"]
     session = look(bus)
     eventually(lambda: list_nodes(session) == wanted)
+
+
+def test_a_link_may_be_open_before_it_says_who_is_there(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A list that is asked for in that time waits for the first node, at most a second."""
+    session = look(bus)
+    bus.node("sim")
+    eventually(lambda: "/sim" in list_nodes(session) and session.linked())
+    late: list[list[str]] = [[], session.living(ALL_NODES_EVERYWHERE)]
+    monkeypatch.setattr(session, "living", lambda _: late.pop(0))
+    assert list_nodes(session) == ["/sim"]
+    monkeypatch.setattr(session, "living", lambda _: [])
+    assert list_nodes(session) == []
 
 
 def test_from_within_a_namespace_only_its_nodes_are_seen(bus: Bus) -> None:

@@ -23,12 +23,19 @@ from tfbus.wording import did_you_mean, printable
 
 # A process that is busy, or on a busy host, may take that long to answer; all others at once.
 PATIENCE_S = 5.0
+# A link may be open before its far end has said on it who is there.
+_SAID_WITHIN_S = 1.0
+_AGAIN_AFTER_S = 0.1
 
 
 def list_nodes(session: Session) -> list[str]:
     """The full names of the nodes that are alive, sorted: `/sim`, `/robot7/sim`."""
     namespace = session.settings.namespace
-    living = session.living(ALL_NODES_EVERYWHERE)
+    deadline_s = scheduler.monotonic() + _SAID_WITHIN_S
+    while not (living := session.living(ALL_NODES_EVERYWHERE)):
+        if not session.linked() or scheduler.monotonic() >= deadline_s:
+            break
+        scheduler.sleep(_AGAIN_AFTER_S)
     return sorted(printable(full_name(key, namespace)) for key in living)
 
 

@@ -29,6 +29,8 @@ ENDS_WITHIN_S = 1.0
 MOST_THREADS = 32
 
 _CALM_DELAY_S = 0.1
+# A listener believes what those say of their start that it meets in its first 5 s.
+_MET_WITHIN_S = 2.0
 _MOST_SKEW_NS = 55 * 10**9
 
 
@@ -400,14 +402,14 @@ class Laws:
             living = [each.number for each in rivals]
             self._suspect(f"{part.name}: shared is of {whose} ({value}), living are {living}")
             return
-        winner = self._winner(rivals)
+        winner = self._winner(part, rivals)
         if winner is not None and series.publisher is not winner:
             self._suspect(
                 f"{part.name}: shared is of {series.publisher.number}, and {winner.number} wins by "
                 f"the rule {self._run.plan.rule}"
             )
 
-    def _winner(self, rivals: list[Publisher]) -> Publisher | None:
+    def _winner(self, part: "Part", rivals: list[Publisher]) -> Publisher | None:
         """Whose transforms of the shared frame count, None where that is not known."""
         if len(rivals) == 1:
             return rivals[0]
@@ -416,6 +418,11 @@ class Laws:
         if self._stepped_s or self._run.plan.size.seconds > 25.0:
             # By the clocks of hosts: what they say of a start is believed within bounds.
             return None
+        for each in rivals:
+            calm_since_s = self._run.now_s - self.calm_for_s(part.process, each)
+            if calm_since_s > max(part.began_s, each.began_s) + _MET_WITHIN_S:
+                # Met late, it counts as started then, by the same bounds.
+                return None
         return min(rivals, key=lambda each: each.node.started_ns)
 
     def check_change(self, part: "Part", change: Any) -> None:

@@ -25,6 +25,9 @@ _LAST_CDR = 0x0B
 M = TypeVar("M")
 Reader = Callable[[object, str], Any]
 
+# Classes of most fields, which need no look at what they hold.
+_AS_THEY_ARE = frozenset((float, int, str, bytes, bool))
+
 
 def encode_map(value: Mapping[str, Any]) -> bytes:
     """The bytes of a plain map, for a message without a type.
@@ -158,13 +161,15 @@ class _Field(NamedTuple):
 
 class _Shape(NamedTuple):
     """The fields of a dataclass, and their `former` names. A type that `is_as_in_ros` goes over the
-    bus in ROS's layout; any with ROS's `has_header` is read in it, too.
+    bus in ROS's layout; any with ROS's `has_header` is read in it, too. With that, or with former
+    names, it `has_other_names` to be read by.
     """
 
     fields: dict[str, _Field]
     former: Mapping[str, str | tuple[str, ...]]
     has_header: bool
     is_as_in_ros: bool
+    has_other_names: bool
 
 
 @cache
@@ -177,7 +182,9 @@ def _shape(message_type: type) -> _Shape:
         for name, required in _fields_of(message_type).items()
     }
     former = getattr(message_type, "__former__", {})
-    return _Shape(fields, former, has_header(fields), "/" in type_name(message_type))
+    of_ros = has_header(fields)
+    is_as_in_ros = "/" in type_name(message_type)
+    return _Shape(fields, former, of_ros, is_as_in_ros, of_ros or bool(former))
 
 
 def is_message_type(type_: object) -> bool:
@@ -214,18 +221,22 @@ def _map_of(message: Any, as_in_ros: bool | None) -> dict[str, Any]:
 
 
 def _plain(value: Any, as_in_ros: bool) -> Any:
+    if value.__class__ in _AS_THEY_ARE:
+        return value
     if isinstance(value, list | tuple):
         return [_plain(item, as_in_ros) for item in value]
     return _map_of(value, as_in_ros) if is_message_type(type(value)) else value
 
 
-def _without_header(values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
-    try:
-        return without_header(values)
-    except (KeyError, TypeError) as error:
-        raise DecodeError(
-            f"field '{path}{HEADER}' must have a stamp of sec and nanosec, and a frame_id"
-        ) from error
+def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
+    if shape.has_header and HEADER in values:
+        try:
+            values = without_header(values)
+        except (KeyError, TypeError) as error:
+            raise DecodeError(
+                f"field '{path}{HEADER}' must have a stamp of sec and nanosec, and a frame_id"
+            ) from error
+    return renewed(values, shape.former, shape.fields)
 
 
 def _read_fields(
@@ -235,10 +246,8 @@ def _read_fields(
         return message_type.__of_bus_map__(values, path, unknown_fields)
     shape = _shape(message_type)
     fields = shape.fields
-    if shape.has_header and HEADER in values:
-        values = _without_header(values, path)
-    if shape.former:
-        values = renewed(values, shape.former, fields)
+    if shape.has_other_names:
+        values = _under_todays_names(shape, values, path)
     if not unknown_fields:
         for name in values:
             if name not in fields:

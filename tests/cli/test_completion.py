@@ -259,7 +259,10 @@ class TestCandidates:
     def test_types_and_values(self, bus: Bus, env: dict[str, str]) -> None:
         """After a topic comes a type; the value of a parameter is not completed."""
         robot(bus)
-        assert candidates(bus, env, "tfbus topic pub turtle1/cmd_vel T") == ["Twist"]
+        assert candidates(bus, env, "tfbus topic pub turtle1/cmd_vel Tw") == [
+            "Twist",
+            "TwistWithCovariance",
+        ]
         assert candidates(bus, env, "tfbus param set sim holonomic ") == []
         assert offers(bus, env, ("tfbus param get sim ", ["holonomic"]))
 

@@ -3,7 +3,7 @@
 import json
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import pytest
 
@@ -118,7 +118,7 @@ def test_a_topic_of_a_known_type_has_its_schema_at_once(sender: Node, client: Cl
     codec = MessageCodec.of_definition(Definition(channel["schemaName"], channel["schema"]))
     send_until(lambda: publisher.publish(POSE), lambda: bool(client.of("/turtle1/pose")))
     values = codec.decode(client.of("/turtle1/pose")[0])
-    assert values == {name: getattr(POSE, name) for name in Pose.__dataclass_fields__}
+    assert values == asdict(POSE)
 
 
 @dataclass

@@ -35,9 +35,11 @@ def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     header = values[HEADER]
     stamp = header["stamp"]
-    stamp_ns = stamp["sec"] * _SECOND_NS + stamp["nanosec"]
-    if type(stamp_ns) is not int:
+    seconds, nanoseconds = stamp["sec"], stamp["nanosec"]
+    # Before they are multiplied: a billion times a list would take all memory.
+    if type(seconds) is not int or type(nanoseconds) is not int:
         raise TypeError("the stamp must be of integers")
+    stamp_ns = seconds * _SECOND_NS + nanoseconds
     of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
     others = {name: value for name, value in values.items() if name != HEADER and name not in _OURS}
     return {**of_header, **others}

@@ -141,12 +141,15 @@ def test_former_names_of_fields_are_read(message: Any, former: dict[str, Any]) -
 
 @pytest.mark.parametrize(("message", "former"), FORMER, ids=lambda it: type(it).__name__)
 def test_fields_of_ros_are_read(message: Any, former: dict[str, Any]) -> None:
-    """A message in ROS's own layout, with a header, is the same message."""
+    """A message in ROS's own layout, with a header, is the same message, also recorded."""
     counterpart = COUNTERPARTS[type(message).__name__]
     of_ros = counterpart.to_ros(former)
     assert of_ros["header"]["stamp"]["nanosec"] == message.stamp_ns % 1_000_000_000
     assert from_map(type(message), of_ros) == message
     assert counterpart.of_ros(of_ros) == as_map(message)
+    codec, data = MessageCodecs().encode(type(message).__name__, of_ros)
+    assert codec.definition == counterpart.definition
+    assert codec.decode(data) == as_map(message)
 
 
 @pytest.mark.parametrize(

@@ -136,9 +136,10 @@ def as_map(message: Any) -> dict[str, Any]:
 
 
 def renewed_map(message_type: type, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The values of a message of a dataclass under today's names of its fields."""
-    shape = _shape(message_type)
-    return renewed(values, shape.former, shape.fields)
+    """The values of a message of a dataclass as it is sent today: without ROS's header, and under
+    today's names of its fields. Raises DecodeError for a header that is none.
+    """
+    return _under_todays_names(_shape(message_type), values, "")
 
 
 def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields: bool = True) -> M:

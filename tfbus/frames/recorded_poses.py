@@ -236,7 +236,7 @@ def is_static(recording: Recording, target: str, source: str) -> bool:
 
 def stamps_of(bag: OpenBag) -> tuple[int, int] | None:
     """The first and last stamp of what was received in the span that was chosen; the span itself
-    where that were no dynamic transforms, None where none was chosen.
+    if no dynamic transform was, None if no span was chosen.
     """
     if bag.choice.begin is None and bag.choice.end is None:
         return None
@@ -337,7 +337,7 @@ def path_at_rate(
 def poses_at(
     recording: Recording, target: str, source: str, stamps_ns: Ints, sampling: Sampling = TF2
 ) -> Trajectory:
-    """Where the source was, seen from the target, at those of the stamps at which that is known.
+    """The poses of the source, seen from the target, at the stamps at which they are known.
 
     Raises as `Recording.lookup_transform` where it is known at none.
     """

@@ -43,7 +43,8 @@ else:
 S = 1_000_000_000
 
 # The poses of a span are looked up in parts: the first is short, so that it comes soon, and each
-# further one is twice as long, up to this.
+# further one is twice as long, up to this. Behind a part without poses it may be longer: stamps of
+# a recording can be years apart, as of a host whose clock was not set yet.
 _FIRST_PART_NS, _LONGEST_PART_NS = 2 * S, 512 * S
 
 # For the last transforms before a moment, so much of the recording is read at first.
@@ -301,14 +302,17 @@ def _paths(
     length_ns = _FIRST_PART_NS
     has_any, reason = False, None
     while first_ns <= last_ns:
-        end_ns = min(first_ns + length_ns, last_ns)
+        end_ns, path = min(first_ns + length_ns, last_ns), None
         try:
             path = recording.trajectory(target, source, first_ns, end_ns, sampling=sampling)
-            has_any = True
-            yield path
         except TransformException as error:
             reason = error
-        first_ns, length_ns = end_ns + 1, min(2 * length_ns, _LONGEST_PART_NS)
+        if path is not None:
+            has_any = True
+            yield path
+        first_ns, length_ns = end_ns + 1, 2 * length_ns
+        if path:
+            length_ns = min(length_ns, _LONGEST_PART_NS)
     if not has_any and reason is not None:
         raise reason
 

@@ -171,6 +171,15 @@ def test_mixed_names_are_no_trap(values: dict[str, Any], sentence: str) -> None:
         from_map(messages.PoseStamped, values)
 
 
+def test_a_header_beside_a_stamp_is_an_unknown_field() -> None:
+    """As any other field that a later version adds: it is ignored, and recorded as it is."""
+    values = {**as_map(POSE), "header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "odom"}}
+    assert from_map(messages.PoseStamped, values) == POSE
+    assert from_map(messages.PoseStamped, {**values, "header": "of a page"}) == POSE
+    codec, data = MessageCodecs().encode("PoseStamped", values)
+    assert codec.decode(data) == values
+
+
 def test_every_type_that_ros_has_fits_its_definition() -> None:
     """A new message of each type that names one of ROS has exactly ROS's fields."""
     for name, counterpart in LIVE_COUNTERPARTS.items():

@@ -15,7 +15,14 @@ import msgpack
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
 from tfbus.wire.msgpack_items import too_many_items, unpacked
-from tfbus.wire.ros_fields import HEADER, has_header, renewed, with_header, without_header
+from tfbus.wire.ros_fields import (
+    HEADER,
+    has_header,
+    is_in_ros_layout,
+    renewed,
+    with_header,
+    without_header,
+)
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -230,7 +237,7 @@ def _plain(value: Any, as_in_ros: bool) -> Any:
 
 
 def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
-    if shape.has_header and HEADER in values:
+    if shape.has_header and is_in_ros_layout(values):
         try:
             values = without_header(values)
         except (KeyError, TypeError) as error:

@@ -153,7 +153,8 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
             _check_names(message_type, values, "")
         except click.UsageError as mistake:
             values = _values_of_ros(values, message_type, mistake)
-        values = _merged(prototype(message_type), values)
+        else:
+            values = _merged(prototype(message_type), values)
     try:
         return as_map(from_map(message_type, values, unknown_fields=False))
     except (DecodeError, TypeError, ValueError) as error:

@@ -29,8 +29,8 @@ _CLOCKS = ("auto", "to-ros", "from-ros", "off")
 
 @dataclass(frozen=True)
 class Crossing:
-    """The selection that crosses, as the command line has it; `topics_file` and `topics` are topics
-    other than transforms.
+    """Transforms, clock and topics that cross, as the command line has them; `topics_file` and
+    `topics` are topics other than transforms.
     """
 
     options: BridgeOptions

@@ -33,9 +33,7 @@ WALL_WARNING_PERIOD_S = 1.0
 
 
 class RotationGoal(Protocol):
-    """The numbers of a rotation that a turtle needs: its request, and how to report progress and
-    the end.
-    """
+    """A goal as a turtle needs it: its request, and how to report progress and the end."""
 
     @property
     def request(self) -> RotateAbsolute.Goal: ...

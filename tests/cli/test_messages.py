@@ -18,7 +18,7 @@ from tfbus.cli.messages.message import (
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
-from tfbus.messages import Color, Odometry, PoseStamped, TeleportRelative, Twist
+from tfbus.messages import Color, JointState, Odometry, PoseStamped, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -130,6 +130,14 @@ def test_fields_may_be_those_of_ros() -> None:
         }
     twist = {"twist": {"twist": {"linear": {"x": 2}}}}
     assert complete_values(twist, Odometry)["twist"]["twist"]["linear"]["x"] == 2.0
+
+
+def test_fields_may_have_their_former_names() -> None:
+    """A command that was written down before a field had ROS's name still sends its value."""
+    state = complete_values({"names": ["a"], "positions": [1]}, JointState)
+    assert (state["name"], state["position"]) == (["a"], [1.0])
+    pose = complete_values({"frame": "map", "position": {"x": 1}}, PoseStamped)
+    assert (pose["frame_id"], pose["pose"]["position"]["x"]) == ("map", 1.0)
 
 
 @pytest.mark.parametrize(

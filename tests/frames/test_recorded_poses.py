@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.recordings import at, described, gone, publisher, statics, steadily, write
+from tests.recordings import at, described, gone, publisher, sent, statics, steadily, write
 from tfbus import NodeSettings, Recording
 from tfbus.command.moment import parse_moment
 from tfbus.command.recordings import BagChoice
 from tfbus.errors import TfbusError
 from tfbus.frames.recorded_poses import recorded_track, recorded_transform, recorded_transforms
+from tfbus.trajectory.trajectory import Trajectory
 
 SETTINGS = NodeSettings("echo")
 SIM, ARM = publisher("sim"), publisher("arm")
@@ -127,3 +129,29 @@ def test_a_restart_takes_none_of_the_poses_before_it(tmp_path: Path) -> None:
     seconds = sorted(poses(BagChoice((path,)), "base"))
     before, behind = ([each for each in seconds if (each > 4.9) is late] for late in (False, True))
     assert (len(before), len(behind)) == (48, 30)
+
+
+def test_stamps_that_are_years_apart_are_found_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A transform from before a clock was set costs a few looks, not one for each ten minutes."""
+    parts: list[tuple[int, int]] = []
+    trajectory = Recording.trajectory
+
+    def counted(recording: Recording, *span: Any, **sampling: Any) -> Trajectory:
+        assert len(parts) < 100
+        parts.append(span[2:])
+        return trajectory(recording, *span, **sampling)
+
+    monkeypatch.setattr(Recording, "trajectory", counted)
+    bag = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, ("world", "base", False)),
+        sent(SIM, 0.0, ("world", "base", -1.0), stamp_ns=5, seq=0),
+        steadily(SIM, 1.0, 3.0, ("world", "base")),
+    )
+    found = recorded_transforms(BagChoice((bag,)), SETTINGS, None, "world", "base")
+    assert [round(each.transform.x, 6) for each in found] == [
+        -1.0,
+        *(1.0 + number / 10 for number in range(20)),
+    ]

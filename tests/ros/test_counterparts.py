@@ -141,12 +141,15 @@ def test_former_names_of_fields_are_read(message: Any, former: dict[str, Any]) -
 
 @pytest.mark.parametrize(("message", "former"), FORMER, ids=lambda it: type(it).__name__)
 def test_fields_of_ros_are_read(message: Any, former: dict[str, Any]) -> None:
-    """A message in ROS's own layout, with a header, is the same message."""
+    """A message in ROS's own layout, with a header, is the same message, also recorded."""
     counterpart = COUNTERPARTS[type(message).__name__]
     of_ros = counterpart.to_ros(former)
     assert of_ros["header"]["stamp"]["nanosec"] == message.stamp_ns % 1_000_000_000
     assert from_map(type(message), of_ros) == message
     assert counterpart.of_ros(of_ros) == as_map(message)
+    codec, data = MessageCodecs().encode(type(message).__name__, of_ros)
+    assert codec.definition == counterpart.definition
+    assert codec.decode(data) == as_map(message)
 
 
 @pytest.mark.parametrize(
@@ -166,6 +169,15 @@ def test_mixed_names_are_no_trap(values: dict[str, Any], sentence: str) -> None:
         return
     with pytest.raises(DecodeError, match=sentence):
         from_map(messages.PoseStamped, values)
+
+
+def test_a_header_beside_a_stamp_is_an_unknown_field() -> None:
+    """As any other field that a later version adds: it is ignored, and recorded as it is."""
+    values = {**as_map(POSE), "header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "odom"}}
+    assert from_map(messages.PoseStamped, values) == POSE
+    assert from_map(messages.PoseStamped, {**values, "header": "of a page"}) == POSE
+    codec, data = MessageCodecs().encode("PoseStamped", values)
+    assert codec.decode(data) == values
 
 
 def test_every_type_that_ros_has_fits_its_definition() -> None:

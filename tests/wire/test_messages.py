@@ -23,7 +23,7 @@ from tfbus.messages import (
     Twist,
     Vector3,
 )
-from tfbus.wire.codec import decode_message, encode_map, encode_message
+from tfbus.wire.codec import decode_message, encode_map, encode_message, from_map
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.builds(Vector3, numbers, numbers, numbers)
@@ -105,3 +105,20 @@ def test_invalid_messages_are_not_decoded() -> None:
 def test_an_empty_twist_stops() -> None:
     """What is left out of a Twist is zero: `{}` on the command line stops a turtle."""
     assert decode_message(Twist, encode_map({})) == Twist(Vector3(0, 0, 0), Vector3(0, 0, 0))
+
+
+class _Uncopied(list[int]):
+    """A list that may not be repeated."""
+
+    def __mul__(self, times: object) -> list[int]:
+        raise AssertionError("a billion times this list takes all memory")
+
+    __rmul__ = __mul__
+
+
+@pytest.mark.parametrize("field", ["sec", "nanosec"])
+def test_a_stamp_of_ros_is_checked_before_it_is_converted(field: str) -> None:
+    """A list in the place of a number of seconds is refused, and not taken a billion times."""
+    stamp = {"sec": 1, "nanosec": 2, field: _Uncopied([0])}
+    with pytest.raises(DecodeError, match=r"field 'header' must have a stamp of sec and nanosec"):
+        from_map(messages.PoseStamped, {"header": {"stamp": stamp, "frame_id": "map"}})

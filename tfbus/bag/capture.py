@@ -110,7 +110,7 @@ class Capture:
             topic.close()
 
     def source(self, key: str, *, static: bool = False) -> TransformSource | None:
-        """The kind of the messages of a key of transforms are; None if they are not recorded."""
+        """The kind of the messages of a key of transforms; None if they are not recorded."""
         found = self._sources.get(key)
         if found is not None or key in self._refused:
             return found

@@ -1,4 +1,4 @@
-"""The selection that crosses between the bus and ROS, by options."""
+"""The transforms that cross between the bus and ROS, and the clock, by options."""
 
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

@@ -573,9 +573,8 @@ class History:
     Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
 
     Compiled, Python's collector does not know a frame that was never looked up: it would stop the
-    process for 0.35 s where 200,000 new ones come. An object that it does not know is in no cycle:
-    see
-    `track`.
+    process for 0.35 s where 200,000 new ones come. An object that it does not know is in no
+    cycle: see `track`.
     """
 
     def __init__(self, name: str) -> None:

@@ -43,7 +43,8 @@ else:
 S = 1_000_000_000
 
 # The poses of a span are looked up in parts: the first is short, so that it comes soon, and each
-# further one is twice as long, up to this.
+# further one is twice as long, up to this. Behind a part without poses it may be longer: stamps of
+# a recording can be years apart, as of a host whose clock was not set yet.
 _FIRST_PART_NS, _LONGEST_PART_NS = 2 * S, 512 * S
 
 # For the last transforms before a moment, so much of the recording is read at first.
@@ -236,7 +237,7 @@ def is_static(recording: Recording, target: str, source: str) -> bool:
 
 def stamps_of(bag: OpenBag) -> tuple[int, int] | None:
     """The first and last stamp of what was received in the span that was chosen; the span itself
-    where that were no dynamic transforms, None where none was chosen.
+    if no dynamic transform was, None if no span was chosen.
     """
     if bag.choice.begin is None and bag.choice.end is None:
         return None
@@ -301,14 +302,17 @@ def _paths(
     length_ns = _FIRST_PART_NS
     has_any, reason = False, None
     while first_ns <= last_ns:
-        end_ns = min(first_ns + length_ns, last_ns)
+        end_ns, path = min(first_ns + length_ns, last_ns), None
         try:
             path = recording.trajectory(target, source, first_ns, end_ns, sampling=sampling)
-            has_any = True
-            yield path
         except TransformException as error:
             reason = error
-        first_ns, length_ns = end_ns + 1, min(2 * length_ns, _LONGEST_PART_NS)
+        if path is not None:
+            has_any = True
+            yield path
+        first_ns, length_ns = end_ns + 1, 2 * length_ns
+        if path:
+            length_ns = min(length_ns, _LONGEST_PART_NS)
     if not has_any and reason is not None:
         raise reason
 
@@ -337,7 +341,7 @@ def path_at_rate(
 def poses_at(
     recording: Recording, target: str, source: str, stamps_ns: Ints, sampling: Sampling = TF2
 ) -> Trajectory:
-    """Where the source was, seen from the target, at those of the stamps at which that is known.
+    """The poses of the source, seen from the target, at the stamps at which they are known.
 
     Raises as `Recording.lookup_transform` where it is known at none.
     """

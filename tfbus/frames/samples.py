@@ -105,7 +105,7 @@ class Samples:
         return first, max(int(self._last[a:b].max()) for a, b in found)
 
     def facts(self) -> list[EdgeFacts]:
-        """What there is of each edge of each stream in each epoch."""
+        """The samples of each edge of each stream in each epoch, counted."""
         return self._table.facts()
 
     def knows(self, *frames: str) -> bool:

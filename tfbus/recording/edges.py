@@ -16,7 +16,7 @@ StreamKey = tuple[str, int]
 
 @dataclass(frozen=True)
 class EdgeFacts:
-    """What the index says of an edge of one stream in one epoch; stamps in nanoseconds."""
+    """An edge of a stream in one epoch, by the index: its samples; stamps in nanoseconds."""
 
     key: StreamKey
     edge: Edge
@@ -27,7 +27,7 @@ class EdgeFacts:
 
 
 class EdgeTable:
-    """What the indices of all files say of the streams that are seen from a viewpoint.
+    """The edges of the streams that are seen from a viewpoint, by the indices of all files.
 
     `keys` and `edges` are numbered, as are the chunks by their place in `RecordingReader.chunks`.
     `static` and `dynamic` (N, 6) have a row for each edge of a stream in a chunk: chunk, key, edge,
@@ -53,7 +53,7 @@ class EdgeTable:
         return frozenset(name for child in children for name in self._sent_names.get(child, ()))
 
     def facts(self) -> list[EdgeFacts]:
-        """What there is of each edge of each stream in each epoch."""
+        """The samples of each edge of each stream in each epoch, counted."""
         keys, edges = list(self.keys), list(self.edges)
         found = []
         for table, is_static in ((self.static, True), (self.dynamic, False)):

@@ -92,7 +92,10 @@ def _by_rule(message_type: type, added: Mapping[str, Any]) -> tuple[_ToRos, _OfR
     message = message_named(message_type.__ros__)  # type: ignore[attr-defined]
 
     def to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-        values = renewed_map(message_type, values)
+        try:
+            values = renewed_map(message_type, values)
+        except DecodeError as error:
+            raise UnfitError(str(error)) from error
         if not added.keys() <= values.keys():
             raise UnfitError(f"it must have {', '.join(added)}")
         values = {name: value for name, value in values.items() if name not in added}

@@ -119,7 +119,7 @@ class View:
         playhead.play(True)
 
     def pause(self) -> None:
-        """Hold a recording if it is."""
+        """Hold a recording where it is."""
         self._replay().playhead.play(False)
 
     def _replay(self) -> "Replay":

@@ -15,7 +15,14 @@ import msgpack
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
 from tfbus.wire.msgpack_items import too_many_items, unpacked
-from tfbus.wire.ros_fields import HEADER, has_header, renewed, with_header, without_header
+from tfbus.wire.ros_fields import (
+    HEADER,
+    has_header,
+    is_in_ros_layout,
+    renewed,
+    with_header,
+    without_header,
+)
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -136,9 +143,10 @@ def as_map(message: Any) -> dict[str, Any]:
 
 
 def renewed_map(message_type: type, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The values of a message of a dataclass under today's names of its fields."""
-    shape = _shape(message_type)
-    return renewed(values, shape.former, shape.fields)
+    """The values of a message of a dataclass as it is sent today: without ROS's header, and under
+    today's names of its fields. Raises DecodeError for a header that is none.
+    """
+    return _under_todays_names(_shape(message_type), values, "")
 
 
 def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields: bool = True) -> M:
@@ -229,7 +237,7 @@ def _plain(value: Any, as_in_ros: bool) -> Any:
 
 
 def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
-    if shape.has_header and HEADER in values:
+    if shape.has_header and is_in_ros_layout(values):
         try:
             values = without_header(values)
         except (KeyError, TypeError) as error:

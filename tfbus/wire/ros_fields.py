@@ -16,10 +16,19 @@ def has_header(fields: Mapping[str, object]) -> bool:
     return HEADER not in fields and all(name in fields for name in _OURS)
 
 
+def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
+    """Whether the values of a type that has a header in ROS have that; beside a stamp of ours
+    a `header` is an unknown field.
+    """
+    return HEADER in values and "stamp_ns" not in values
+
+
 def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a message with the header of ROS. Raises KeyError where one of ours is missing,
-    TypeError for a stamp that is no integer.
+    TypeError for a stamp that is no integer, and where there is a header.
     """
+    if HEADER in values:
+        raise TypeError("it has a header beside stamp_ns")
     stamp_ns = values["stamp_ns"]
     if type(stamp_ns) is not int:
         raise TypeError("stamp_ns must be an integer")
@@ -35,9 +44,11 @@ def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     header = values[HEADER]
     stamp = header["stamp"]
-    stamp_ns = stamp["sec"] * _SECOND_NS + stamp["nanosec"]
-    if type(stamp_ns) is not int:
+    seconds, nanoseconds = stamp["sec"], stamp["nanosec"]
+    # Before they are multiplied: a billion times a list would take all memory.
+    if type(seconds) is not int or type(nanoseconds) is not int:
         raise TypeError("the stamp must be of integers")
+    stamp_ns = seconds * _SECOND_NS + nanoseconds
     of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
     others = {name: value for name, value in values.items() if name != HEADER and name not in _OURS}
     return {**of_header, **others}

@@ -103,7 +103,7 @@ class _Cursor:
         self.failed = False
 
     def skip(self, size: int) -> int:
-        """Pass `size` bytes; if they begin."""
+        """Pass `size` bytes; returns where they begin."""
         start = self.at
         if size > self.end - start:
             self.failed = True

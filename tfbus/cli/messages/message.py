@@ -21,6 +21,7 @@ from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
+from tfbus.wire.ros_fields import renewed
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
@@ -141,16 +142,19 @@ def encode_values(values: Mapping[str, Any], what: str) -> bytes:
 
 def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
     """The fields of a message of this type, with defaults for missing ones, or zeros; they may be
-    those that ROS has of it, `{header: {frame_id: map}, ...}`.
+    those that ROS has of it, `{header: {frame_id: map}, ...}`, or have their former names.
 
     Raises click.UsageError if the values are no such message.
     """
     if is_dataclass(message_type):
+        names = [entry.name for entry in fields(message_type)]
+        values = renewed(values, getattr(message_type, "__former__", {}), dict.fromkeys(names))
         try:
             _check_names(message_type, values, "")
         except click.UsageError as mistake:
             values = _values_of_ros(values, message_type, mistake)
-        values = _merged(prototype(message_type), values)
+        else:
+            values = _merged(prototype(message_type), values)
     try:
         return as_map(from_map(message_type, values, unknown_fields=False))
     except (DecodeError, TypeError, ValueError) as error:

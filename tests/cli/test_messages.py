@@ -18,7 +18,7 @@ from tfbus.cli.messages.message import (
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
-from tfbus.messages import Color, JointState, Odometry, PoseStamped, TeleportRelative, Twist
+from tfbus.messages import Color, JointState, Odometry, Path, PoseStamped, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -114,6 +114,10 @@ def test_missing_fields_take_their_defaults() -> None:
         "linear": 1.0,
         "angular": 0.0,
     }
+    path = complete_values({"poses": [{"pose": {"position": {"x": 1}}}]}, Path)
+    [pose] = path["poses"]
+    assert pose["pose"]["position"] == {"x": 1.0, "y": 0.0, "z": 0.0}
+    assert pose["header"]["frame_id"] == ""
 
 
 def test_fields_may_be_those_of_ros() -> None:

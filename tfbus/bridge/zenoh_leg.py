@@ -38,7 +38,9 @@ try:
         source_in,
         wire_of,
     )
-except ImportError as error:
+except ModuleNotFoundError as error:
+    if error.name != "xxhash":
+        raise
     raise TfbusError(
         f"ROS 2 over Zenoh needs xxhash, which is not installed: {install_command('ros2')}"
     ) from error

@@ -11,7 +11,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from struct import iter_unpack
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import click
 
@@ -154,7 +154,7 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
         except click.UsageError as mistake:
             values = _values_of_ros(values, message_type, mistake)
         else:
-            values = _merged(prototype(message_type), values)
+            values = _merged(message_type, prototype(message_type), values)
     try:
         return as_map(from_map(message_type, values, unknown_fields=False))
     except (DecodeError, TypeError, ValueError) as error:
@@ -187,13 +187,24 @@ def _values_of_ros(
         raise click.UsageError(f"not a valid {names[0]}: {error}") from error
 
 
-def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(
+    message_type: object, defaults: Mapping[str, Any], values: Mapping[str, Any]
+) -> dict[str, Any]:
     """The values, and the defaults of fields that they do not have, also nested ones."""
-    return {**defaults, **values} | {
-        name: _merged(defaults[name], value)
+    hints = get_type_hints(message_type) if isinstance(message_type, type) else {}
+    return {**defaults} | {
+        name: _completed(hints.get(name), defaults.get(name), value)
         for name, value in values.items()
-        if isinstance(value, Mapping) and isinstance(defaults.get(name), Mapping)
     }
+
+
+def _completed(expected: object, default: object, value: Any) -> Any:
+    if isinstance(value, Mapping) and isinstance(default, Mapping):
+        return _merged(expected, default, value)
+    item = next(iter(get_args(expected)), None)
+    if isinstance(value, list) and isinstance(item, type) and is_dataclass(item):
+        return [_completed(item, prototype(item), each) for each in value]
+    return value
 
 
 def read_map(text: str) -> dict[str, Any] | None:

@@ -25,6 +25,7 @@ cdef struct block_t:
     double step_qy[64]
     double step_qz[64]
     double step_qw[64]
+    double ratio[64]
     unsigned char known[64]
 
 ctypedef block_t* block_ptr
@@ -38,13 +39,18 @@ cdef void _begin(
     block_t* block, const long long[::1] stamps, const int[::1] rows, Py_ssize_t start,
     Py_ssize_t count) noexcept nogil
 @cython.locals(
-    j=Py_ssize_t, stamp_ns=cython.longlong, before=cython.longlong, after=cython.longlong,
-    ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double, bx=double,
-    by=double, bz=double, bpx=double, bpy=double, bpz=double, bpw=double, cosine=double,
-    short=double, angle=double, scale=double, elapsed=double, period=double, ratio=double,
-    rest=double, u=double, v=double)
+    start=Py_ssize_t, stop=Py_ssize_t, before=cython.longlong, after=cython.longlong, ratio=double,
+    is_between=cython.bint)
 cdef void _step(
     block_t* block, samples_t* samples, Py_ssize_t count) noexcept nogil
+@cython.locals(
+    j=Py_ssize_t, ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double,
+    bx=double, by=double, bz=double, bpx=double, bpy=double, bpz=double, bpw=double,
+    before=cython.longlong, cosine=double, short=double, angle=double, scale=double,
+    elapsed=double, period=double, ratio=double,
+    rest=double, u=double, v=double)
+cdef void _interpolate(
+    block_t* block, samples_t* samples, Py_ssize_t start, Py_ssize_t stop) noexcept nogil
 @cython.locals(third=double, second=double)
 cdef double _weight(double short, double square) noexcept nogil
 @cython.locals(j=Py_ssize_t, ratio=double, a=pose_t, b=pose_t)

@@ -6,8 +6,9 @@ buffer holds its lock around every call of `fill`.
 
 A block of rows takes each edge in turn. The common part of all times between two samples is
 computed once while the stamps stay between them, and the processor works at several rows at a time,
-since none waits for another. So rows are put into the order of their times first; a few out of
-order cost little, and the order may be rough. How rough depends on how evenly the times are spread.
+since none waits for another; each row's numbers are those of a single lookup, to the bit. So rows
+are put into the order of their times first; a few out of order cost little, and the order may be
+rough. How rough depends on how evenly the times are spread.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class Block:
     """Some rows while their poses are composed; compiled, a struct of C.
 
     `stamps_ns` are their times, and `row` their rows in the answer. x y z qx qy qz qw is the pose
-    so far, and with `step_` before it the pose of the next edge. `known` is 0 if there is none.
+    so far, and with `step_` before it the pose of the next edge, at `ratio` of the way between two
+    samples. `known` is 0 if there is none.
     """
 
     def __init__(self) -> None:
@@ -61,6 +63,7 @@ class Block:
         self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw = _columns()
         self.step_x, self.step_y, self.step_z, *quat = _columns()
         self.step_qx, self.step_qy, self.step_qz, self.step_qw = quat
+        self.ratio = [0.0] * _ROWS
         self.known = [0] * _ROWS
 
 
@@ -124,44 +127,65 @@ def _begin(
 
 def _step(block: Block, samples: Samples, count: int) -> None:
     """The pose of an edge for each row, as `lerp_slerp` has it."""
-    before = after = NO_DATA
-    ax = ay = az = apx = apy = apz = apw = 0.0
-    bx = by = bz = bpx = bpy = bpz = bpw = 0.0
-    period = short = angle = scale = 0.0
-    for j in range(count):
-        stamp_ns = block.stamps_ns[j]
-        if stamp_ns < before or stamp_ns >= after:
-            ratio = locate(samples, stamp_ns)
-            before, after = samples.before, samples.after
-            if ratio < 0.0 or samples.is_static or after <= before:
-                # It is not between two samples.
-                after = NO_DATA
-                _set_step(block, j, pose_at(samples, 0.0) if ratio == 0.0 else _missing(block, j))
-                continue
-            ax, ay, az, apx, apy, apz, apw = sample(samples, samples.here)
-            bx, by, bz, bpx, bpy, bpz, bpw = sample(samples, samples.following)
-            period = after - before
-            cosine = apx * bpx + apy * bpy + apz * bpz + apw * bpw
-            if cosine < 0.0:
-                cosine, bpx, bpy, bpz, bpw = -cosine, -bpx, -bpy, -bpz, -bpw
-            short = 1.0 - cosine
-            if short >= _SERIES_BELOW:
-                angle = math.acos(cosine)
-                scale = 1.0 / math.sin(angle)
-        elapsed = stamp_ns - before
-        ratio = elapsed / period
-        rest = 1.0 - ratio
-        if short < _SERIES_BELOW:
-            u = rest * _weight(short, rest * rest)
-            v = ratio * _weight(short, ratio * ratio)
-        elif ratio == 0.0:
-            u, v = 1.0, 0.0  # the sample itself, as `pose_at` has it
+    start = 0
+    while start < count:
+        ratio = locate(samples, block.stamps_ns[start])
+        before, after = samples.before, samples.after
+        is_between = ratio >= 0.0 and not samples.is_static and after > before
+        stop = start + 1
+        while is_between and stop < count and before <= block.stamps_ns[stop] < after:
+            stop += 1
+        if stop > start + 1:
+            _interpolate(block, samples, start, stop)
+        elif ratio < 0.0:
+            _set_step(block, start, _missing(block, start))
         else:
-            u = math.sin(rest * angle) * scale
-            v = math.sin(ratio * angle) * scale
+            _set_step(block, start, pose_at(samples, ratio))
+        start = stop
+
+
+def _interpolate(block: Block, samples: Samples, start: int, stop: int) -> None:
+    """The poses of rows [start, stop), all between the two samples at the cursor, in loops of which
+    the processor does several rows at a time.
+    """
+    ax, ay, az, apx, apy, apz, apw = sample(samples, samples.here)
+    bx, by, bz, bpx, bpy, bpz, bpw = sample(samples, samples.following)
+    before = samples.before
+    period = samples.after - before
+    cosine = apx * bpx + apy * bpy + apz * bpz + apw * bpw
+    if cosine < 0.0:
+        cosine, bpx, bpy, bpz, bpw = -cosine, -bpx, -bpy, -bpz, -bpw
+    short = 1.0 - cosine
+    if short >= _SERIES_BELOW:
+        angle = math.acos(cosine)
+        scale = 1.0 / math.sin(angle)
+    for j in range(start, stop):
+        elapsed = block.stamps_ns[j] - before
+        block.ratio[j] = elapsed
+    for j in range(start, stop):
+        ratio = block.ratio[j] / period
+        rest = 1.0 - ratio
+        block.ratio[j] = ratio
         block.step_x[j] = rest * ax + ratio * bx
         block.step_y[j] = rest * ay + ratio * by
         block.step_z[j] = rest * az + ratio * bz
+    if short < _SERIES_BELOW:
+        for j in range(start, stop):
+            ratio = block.ratio[j]
+            rest = 1.0 - ratio
+            u = rest * _weight(short, rest * rest)
+            v = ratio * _weight(short, ratio * ratio)
+            block.step_qx[j] = u * apx + v * bpx
+            block.step_qy[j] = u * apy + v * bpy
+            block.step_qz[j] = u * apz + v * bpz
+            block.step_qw[j] = u * apw + v * bpw
+        return
+    for j in range(start, stop):
+        ratio = block.ratio[j]
+        u, v = 1.0, 0.0  # the sample itself, as `pose_at` has it
+        if ratio != 0.0:
+            u = math.sin((1.0 - ratio) * angle) * scale
+            v = math.sin(ratio * angle) * scale
         block.step_qx[j] = u * apx + v * bpx
         block.step_qy[j] = u * apy + v * bpy
         block.step_qz[j] = u * apz + v * bpz

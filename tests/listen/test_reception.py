@@ -462,6 +462,23 @@ def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> No
     assert not stream.lacks_statics()
 
 
+def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
+    received: Received,
+) -> None:
+    """Two publish the stream, and list the same: the set of the first is not that of the second,
+    also where it comes again, until it has sent its own.
+    """
+    stream, frames = received.stream, frozenset({"post"})
+    received.send_static(at(1, "post"))
+    stream.describe(1, frames, frames, ("/sim", 1, "a"), confirmed=True)
+    assert not stream.lacks_statics()
+    stream.describe(2, frames, frames, ("/sim", 2, "b"), confirmed=True)
+    received.send_static(at(1, "post"))
+    assert stream.lacks_statics()
+    received.send_static(at(2, "post"), epoch_ns=2)
+    assert (stream.lacks_statics(), received.x_of("post")) == (False, 2)
+
+
 def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:
     """By their numbers, an older set that was asked for is not taken for the last."""
     for x, seq in ((2, 2), (1, 1)):

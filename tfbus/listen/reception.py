@@ -553,6 +553,7 @@ class StreamReception:
             frozenset(child for _, child, _ in description.frames),
             frozenset(child for _, child, static in description.frames if static),
             publisher if description.session else None,
+            started_ns=description.started_ns,
             confirmed=confirmed,
         )
 
@@ -563,16 +564,19 @@ class StreamReception:
         statics: frozenset[str] = frozenset(),
         publisher: Publisher | None = None,
         *,
+        started_ns: int = 0,
         confirmed: bool = False,
     ) -> None:
         """Take the child frames that the stream lists, and which of them are static; those that the
-        same publisher no longer lists are removed.
+        same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch.
 
         `confirmed` if it came from the publisher's own session: its epoch counts.
         """
         if not (self._confirm(epoch_ns, publisher) if confirmed else self._takes(epoch_ns)):
             return
         with self.lock:
+            if publisher is not None and self.listing.publisher not in (None, publisher):
+                self.statics.expire_before(started_ns or epoch_ns)
             removed = self.listing.replace(epoch_ns, children, publisher)
             found = statics - self.statics.listed
             self.statics.listed = statics

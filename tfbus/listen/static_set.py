@@ -19,6 +19,8 @@ class StaticSet:
         self._seq: int | None = None
         # False where the set may have changed since it last came.
         self._is_current = True
+        # The epoch of the set of a former process, which another one has taken over from.
+        self._former_ns: int | None = None
 
     def replace(self, message: TransformMessage, *, is_current: bool) -> frozenset[str] | None:
         """Take the set of a message; `is_current` if its publisher is not gone.
@@ -26,7 +28,9 @@ class StaticSet:
         Returns the children that the former set of this epoch had and the new one does not; None,
         with nothing replaced, if a later set of this epoch is there.
         """
-        self._is_current |= is_current
+        if message.epoch_ns != self._former_ns:
+            self._is_current |= is_current
+            self._former_ns = None
         is_same_epoch = message.epoch_ns == self.epoch_ns
         if is_same_epoch and _is_before(message.seq, self._seq):
             return None
@@ -48,9 +52,16 @@ class StaticSet:
         """The set may change unnoticed: its publisher is gone."""
         self._is_current = False
 
+    def expire_before(self, started_ns: int) -> None:
+        """Another process publishes the stream, which began then: a set of before is not its own,
+        even if it comes again.
+        """
+        if self.epoch_ns is not None and self.epoch_ns < started_ns:
+            self._is_current, self._former_ns = False, self.epoch_ns
+
     def accept_any(self) -> None:
         """Another process publishes the stream: take its set, whatever its epoch and number."""
-        self.epoch_ns = self._seq = None
+        self.epoch_ns = self._seq = self._former_ns = None
         self._is_current = False
 
     def clear(self) -> None:

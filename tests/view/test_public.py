@@ -1,5 +1,6 @@
 """`tfbus view --public`: the page in a real Chromium, and what others get of it."""
 
+import base64
 import http.client
 import ssl
 import threading
@@ -18,12 +19,9 @@ from tests.live_bus import Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, window_of
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
-pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 needs.module("cryptography")
 
 import viser  # noqa: E402 - needs it
-from websockets.exceptions import InvalidMessage, InvalidStatus  # noqa: E402 - needs it
-from websockets.sync.client import connect  # noqa: E402 - needs it
 
 ELSEWHERE = """<!doctype html><p id="said">waiting</p><script>
 const socket = new WebSocket('{address}', 'viser-v{version}');
@@ -70,25 +68,21 @@ def cookie_of(address: str) -> str:
     return str(ask(address).headers["Set-Cookie"]).partition(";")[0]
 
 
-def receives(address: str, **headers: str) -> bool:
-    """Whether a websocket with these headers gets something. Raises InvalidStatus if refused."""
-    try:
-        return _receives(address, headers)
-    except InvalidMessage:
-        # A connection that is refused closes at once, and the answer may be lost with it.
-        return _receives(address, headers)
+def opening(address: str, **headers: str) -> int:
+    """The status of the answer to a websocket with these headers; 101 opens it.
 
-
-def _receives(address: str, headers: dict[str, str]) -> bool:
-    with connect(
-        f"wss://{urlsplit(address).netloc}/",
-        ssl=unchecked(),
-        subprotocols=[f"viser-v{viser.__version__}"],
-        additional_headers=headers,
-        open_timeout=DEADLINE_S,
-        max_size=None,
-    ) as socket:
-        return bool(socket.recv(DEADLINE_S))
+    Not by the client of websockets: it reads and writes on two threads, which OpenSSL does not
+    bear, and now and then reads an end in place of the answer.
+    """
+    key = base64.b64encode(bytes(16)).decode()
+    asked = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": key,
+        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+    }
+    return ask(address, "/", **asked, **headers).status
 
 
 @contextmanager
@@ -165,15 +159,12 @@ def test_a_websocket_needs_the_cookie_and_the_origin(public: tuple[Process, str]
     """A program has the one by the token; a page of another origin is refused with both."""
     process, address = public
     host = urlsplit(address).netloc
-    with pytest.raises(InvalidStatus, match="401"):
-        receives(address)
-    with pytest.raises(InvalidStatus, match="401"):
-        receives(address, Cookie="__Host-tfbus-view=nonsense")
+    assert opening(address) == 401
+    assert opening(address, Cookie="__Host-tfbus-view=nonsense") == 401
     cookie = cookie_of(address)
-    assert receives(address, Cookie=cookie)
-    assert receives(address, Cookie=cookie, Origin=f"https://{host}")
-    with pytest.raises(InvalidStatus, match="403"):
-        receives(address, Cookie=cookie, Origin="https://evil.example")
+    assert opening(address, Cookie=cookie) == 101
+    assert opening(address, Cookie=cookie, Origin=f"https://{host}") == 101
+    assert opening(address, Cookie=cookie, Origin="https://evil.example") == 403
     process.wait_for_line(r"Refused a browser: a page of 'https://evil\.example' may not use")
 
 

@@ -168,8 +168,7 @@ REAL = {
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
-    "bus/session.py": "the end of a process",
-    "bus/ros_session.py": "sessions of ROS are not simulated",
+    "bus/zenoh_session.py": "the end of a process",
     "bag/parts_written.py": "dates as names of files",
 }
 

@@ -85,8 +85,8 @@ class ZenohLeg:
         # Messages without an attachment of rmw_zenoh's.
         self.dropped = 0
         # The graph first, so that messages come from known publishers.
-        self._session.watch_tokens(f"{GRAPH}/**", self.graph.on_token)
-        self._session.token(self._token("NN"))
+        self._session.watch_living_when_open(f"{GRAPH}/**", self.graph.on_token)
+        self._session.token_when_open(self._token("NN"))
 
     def publisher(self, topic: RosTopic) -> RosSender:
         """Begin to publish a topic. Raises InvalidNameError for a name that ROS does not take."""
@@ -96,7 +96,7 @@ class ZenohLeg:
         self._own_gids.add(gid)
         retained = topic.depth if topic.retained else 0
         publication = self._session.publication(key, retained=retained)
-        declared = self._session.token(token)
+        declared = self._session.token_when_open(token)
 
         def close() -> None:
             # The token first: ROS forgets the publisher before its messages end.
@@ -121,7 +121,7 @@ class ZenohLeg:
                 subscription.call(payload, gid)
 
         token = self._token("MS", topic)
-        declared = self._session.token(token)
+        declared = self._session.token_when_open(token)
         heard = self._session.subscription(key, on_sample, retained=topic.retained)
 
         def undeclare() -> None:

@@ -130,15 +130,15 @@ class Callbacks:
         def drop(sample: zenoh.Sample, size: int) -> None:
             self.too_large[key] += 1
             on_too_large()
-            self._once.warning(
-                first,
-                "Dropped a message of %s on %r unread: %s",
-                size_text(size),
-                printable(str(sample.key_expr)),
-                self._limits.mistake_in(kind, size),
-            )
+            self.drop(first, str(sample.key_expr), size, self._limits.mistake_in(kind, size))
 
         return drop
+
+    def drop(self, first: object, key: str, size: int, why: str) -> None:
+        """Log that a message was dropped unread, once for each object `first`."""
+        self._once.warning(
+            first, "Dropped a message of %s on %r unread: %s", size_text(size), printable(key), why
+        )
 
     def mistake_in_answer(self, key: str, size: int) -> str:
         """Why an answer of this size to a query of `key` is not read, "" if it is; the first of

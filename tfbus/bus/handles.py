@@ -8,7 +8,7 @@ import zenoh
 
 from tfbus.bus import forks
 from tfbus.bus.callbacks import direct
-from tfbus.bus.zenoh_errors import as_bus_error
+from tfbus.bus.zenoh_library import as_bus_error
 from tfbus.errors import BusError
 from tfbus.runtime import scheduler
 from tfbus.wire.limits import Limits, kind_of

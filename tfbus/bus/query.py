@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from tfbus.bus import forks
-from tfbus.bus.zenoh_errors import bus_errors
+from tfbus.bus.zenoh_library import bus_errors
 from tfbus.errors import BusError, TfbusError
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
 from tfbus.wording import printable

@@ -14,7 +14,7 @@ from tfbus.bus import zenoh_library
 from tfbus.bus.handles import UNDECLARED, BytesPublisher, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.bus.zenoh_errors import bus_errors
+from tfbus.bus.zenoh_library import bus_errors
 
 # A subscriber that lost the last message learns of it within this, and asks for it again.
 _HEARTBEAT_S = 0.5

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import zenoh
 
 from tfbus.bus.settings import check_endpoint
-from tfbus.bus.zenoh_errors import first_sentence
+from tfbus.bus.zenoh_library import first_sentence
 from tfbus.errors import SettingsError
 
 # Where rmw_zenoh has its router.

@@ -1,31 +1,27 @@
 """A session in ROS's own Zenoh network, beside that of the bus: no namespace, other keys."""
 
-import atexit
 import logging
 import os
-import threading
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, TypeVar
 
 import zenoh
 
 from tfbus.bus import forks
-from tfbus.bus.callbacks import direct, kept
+from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import Declaration, HeardWatch
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.ros_config import LARGEST, ros_config, where
-from tfbus.bus.zenoh_errors import as_bus_error, first_sentence, is_router_missing
-from tfbus.bus.zenoh_threads import configure_zenoh_threads
+from tfbus.bus.zenoh_library import bus_errors, first_sentence, is_router_missing
+from tfbus.bus.zenoh_session import RETRY_S, ZenohSession
 from tfbus.errors import BusError
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime import scheduler
 from tfbus.wire.limits import size_text
 from tfbus.wording import printable
 
-# A router that does not answer is tried again after this time.
-_RETRY_S = 0.5
 # A router that neither answers nor refuses, as on a host that is unplugged, is missed after this.
 _SILENT_AFTER_S = 3.0
 # A try that hangs is waited for at the end, at most for this long.
@@ -42,7 +38,7 @@ _REFRESHING_S = (1.0, 6.0)
 
 # payload, attachment or None, and what `sender_of` takes
 OnSample = Callable[[bytes, bytes | None, Any], None]
-OnToken = Callable[[str, bool], None]
+P = TypeVar("P", bound="_Part")
 
 _HOW_TO_START = (
     "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd; ROS with Fast DDS (its default) or "
@@ -58,18 +54,32 @@ def sender_of(sample: zenoh.Sample) -> str:
     return "" if sample.timestamp is None else str(sample.timestamp.get_id())
 
 
-class _Part(Protocol):
-    """A declaration of a session, now or as soon as it opens."""
+class _Part:
+    """A declaration that a session makes once it is open, and that ends once."""
 
-    def declare(self, session: zenoh.Session) -> None: ...
+    def __init__(self, declare: Callable[[], Declaration], *, again: bool = False) -> None:
+        self._declare = declare
+        self._again = again
+        self._declared: Declaration | None = None
 
-    def undeclare(self) -> None: ...
+    def declare(self) -> None:
+        """Declare it in the open session, in the place of what was before."""
+        former, self._declared = self._declared, self._declare()
+        if former is not None:
+            former.close()
 
-    def refresh(self, session: zenoh.Session) -> None:
+    def refresh(self) -> None:
         """Make up for what was missed while there was no link."""
+        if self._again:
+            self.declare()
+
+    def undeclare(self) -> None:
+        """End it; twice is fine, also if the session never opened."""
+        if self._declared is not None:
+            self._declared.close()
 
 
-class RosSession:
+class RosSession(ZenohSession):
     """A session in ROS's Zenoh network, until `close()`.
 
     It opens in the background, and tries until a router answers; what is declared before that is
@@ -80,31 +90,23 @@ class RosSession:
         """Begin to open it; `endpoints` as `ros_config` takes them. Raises SettingsError for wrong
         ones, BusError in a fork of a process that had joined a bus.
         """
-        forks.begin()
-        configure_zenoh_threads()
-        zenoh.try_init_log_from_env()
+        super().__init__(log, Callbacks(log))
         # Chosen here, so that tokens can be told before it is open. Without a leading zero, as
         # Zenoh wants it.
         self.id = f"a{os.urandom(15).hex()}"
         self._config = ros_config(endpoints, self.id)
         self.where = where(self._config)
-        self.zenoh: Any = None
-        self._log = log
-        self._once = LogOnce(log)
-        # What is the matter while it has no link, and whether it ever had none.
+        # The matter while it has no link, and whether it ever had none.
         self._why = ""
         self._has_missed = False
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._parts: list[_Part] = []
-        self._closing = threading.Event()
-        self._started_s = time.monotonic()
+        self._started_s = scheduler.monotonic()
         self._links: set[str] = set()
-        self._had_links = False
-        self._timers: list[threading.Timer] = []
-        self._link_watch: Declaration | None = None
-        forks.holders.add(self, "zenoh")
-        atexit.register(self._end_with_process)
-        self._opener = threading.Thread(target=self._open, name="tfbus-ros", daemon=True)
+        self._had_links = self._has_begun = False
+        self._timers: list[scheduler.Timer] = []
+        self._end_with_python()
+        self._opener = scheduler.Thread(target=self._join, name="tfbus-ros", daemon=True)
         self._opener.start()
 
     @property
@@ -117,7 +119,7 @@ class RosSession:
         """Why it has no link, in a sentence; "" if it has one, or has just begun to try."""
         if self.is_linked:
             return ""
-        if not self._why and time.monotonic() >= self._started_s + _SILENT_AFTER_S:
+        if not self._why and scheduler.monotonic() >= self._started_s + _SILENT_AFTER_S:
             self._miss()
         return self._why
 
@@ -128,49 +130,41 @@ class RosSession:
 
     # Opening
 
-    def _open(self) -> None:
-        while not self._closing.is_set():
-            try:
-                session = zenoh.open(self._config)
-            except zenoh.ZError as error:
-                # A router that is just being started is no matter.
-                if time.monotonic() >= self._started_s + 2 * _RETRY_S:
-                    self._miss(error)
-                self._closing.wait(_RETRY_S)
-            else:
-                self._begin(session)
-                # A peer opens without a router.
-                self._closing.wait(2 * _RETRY_S)
-                if not self.is_linked and not self._closing.is_set():
-                    self._miss()
-                return
+    def _join(self) -> None:
+        with suppress(BusError):  # it is closed meanwhile
+            self._open(partial(zenoh.open, self._config))
+            self._begin()
+            # A peer opens without a router.
+            if not self._closing.wait(2 * RETRY_S) and not self.is_linked:
+                self._miss()
 
     def _miss(self, error: zenoh.ZError | None = None) -> None:
+        # A router that is just being started is no matter.
+        if error is not None and scheduler.monotonic() < self._started_s + 2 * RETRY_S:
+            return
         self._why = self._missing()
         if error is not None and not is_router_missing(error):
             reason = printable(first_sentence(str(error)))
             self._why = f"Could not join ROS at {self.where}: {reason}"
         self._has_missed = True
 
-    def _begin(self, session: zenoh.Session) -> None:
+    def _begin(self) -> None:
         with self._lock:
-            if self._closing.is_set():
-                session.close()
-                return
-            self.zenoh = session
+            self._has_begun = True
             for part in self._parts:
-                self._declare_now(part)
-        handler = direct(self._on_link)
-        listener = session.info.declare_transport_events_listener(handler, history=True)
-        self._link_watch = Declaration(listener)
+                try:
+                    part.declare()
+                except BusError as error:
+                    self._log.error("%s", error)
+        self.watch_processes(self._on_link)
 
-    def _on_link(self, event: zenoh.TransportEvent) -> None:
-        was_linked, name = bool(self._links), str(event.transport.zid)
-        if event.kind == zenoh.SampleKind.PUT:
-            self._links.add(name)
+    def _on_link(self, process: zenoh.Transport, linked: bool) -> None:
+        was_linked = self.is_linked
+        if linked:
+            self._links.add(str(process.zid))
         else:
-            self._links.discard(name)
-        if was_linked == bool(self._links) or self._closing.is_set():
+            self._links.discard(str(process.zid))
+        if was_linked == self.is_linked or self._closing.is_set():
             return
         if was_linked:
             self._log.warning("Lost the Zenoh router of ROS at %s. Trying on", self.where)
@@ -186,7 +180,7 @@ class RosSession:
     def _refresh_later(self) -> None:
         for timer in self._timers:
             timer.cancel()
-        self._timers = [threading.Timer(after_s, self._refresh) for after_s in _REFRESHING_S]
+        self._timers = [scheduler.Timer(after_s, self._refresh) for after_s in _REFRESHING_S]
         for timer in self._timers:
             timer.daemon = True
             timer.start()
@@ -195,39 +189,15 @@ class RosSession:
         with self._lock:
             if not self._closing.is_set() and not forks.is_lost():
                 for part in self._parts:
-                    with suppress(zenoh.ZError):
-                        part.refresh(self.zenoh)
-
-    def _declare_now(self, part: _Part) -> None:
-        try:
-            part.declare(self.zenoh)
-        except zenoh.ZError as error:
-            self._log.error("%s", as_bus_error("declare in ROS", error))
-
-    def _declare(self, part: _Part) -> None:
-        forks.check()
-        with self._lock:
-            if self._closing.is_set():
-                raise BusError("the session in ROS is closed")
-            if self.zenoh is not None:
-                try:
-                    part.declare(self.zenoh)
-                except zenoh.ZError as error:
-                    raise as_bus_error("declare in ROS", error) from error
-            self._parts.append(part)
-
-    def end(self, part: _Part) -> None:
-        """End what was declared; twice is fine."""
-        with self._lock, suppress(ValueError):
-            self._parts.remove(part)
-        part.undeclare()
+                    with suppress(BusError):
+                        part.refresh()
 
     # Declaring
 
     def publication(self, key: str, *, retained: int = 0) -> "Publication":
         """Publish on a key. The last `retained` messages also reach late joiners."""
-        publication = Publication(key, retained)
-        self._declare(publication)
+        publication = Publication(self, key, retained)
+        self._add(publication)
         return publication
 
     def subscription(self, key: str, callback: OnSample, *, retained: bool = False) -> _Part:
@@ -235,79 +205,66 @@ class RosSession:
         `retained` also for those that publishers keep for late joiners. From any thread of
         Zenoh's, at times from several at once.
         """
-        subscription = _Subscription(key, self._on_sample(key, callback), retained)
-        self._declare(subscription)
-        return subscription
+        handler = direct(self.callbacks.guarded(f"message of {key}", self._reader(key, callback)))
 
-    def token(self, key: str) -> _Part:
+        def declare() -> Declaration:
+            with self._errors(f"subscribe to {key}"):
+                if retained:
+                    most = _PUBLISHERS_OF_A_SESSION
+                    return Declaration(declare_history_subscriber(self.zenoh, key, most, handler))
+                remote = zenoh.Locality.REMOTE
+                return Declaration(
+                    self.zenoh.declare_subscriber(key, handler, allowed_origin=remote)
+                )
+
+        # Publishers are queried again for what they retain.
+        return self._add(_Part(declare, again=retained))
+
+    def token_when_open(self, key: str) -> _Part:
         """Declare that `key` is alive for as long as this session is."""
-        token = _Token(key)
-        self._declare(token)
-        return token
+        return self._add(_Part(partial(self.token, key)))
 
-    def watch_tokens(self, key: str, callback: OnToken) -> _Part:
+    def watch_living_when_open(self, key: str, callback: Callable[[str, bool], None]) -> _Part:
         """Call `callback(key, alive)` for each token within the key expression, also those of this
         session, and at each change: if the router is gone, so are they.
         """
-        watch = _TokenWatch(key, self._on_token(key, callback))
-        self._declare(watch)
-        return watch
+        return self._add(_Part(partial(self.watch_living, key, callback)))
 
-    def _on_sample(self, key: str, callback: OnSample) -> Callable[[zenoh.Sample], None]:
-        kind = object()
+    def _add(self, part: P) -> P:
+        """Declare a part now, or as soon as it opens."""
+        forks.check()
+        with self._lock:
+            if self._closing.is_set():
+                raise BusError("the session in ROS is closed")
+            if self._has_begun:
+                part.declare()
+            self._parts.append(part)
+        return part
+
+    def end(self, part: _Part) -> None:
+        """End what was declared; twice is fine."""
+        with self._lock, suppress(ValueError):
+            self._parts.remove(part)
+        part.undeclare()
+
+    def _reader(self, key: str, callback: OnSample) -> Callable[[zenoh.Sample], None]:
+        first = object()
 
         def on_sample(sample: zenoh.Sample) -> None:
-            kept.known = True
-            try:
-                payload: Any = sample.payload
-                if len(payload) > LARGEST:
-                    self._drop_large(key, len(payload))
-                    return
-                attachment: Any = sample.attachment
-                if attachment is not None:
-                    attachment = attachment.to_bytes()
-                callback(payload.to_bytes(), attachment, sample)
-            except Exception:
-                self._report(kind, f"message of {key}")
+            payload: Any = sample.payload
+            if len(payload) > LARGEST:
+                why = f"at most {size_text(LARGEST)} are read from ROS"
+                self.callbacks.drop(first, key, len(payload), why)
+                return
+            attachment: Any = sample.attachment
+            if attachment is not None:
+                attachment = attachment.to_bytes()
+            callback(payload.to_bytes(), attachment, sample)
 
         return on_sample
 
-    def _on_token(self, key: str, callback: OnToken) -> Callable[[zenoh.Sample], None]:
-        kind = object()
-
-        def on_token(sample: zenoh.Sample) -> None:
-            kept.known = True
-            try:
-                callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
-            except Exception:
-                self._report(kind, f"token of {key}")
-
-        return on_token
-
-    def _report(self, kind: object, what: str) -> None:
-        if not self._closing.is_set():
-            self._once.exception(kind, "Could not handle the %s", what)
-
-    def _drop_large(self, key: str, size: int) -> None:
-        self._once.warning(
-            ("large", key),
-            "Dropped a message of %s on %r unread: at most %s are read from ROS",
-            size_text(size),
-            printable(key),
-            size_text(LARGEST),
-        )
-
-    # Closing
-
-    def close(self) -> None:
-        """Leave ROS: every declaration of the session ends. Twice is fine."""
-        if self._closing.is_set() or forks.is_lost():
-            return
-        self._closing.set()
-        atexit.unregister(self._end_with_process)
+    def _end(self) -> None:
         self._opener.join(_CLOSING_S)
-        if self._link_watch is not None:
-            self._link_watch.close()
         for timer in self._timers:
             timer.cancel()
         with self._lock:
@@ -315,52 +272,43 @@ class RosSession:
         # Tokens first: Zenoh may leave a link open that began while it closed.
         for part in reversed(parts):
             part.undeclare()
-        if self.zenoh is not None:
-            try:
-                self.zenoh.close()
-            except zenoh.ZError as error:
-                self._log.warning(
-                    "The session in ROS did not close cleanly: %s", first_sentence(str(error))
-                )
-
-    def _end_with_process(self) -> None:
-        # Zenoh's threads that return into an interpreter that shuts down abort the process.
-        if not forks.is_lost():
-            self.close()
 
 
-class Publication:
+class Publication(_Part):
     """Publishes on a key; made by a session. Messages from before it opens are lost, but for the
-    last ones of what is retained.
+    last ones of a retained publisher.
     """
 
-    def __init__(self, key: str, retained: int) -> None:
+    def __init__(self, session: ZenohSession, key: str, retained: int) -> None:
+        self._session = session
         self._key = key
         self._retained = retained
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
         self._kept: deque[tuple[bytes, bytes]] = deque(maxlen=retained)
         self._publisher: Any = None
         self._watch: HeardWatch | None = None
         self._ended = False
         forks.holders.add(self, "_publisher")
 
-    def declare(self, session: zenoh.Session) -> None:
+    def declare(self) -> None:
         """Declare it in the open session."""
-        remote = zenoh.Locality.REMOTE
-        drop = zenoh.CongestionControl.DROP
-        watched = publisher = session.declare_publisher(
-            self._key, congestion_control=drop, allowed_destination=remote
-        )
-        with self._lock:
-            self._watch = HeardWatch(watched)
-            self._publisher = publisher
-            if self._retained:
-                self._publisher = declare_caching_publisher(session, self._key, self._retained)
-            self._put_kept()
+        session = self._session.zenoh
+        with bus_errors(f"publish {self._key}"):
+            watched = session.declare_publisher(
+                self._key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+            with self._lock:
+                self._watch = HeardWatch(watched)
+                self._publisher = watched
+                if self._retained:
+                    self._publisher = declare_caching_publisher(session, self._key, self._retained)
+                self._put_kept()
 
-    def refresh(self, session: zenoh.Session) -> None:
+    def refresh(self) -> None:
         """Send again what is retained."""
-        with self._lock:
+        with self._lock, bus_errors(f"publish {self._key}"):
             self._put_kept()
 
     def _put_kept(self) -> None:
@@ -382,10 +330,8 @@ class Publication:
                 self._kept.append((payload, attachment))
             if self._publisher is None:
                 return
-            try:
+            with bus_errors(f"publish {self._key}"):
                 self._publisher.put(payload, attachment=attachment)
-            except zenoh.ZError as error:
-                raise as_bus_error(f"publish {self._key}", error) from error
 
     def undeclare(self) -> None:
         """End it; twice is fine."""
@@ -397,61 +343,3 @@ class Publication:
                 publisher.undeclare()
         if self._watch is not None:
             self._watch.close()
-
-
-class _Held:
-    """A declaration of a session; it ends once, also if the session never opened."""
-
-    def __init__(self, key: str) -> None:
-        self.key = key
-        self._declared: Declaration | None = None
-
-    def hold(self, declared: Any) -> None:
-        """Keep what was declared, in the place of what was before."""
-        former, self._declared = self._declared, Declaration(declared)
-        if former is not None:
-            former.close()
-
-    def refresh(self, session: zenoh.Session) -> None:
-        """It misses nothing."""
-
-    def undeclare(self) -> None:
-        """End it; twice is fine."""
-        if self._declared is not None:
-            self._declared.close()
-
-
-class _Subscription(_Held):
-    def __init__(self, key: str, on_sample: Callable[[zenoh.Sample], None], retained: bool) -> None:
-        super().__init__(key)
-        self._on_sample = on_sample
-        self._retained = retained
-
-    def declare(self, session: zenoh.Session) -> None:
-        handler = zenoh.handlers.Callback(self._on_sample, None, indirect=False)
-        if self._retained:
-            most = _PUBLISHERS_OF_A_SESSION
-            self.hold(declare_history_subscriber(session, self.key, most, handler))
-        else:
-            remote = zenoh.Locality.REMOTE
-            self.hold(session.declare_subscriber(self.key, handler, allowed_origin=remote))
-
-    def refresh(self, session: zenoh.Session) -> None:
-        """Ask publishers again for what they retain."""
-        if self._retained:
-            self.declare(session)
-
-
-class _Token(_Held):
-    def declare(self, session: zenoh.Session) -> None:
-        self.hold(session.liveliness().declare_token(self.key))
-
-
-class _TokenWatch(_Held):
-    def __init__(self, key: str, on_token: Callable[[zenoh.Sample], None]) -> None:
-        super().__init__(key)
-        self._on_token = on_token
-
-    def declare(self, session: zenoh.Session) -> None:
-        handler = zenoh.handlers.Callback(self._on_token, None, indirect=False)
-        self.hold(session.liveliness().declare_subscriber(self.key, handler, history=True))

@@ -9,8 +9,7 @@ from tfbus.bus import forks, zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
-from tfbus.bus.zenoh_errors import bus_errors
-from tfbus.bus.zenoh_threads import configure_zenoh_threads
+from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
 from tfbus.runtime import scheduler
 
 # For each process its id and its endpoints.

@@ -1,17 +1,13 @@
-"""A session: what one process declares, sends and asks on the bus. Only this file opens Zenoh."""
+"""A session: what one process declares, sends and queries on the bus."""
 
-import atexit
 import logging
-import signal
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, suppress
-from functools import cache, partial
-from typing import TypeVar
+from contextlib import suppress
+from functools import partial
 
 import zenoh
 
-from tfbus.bus import forks, zenoh_library
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.endpoints import speaks_tls
 from tfbus.bus.handles import (
@@ -20,16 +16,18 @@ from tfbus.bus.handles import (
     HeardWatch,
     PublishersWithin,
     ServedWatch,
-    Token,
 )
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
-from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
+from tfbus.bus.zenoh_library import (
+    bus_errors,
+    is_router_missing,
+)
+from tfbus.bus.zenoh_session import ZenohSession
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
-from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
 from tfbus.runtime.seconds import seconds_to_wait
@@ -37,11 +35,6 @@ from tfbus.runtime.structs import replace
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
-
-T = TypeVar("T")
-
-# A client tries its router again after this time.
-_RETRY_S = 0.5
 
 # At most as many long answers are sent at a time, and as many queries wait for that.
 _LONG_ANSWERS = 4
@@ -54,11 +47,8 @@ _LAST_ANSWERS_S = 2.0
 _LONGEST_QUERY_S = 1e9
 
 
-class Session:
-    """A process's place on the bus, until `close()` or the end of its `with`.
-
-    All callbacks come on threads of Zenoh's. Their exceptions are logged, the first of each.
-    """
+class Session(ZenohSession):
+    """A process's place on the bus, until `close()` or the end of its `with`."""
 
     def __init__(
         self,
@@ -76,141 +66,90 @@ class Session:
         has an id of its own, and listens on other ports. Raises BusError if it cannot join the
         bus, as in a fork of a process that had joined it.
         """
-        forks.begin()
-        configure_zenoh_threads()
-        zenoh.try_init_log_from_env()
+        callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
+        super().__init__(log, callbacks, settings.name)
         self.settings = settings
-        self.callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
-        self._log = log
-        self._closed = False
         self._ending: list[Callable[[], None]] = []
-        self._tokens: dict[Token, None] = {}
         self._outside: Session | None = None
         self._outside_lock = scheduler.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
         self.open_to: tuple[str, ...] = ()
         self._neighbours: Neighbours | None = None
+        self._deadline_s = scheduler.monotonic() + patience_s
+        self._is_waiting = False
         network = zenoh_library.simulated()
         with bus_errors(f"join the bus{_through(settings)}"):
             if network is None:
-                self._join(scouting_s, patience_s, is_second=is_second)
+                self._join(partial(zenoh_config, settings, scouting_s, is_second=is_second))
+                self._meet_neighbours(None if is_second else log)
+                self._end_with_python()
             else:
-                open_session = partial(network.open_session, settings)
-                self.zenoh: zenoh.Session = self._retried(open_session, patience_s)
+                self._open(partial(network.open_session, settings))
         self.id = str(self.zenoh.zid())
 
-    def _join(self, scouting_s: float | None, patience_s: float, *, is_second: bool) -> None:
-        """Open Zenoh's session, which follows the network of this host and ends with Python."""
-        settings = self.settings
+    def _join(self, make_config: Callable[[], zenoh.Config]) -> None:
+        """Open Zenoh's session; its configuration has the addresses of this host, of each try."""
         places_at_start()
-        make_config = partial(zenoh_config, settings, scouting_s, is_second=is_second)
-        config = self._retried(lambda: self._open_once(make_config()), patience_s)
-        # Where any process of another host reaches it, by an endpoint that it was given for that,
+        settings = self.settings
+
+        def open_once() -> zenoh.Session:
+            self._config = config = make_config()
+            self._scouting = scouting_of(config, settings)
+            self._sockets = ZenohSockets()
+            if self._scouting is None:
+                return zenoh.open(config)
+            marks = self._scouting.marks()
+            opened, self._sockets = with_sockets(partial(zenoh.open, config), marks)
+            return opened
+
+        self._open(open_once)
+        # Endpoints by which any process of another host reaches it, and that it was given for that,
         # as a router is. All others listen too; of these tfbus doctor tells.
         is_given = bool(settings.listen) and not settings.closed
-        self.open_to = listens_beyond_loopback(config) if is_given else ()
-        try:
-            self._neighbours = self._meet_neighbours(config, is_second=is_second)
-        except BaseException:
-            # Such as too many open files: nobody could close the session that is open.
-            self.zenoh.close()
-            raise
-        forks.holders.add(self, "zenoh")
-        if not scheduler.is_simulated:  # a simulated process ends by itself
-            atexit.register(self._end_with_process)
-        _end_at_a_signal_once_main_has_ended()
+        self.open_to = listens_beyond_loopback(self._config) if is_given else ()
 
-    def _retried(self, open_once: Callable[[], T], patience_s: float) -> T:
-        """Open the session, until it is open or `patience_s` seconds have passed without a router.
+    def _miss(self, error: zenoh.ZError) -> None:
+        """A client waits for its router until its patience ends."""
+        if not is_router_missing(error):
+            raise error
+        settings = self.settings
+        if scheduler.monotonic() >= self._deadline_s:
+            raise BusError(
+                _why_no_link(settings)
+                or f"no router answers{_at(settings)}: is it running (tfbus router), "
+                "and its port open?"
+            ) from error
+        if not self._is_waiting:
+            self._is_waiting = True
+            why = _why_no_link(settings)
+            self._log.warning("Waiting for a router%s", f": {why}" if why else _at(settings))
 
-        Retried here, since Ctrl-C does not interrupt Zenoh's own retry.
-        """
-        deadline = scheduler.monotonic() + patience_s
-        is_waiting = False
-        while True:
-            try:
-                return open_once()
-            except zenoh.ZError as error:
-                if not is_router_missing(error):
-                    raise
-                if scheduler.monotonic() >= deadline:
-                    why = _why_no_link(self.settings)
-                    raise BusError(
-                        why
-                        or f"no router answers{_at(self.settings)}: is it running (tfbus router), "
-                        "and its port open?"
-                    ) from error
-            if not is_waiting:
-                is_waiting = True
-                why = _why_no_link(self.settings)
-                said = f": {why}" if why else _at(self.settings)
-                self._log.warning("Waiting for a router%s", said)
-            scheduler.sleep(_RETRY_S)
-
-    def _open_once(self, config: zenoh.Config) -> zenoh.Config:
-        """Open Zenoh's session; returns its configuration, which has the addresses of this host."""
-        self._scouting = scouting_of(config, self.settings)
-        self._sockets = ZenohSockets()
-        if self._scouting is None:
-            self.zenoh = zenoh.open(config)
-        else:
-            self.zenoh, self._sockets = with_sockets(
-                partial(zenoh.open, config), self._scouting.marks()
-            )
-        return config
-
-    def _meet_neighbours(self, config: zenoh.Config, *, is_second: bool) -> Neighbours | None:
+    def _meet_neighbours(self, log: logging.Logger | None) -> None:
         """Watch the network, on hosts where tfbus knows its interfaces."""
         if not places_at_start():
-            return None
+            return
         remedy = "others reach it there"
         if self._scouting is not None and self._scouting.connects:
             remedy = "looking for others there"
         elif self.settings.connect:
             remedy = f"trying {' and '.join(self.settings.connect)} again"
-        log = None if is_second else self._log
-        return Neighbours(self.zenoh, self._scouting, self._sockets, lease_s(config), log, remedy)
-
-    def __enter__(self) -> "Session":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the bus, within 10 s: every declaration of this session ends. Twice is fine.
-
-        If Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
-        returns before that is done. In a forked child it does nothing.
-        """
-        if not self._closed and not forks.is_lost():
-            self._closed = True
-            self.callbacks.mute()
-            atexit.unregister(self._end_with_process)
-            for end in list(self._ending):
-                end()
-            if self._neighbours is not None:
-                self._neighbours.close()
-            # A thread that is in Zenoh when Python shuts down aborts the process.
-            self._answering.close(_LAST_ANSWERS_S)
-            # Zenoh may open a link while it closes, where it learns of a peer just then. That link
-            # stays until the process ends, and its far end would take our tokens for alive.
-            for token in tuple(self._tokens):
-                token.close()
-            if _is_zenohs(scheduler.current_thread()):
-                # Zenoh's end waits for this callback, and for 10 s at most. Python's end waits for
-                # the thread.
-                scheduler.Thread(target=self._close_zenoh, name="end of the session").start()
-            else:
-                self._close_zenoh()
-
-    def _close_zenoh(self) -> None:
+        lease = lease_s(self._config)
         try:
+            self._neighbours = Neighbours(
+                self.zenoh, self._scouting, self._sockets, lease, log, remedy
+            )
+        except BaseException:
+            # Such as too many open files: nobody could close the session that is open.
             self.zenoh.close()
-        except zenoh.ZError as error:
-            # As where a peer has stopped in the middle of a message. The caller could do nothing
-            # about an error, and the end of the process ends the session too.
-            self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
+            raise
+
+    def _end(self) -> None:
+        for end in list(self._ending):
+            end()
+        if self._neighbours is not None:
+            self._neighbours.close()
+        # A thread that is in Zenoh when Python shuts down aborts the process.
+        self._answering.close(_LAST_ANSWERS_S)
 
     # Names of other namespaces
 
@@ -232,14 +171,14 @@ class Session:
 
     def _open_outside(self) -> "Session":
         with self._outside_lock:
-            if self._closed:
+            if self._closing.is_set():
                 raise BusError(f"node {self.settings.name!r} is closed")
             if self._outside is None:
                 self._outside = Session(
                     replace(self.settings, namespace=""), self._log, is_second=True
                 )
                 self._ending.append(self._outside.close)
-                if self._closed:
+                if self._closing.is_set():
                     # Closed in between, perhaps before it could know of the second session.
                     self._outside.close()
                     raise BusError("the session is closed")
@@ -254,17 +193,6 @@ class Session:
                 self._ending.remove(end)
 
         return forget
-
-    def _end_with_process(self) -> None:
-        # Zenoh's threads that return into an interpreter that shuts down abort the process. A
-        # child of a fork has none of them, and nothing to close.
-        if not forks.is_lost():
-            _end_at_a_signal()
-            self.close()
-
-    def _errors(self, doing: str) -> AbstractContextManager[None]:
-        """Raise Zenoh's errors as those of this node."""
-        return bus_errors(doing, self.settings.name)
 
     # Publish and subscribe
 
@@ -428,11 +356,6 @@ class Session:
 
     # Who is alive
 
-    def token(self, key: str) -> Declaration:
-        """Declare that `key` is alive for as long as this session is."""
-        with self._errors(f"declare {key}"):
-            return Token(self.zenoh.liveliness().declare_token(key), self._tokens)
-
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
         at, key = self.placed(key)
@@ -446,23 +369,6 @@ class Session:
         found = set(filter(None, iter(keys.get, None)))
         is_stray = self.callbacks.strays(key)
         return sorted(each for each in found if is_stray is None or not is_stray(each))
-
-    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
-        """Call `callback(key, alive)` for each token within the key expression that is alive, then
-        at each change.
-        """
-
-        is_stray = self.callbacks.strays(key)
-
-        def on_sample(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr)
-            if is_stray is None or not is_stray(name):
-                callback(name, sample.kind == zenoh.SampleKind.PUT)
-
-        with self._errors(f"watch {key}"):
-            handler = direct(self.callbacks.guarded(f"token of {key}", on_sample))
-            liveliness = self.zenoh.liveliness()
-            return Declaration(liveliness.declare_subscriber(key, handler, history=True))
 
     # Links
 
@@ -486,23 +392,18 @@ class Session:
 
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
-        with self._errors("watch links"):
-            handler = direct(self.callbacks.guarded("link", lambda _: callback()))
-            return Declaration(self.zenoh.info.declare_transport_events_listener(handler))
+        return self.watch_processes(lambda process, linked: callback(), history=False)
 
     def watch_routers(self, callback: Callable[[str, bool], None]) -> Declaration:
         """Call `callback(id, linked)` for each router it has a link to, then whenever one opens
         or closes.
         """
 
-        def on_event(event: zenoh.TransportEvent) -> None:
-            if event.transport.whatami == zenoh.WhatAmI.ROUTER:
-                callback(str(event.transport.zid), event.kind == zenoh.SampleKind.PUT)
+        def on_change(process: zenoh.Transport, linked: bool) -> None:
+            if process.whatami == zenoh.WhatAmI.ROUTER:
+                callback(str(process.zid), linked)
 
-        with self._errors("watch links"):
-            handler = direct(self.callbacks.guarded("link", on_event))
-            info = self.zenoh.info
-            return Declaration(info.declare_transport_events_listener(handler, history=True))
+        return self.watch_processes(on_change)
 
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
         """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
@@ -517,29 +418,6 @@ class Session:
             if scheduler.monotonic() >= deadline:
                 break
         watch.close()
-
-
-def _end_at_a_signal() -> None:
-    """From here on a signal ends the process at once, without a traceback."""
-    with suppress(ValueError):  # this interpreter has no signals
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                signal.signal(number, signal.SIG_DFL)
-
-
-@cache
-def _end_at_a_signal_once_main_has_ended() -> None:
-    # Python waits for threads before it calls what atexit has; a KeyboardInterrupt meanwhile would
-    # print a traceback. Its own thread pools end by this function of threading's, too.
-    register: Callable[[Callable[[], None]], object]
-    register = getattr(threading, "_register_atexit", atexit.register)
-    with suppress(RuntimeError):  # main has ended already
-        register(_end_at_a_signal)
-
-
-def _is_zenohs(thread: scheduler.Thread) -> bool:
-    """Whether a thread is not Python's own, as those are on which callbacks come."""
-    return isinstance(thread, threading._DummyThread)
 
 
 def _priority(urgent: bool) -> zenoh.Priority:

@@ -11,7 +11,7 @@ import zenoh
 from tfbus.bus.interfaces import scouted
 from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_errors import first_sentence
+from tfbus.bus.zenoh_library import first_sentence
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
 

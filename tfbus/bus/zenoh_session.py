@@ -1,0 +1,191 @@
+"""An open session of Zenoh: tried until it opens, ended once, with Python, or lost in a fork.
+
+The session of a bus and that in ROS's network are made of it.
+"""
+
+import atexit
+import logging
+import signal
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from functools import cache
+from typing import Self
+
+import zenoh
+
+from tfbus.bus import forks
+from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.handles import Declaration, Token
+from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads, first_sentence
+from tfbus.errors import BusError
+from tfbus.runtime import scheduler
+
+# A session that could not open tries again after this time.
+RETRY_S = 0.5
+
+
+class ZenohSession:
+    """A session of Zenoh's, until `close()`, the end of its `with`, or that of Python.
+
+    A subclass opens it (`_open`), says which errors end that (`_miss`), and ends what it has of
+    its own (`_end`). All callbacks come on threads of Zenoh's; the first exception of each is
+    logged. `node` names whose session it is, in errors.
+    """
+
+    def __init__(self, log: logging.Logger, callbacks: Callbacks, node: str = "") -> None:
+        """Prepare it. Raises BusError in a fork of a process that had joined a bus."""
+        forks.begin()
+        configure_zenoh_threads()
+        zenoh.try_init_log_from_env()
+        self.callbacks = callbacks
+        self._log = log
+        self._node = node
+        self.zenoh: zenoh.Session
+        self._is_open = False
+        self._closing = scheduler.Event()
+        self._tokens: dict[Token, None] = {}
+
+    def _open(self, open_once: Callable[[], zenoh.Session]) -> None:
+        """Open it by `open_once()`, tried again until it opens, or `_miss` raises. Raises BusError
+        if it is closed meanwhile.
+
+        Tried here, since neither Ctrl-C nor `close()` interrupts Zenoh's own retry.
+        """
+        while not self._closing.is_set():
+            try:
+                opened = open_once()
+            except zenoh.ZError as error:
+                self._miss(error)
+                self._closing.wait(RETRY_S)
+                continue
+            if self._closing.is_set():
+                opened.close()
+                break
+            self.zenoh, self._is_open = opened, True
+            forks.holders.add(self, "zenoh")
+            return
+        raise BusError("the session is closed")
+
+    def _miss(self, error: zenoh.ZError) -> None:
+        """Take note that it could not open; raises what ends the tries."""
+        raise error
+
+    def _end_with_python(self) -> None:
+        """From now on close with Python."""
+        if not scheduler.is_simulated:  # a simulated process ends by itself
+            atexit.register(self._close_with_python)
+        _end_at_a_signal_once_main_has_ended()
+
+    def _close_with_python(self) -> None:
+        # Zenoh's threads that return into an interpreter that shuts down abort the process. A
+        # child of a fork has none of them, and nothing to close.
+        if not forks.is_lost():
+            _end_at_a_signal()
+            self.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the network, within 10 s: every declaration of this session ends. Twice is fine.
+
+        If Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
+        returns before that is done. In a forked child it does nothing.
+        """
+        if self._closing.is_set() or forks.is_lost():
+            return
+        self._closing.set()
+        self.callbacks.mute()
+        atexit.unregister(self._close_with_python)
+        self._end()
+        # Zenoh may open a link while it closes, if it learns of a peer just then. That link
+        # stays until the process ends, and its far end would take our tokens for alive.
+        for token in tuple(self._tokens):
+            token.close()
+        if _is_zenohs(scheduler.current_thread()):
+            # Zenoh's end waits for this callback, and for 10 s at most. Python's end waits for
+            # the thread.
+            scheduler.Thread(target=self._close_zenoh, name="end of the session").start()
+        else:
+            self._close_zenoh()
+
+    def _end(self) -> None:
+        """End what it has beside its declarations."""
+
+    def _close_zenoh(self) -> None:
+        try:
+            if self._is_open:
+                self.zenoh.close()
+        except zenoh.ZError as error:
+            # As of a peer that has stopped in the middle of a message. The caller could do nothing
+            # about an error, and the end of the process ends the session too.
+            self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
+
+    def _errors(self, doing: str) -> AbstractContextManager[None]:
+        """Raise Zenoh's errors as those of this node."""
+        return bus_errors(doing, self._node)
+
+    # Who is alive, and linked
+
+    def token(self, key: str) -> Declaration:
+        """Declare that `key` is alive for as long as this session is."""
+        with self._errors(f"declare {key}"):
+            return Token(self.zenoh.liveliness().declare_token(key), self._tokens)
+
+    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
+        """Call `callback(key, alive)` for each token within the key expression that is alive, then
+        at each change.
+        """
+        is_stray = self.callbacks.strays(key)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr)
+            if is_stray is None or not is_stray(name):
+                callback(name, sample.kind == zenoh.SampleKind.PUT)
+
+        with self._errors(f"watch {key}"):
+            handler = direct(self.callbacks.guarded(f"token of {key}", on_sample))
+            liveliness = self.zenoh.liveliness()
+            return Declaration(liveliness.declare_subscriber(key, handler, history=True))
+
+    def watch_processes(
+        self, callback: Callable[[zenoh.Transport, bool], None], *, history: bool = True
+    ) -> Declaration:
+        """Call `callback(transport, linked)` whenever the link to another process opens or closes;
+        with `history` first for those that are open.
+        """
+
+        def on_event(event: zenoh.TransportEvent) -> None:
+            callback(event.transport, event.kind == zenoh.SampleKind.PUT)
+
+        with self._errors("watch links"):
+            handler = direct(self.callbacks.guarded("link", on_event))
+            info = self.zenoh.info
+            return Declaration(info.declare_transport_events_listener(handler, history=history))
+
+
+def _end_at_a_signal() -> None:
+    """From here on a signal ends the process at once, without a traceback."""
+    with suppress(ValueError):  # this interpreter has no signals
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                signal.signal(number, signal.SIG_DFL)
+
+
+@cache
+def _end_at_a_signal_once_main_has_ended() -> None:
+    # Python waits for threads before it calls what atexit has; a KeyboardInterrupt meanwhile would
+    # print a traceback. Its own thread pools end by this function of threading's, too.
+    register: Callable[[Callable[[], None]], object]
+    register = getattr(threading, "_register_atexit", atexit.register)
+    with suppress(RuntimeError):  # main has ended already
+        register(_end_at_a_signal)
+
+
+def _is_zenohs(thread: scheduler.Thread) -> bool:
+    """Whether a thread is not Python's own, as those are on which callbacks come."""
+    return isinstance(thread, threading._DummyThread)

@@ -3,7 +3,7 @@
 import pytest
 
 from tfbus import TfbusError
-from tfbus.bridge.ros1_type import ros1_type
+from tfbus.bridge.legs.ros1_type import ros1_type
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (

@@ -11,7 +11,7 @@ from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.crossing_rule import CrossingRule
 from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.from_ros import FromRos
-from tfbus.bridge.leg import Closing, Leg, RosTopic
+from tfbus.bridge.legs import Closing, Leg, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.ros_publishers import RosPublishers

@@ -8,7 +8,7 @@ from functools import partial
 from tfbus.bridge.bridges import Bridges
 from tfbus.bridge.common import Common
 from tfbus.bridge.crossing_rule import CrossingRule
-from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.ros_sources import RosSource, RosSources
 from tfbus.bridge.ros_streams import RosStream

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Sequence
 
-from tfbus.bridge.leg import Leg
+from tfbus.bridge.legs import Leg
 from tfbus.runtime import scheduler
 from tfbus.wording import printable
 

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 from tfbus.bridge.common import Common
-from tfbus.bridge.leg import RosSender
+from tfbus.bridge.legs import RosSender
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.routes import Route, Routes, chosen, route
 from tfbus.buffer.info import Change

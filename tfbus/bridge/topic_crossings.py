@@ -6,7 +6,7 @@ from typing import Any
 
 from tfbus import messages
 from tfbus.bridge.frame_names import FrameNames
-from tfbus.bridge.leg import LEAST_READER_DEPTH, Leg, RosTopic
+from tfbus.bridge.legs import LEAST_READER_DEPTH, Leg, RosTopic
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node

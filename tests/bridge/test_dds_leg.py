@@ -14,8 +14,8 @@ from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopi
 from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
+from tfbus.ros.rmw import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.ros_names import domain_of
 
 pytestmark = pytest.mark.real

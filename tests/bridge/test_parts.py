@@ -13,13 +13,11 @@ from tests.builders import S, at
 from tests.fakes import Clock
 from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
-from tfbus.bridge.crossed import Crossed
-from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.common import Crossed
 from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
-from tfbus.bridge.options import BridgeOptions
-from tfbus.bridge.rate_limit import RateLimit
+from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.routes import RateLimit, invalid_rows
 from tfbus.bridge.topic_table import TopicTable
-from tfbus.bridge.valid_rows import invalid_rows
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor

@@ -13,7 +13,7 @@ from tests.buses import eventually
 from tfbus.bridge.legs import RosTopic
 from tfbus.bridge.legs.rospy import RospyLeg
 from tfbus.ros.definitions import STRING
-from tfbus.ros.ros1_master import Ros1State
+from tfbus.ros.ros1 import Ros1State
 
 NAME = "/tfbus_ros1"
 CHATTER = RosTopic("/chatter", STRING)

@@ -15,8 +15,8 @@ from tests.live_bus import Process
 from tfbus.bridge.legs import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs.zenoh import ZenohLeg
 from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.rmw import type_hash
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.ros.type_hash import type_hash
 
 pytestmark = pytest.mark.real
 

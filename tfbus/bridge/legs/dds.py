@@ -21,7 +21,8 @@ from tfbus.bridge.legs import (
 from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.ros.dds_graph import (
+from tfbus.ros.definitions import Definition
+from tfbus.ros.rmw import (
     GID_SIZE,
     GRAPH_TOPIC,
     HUMBLE_GID_SIZE,
@@ -31,10 +32,9 @@ from tfbus.ros.dds_graph import (
     dds_type,
     encode_nodes,
     graph_definition,
+    type_hash,
 )
-from tfbus.ros.definitions import Definition
 from tfbus.ros.ros_names import domain_of
-from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import did_you_mean, listed, printable
 

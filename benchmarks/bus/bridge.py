@@ -115,7 +115,7 @@ class FreeLeg:
 
     def publishers(self, topic: str) -> Sequence[Any]:
         """One."""
-        from tfbus.bridge.leg import RosPublisher
+        from tfbus.bridge.legs import RosPublisher
 
         return [RosPublisher(_GID, "/ros_node")]
 

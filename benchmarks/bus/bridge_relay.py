@@ -144,8 +144,8 @@ def _quietly(callback: Callable[[Any], None]) -> Any:
 
 def _ros_key() -> str:
     from tfbus.ros.definitions import TF_MESSAGE
+    from tfbus.ros.rmw import type_hash
     from tfbus.ros.rmw_zenoh import data_key, dds_type_name
-    from tfbus.ros.type_hash import type_hash
 
     return data_key(0, "/tf", dds_type_name(TF_MESSAGE.name), type_hash(TF_MESSAGE))
 
@@ -167,9 +167,9 @@ def ours(ros: str, way: str) -> None:
     """The bridge."""
     import tfbus
     from tfbus.bridge.bridge import Bridge
-    from tfbus.bridge.leg import LegSettings, OnMessage, RosTopic
+    from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic
+    from tfbus.bridge.legs.zenoh import ZenohLeg
     from tfbus.bridge.options import BridgeOptions
-    from tfbus.bridge.zenoh_leg import ZenohLeg
 
     came = [0]
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from tests.buses import DEADLINE_S
-from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.errors import TfbusError
 
 

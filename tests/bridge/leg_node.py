@@ -12,8 +12,7 @@ import time
 from typing import Any
 
 from tfbus import Transform, TransformStamped
-from tfbus.bridge.leg import LegSettings, OnMessage, RosTopic
-from tfbus.bridge.legs import open_leg
+from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
 from tfbus.geometry.columns import Columns
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter

@@ -10,13 +10,12 @@ import pytest
 
 from tests import needs
 from tests.buses import DEADLINE_S, eventually, send_until
-from tfbus.bridge.dds_config import configuration
-from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
-from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
+from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
+from tfbus.ros.rmw import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.ros_names import domain_of
 
 pytestmark = pytest.mark.real
@@ -60,13 +59,13 @@ def domain() -> Iterator[int]:
 @pytest.fixture
 def open_leg(domain: int) -> Iterator[OpenLeg]:
     needs.module("cyclonedds")
-    from tfbus.bridge import dds_leg
+    from tfbus.bridge.legs import dds
 
     legs: list[Leg] = []
 
     def open_leg(node: str, namespace: str = "") -> Leg:
         settings = LegSettings(node, namespace, domain=domain, connect=("lo",))
-        legs.append(dds_leg.open_leg(settings, LOG))
+        legs.append(dds.open_leg(settings, LOG))
         return legs[-1]
 
     yield open_leg
@@ -199,7 +198,7 @@ def test_invented_participants_are_forgotten_first(
     legs: tuple[Any, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The names of nodes are limited, and those of participants that publish stay."""
-    from tfbus.bridge import dds_watch
+    from tfbus.bridge.legs import dds_watch
 
     monkeypatch.setattr(dds_watch, "_MOST_PARTICIPANTS", 3)
     one, two = legs
@@ -253,7 +252,7 @@ def test_a_leg_alone_says_so(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch)
     """Without any other node, once one would be found, the warnings say what to look at."""
     leg = open_leg("alone")
     assert not leg.warnings()
-    monkeypatch.setattr("tfbus.bridge.dds_leg._DISCOVERY_S", 0.0)
+    monkeypatch.setattr("tfbus.bridge.legs.dds._DISCOVERY_S", 0.0)
     [said] = leg.warnings()
     assert said.startswith("No ROS 2 node is seen by DDS in domain")
     leg.close()
@@ -386,7 +385,7 @@ def test_a_publisher_without_a_node_is_there(
     open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program that speaks DDS and names no node of ROS is no reason to say that there is none."""
-    monkeypatch.setattr("tfbus.bridge.dds_leg._DISCOVERY_S", 0.0)
+    monkeypatch.setattr("tfbus.bridge.legs.dds._DISCOVERY_S", 0.0)
     reader = open_leg("reader")
     writer = open_leg("writer")
     monkeypatch.setattr(type(reader._watch), "sees_ros", False)

@@ -7,7 +7,7 @@ import pytest
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TF, TF_STATIC, TfNode
 from tests.builders import at
-from tfbus.bridge.leg import Leg, RosPublisher
+from tfbus.bridge.legs import Leg, RosPublisher
 
 
 @pytest.fixture

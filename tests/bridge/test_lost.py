@@ -8,8 +8,7 @@ from tests.buses import eventually
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus.bridge.bridges import RosBridge
-from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH
-from tfbus.bridge.lost import LostMessages
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, LostMessages
 
 
 class TestNumbers:

@@ -13,14 +13,11 @@ from tests.builders import S, at
 from tests.fakes import Clock
 from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
-from tfbus.bridge.crossed import Crossed
-from tfbus.bridge.frame_names import FrameNames
-from tfbus.bridge.leg import LegSettings, OnMessage, RosTopic
-from tfbus.bridge.legs import open_leg
-from tfbus.bridge.options import BridgeOptions
-from tfbus.bridge.rate_limit import RateLimit
+from tfbus.bridge.common import Crossed
+from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
+from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.routes import RateLimit, invalid_rows
 from tfbus.bridge.topic_table import TopicTable
-from tfbus.bridge.valid_rows import invalid_rows
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor
@@ -47,7 +44,7 @@ def test_patterns_are_those_of_a_shell() -> None:
 
 def test_the_leg_over_zenoh_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without xxhash the command that installs it."""
-    for module in ("bridge.zenoh_leg", "bridge.ros_graph", "ros.rmw_zenoh"):
+    for module in ("bridge.legs.zenoh", "bridge.legs.zenoh_graph", "ros.rmw_zenoh"):
         monkeypatch.delitem(sys.modules, f"tfbus.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "xxhash", None)
     with pytest.raises(TfbusError, match=r"needs xxhash, which is not installed: .*pip install"):

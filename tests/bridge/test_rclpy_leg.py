@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
-import tfbus.bridge
-from tfbus.bridge.leg import Leg, LegSettings, RosTopic
+import tfbus.bridge.legs
+from tfbus.bridge.legs import Leg, LegSettings, RosTopic
 from tfbus.ros.definitions import STRING
 
 CHATTER = RosTopic("/chatter", STRING)
 KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
-LEG = "tfbus.bridge.rclpy_leg"
+LEG = "tfbus.bridge.legs.rclpy"
 
 Policy = Enum("Policy", ["RELIABLE", "BEST_EFFORT", "VOLATILE", "TRANSIENT_LOCAL"])
 
@@ -141,9 +141,9 @@ def leg(monkeypatch: pytest.MonkeyPatch) -> Iterator[Leg]:
     leg = import_module(LEG).open_leg(LegSettings("one"), logging.getLogger("leg"))
     yield leg
     leg.close()
-    del sys.modules[LEG], vars(tfbus.bridge)["rclpy_leg"]
+    del sys.modules[LEG], vars(tfbus.bridge.legs)["rclpy"]
     if former is not None:
-        sys.modules[LEG] = vars(tfbus.bridge)["rclpy_leg"] = former
+        sys.modules[LEG] = vars(tfbus.bridge.legs)["rclpy"] = former
 
 
 def stranger(leg: Any, topic: RosTopic) -> FakePublisher:

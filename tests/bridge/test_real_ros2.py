@@ -10,7 +10,7 @@ from tests import needs
 from tests.bridge.ros2_network import DISTROS, LEGS, Heard, Ros2Network
 from tests.buses import eventually
 from tfbus.ros.definitions import TF_MESSAGE
-from tfbus.ros.type_hash import type_hash
+from tfbus.ros.rmw import type_hash
 
 REASON = needs.why_no_hosts()
 pytestmark = [

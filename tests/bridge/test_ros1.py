@@ -22,8 +22,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.bridge.leg import LegSettings
-from tfbus.bridge.rospy_leg import open_leg
+from tfbus.bridge.legs import LegSettings
+from tfbus.bridge.legs.rospy import open_leg
 from tfbus.messages import JointState, Twist, Vector3
 
 pytestmark = pytest.mark.real

@@ -3,8 +3,8 @@
 import pytest
 
 from tfbus import TfbusError
-from tfbus.bridge.ros1_type import ros1_type
-from tfbus.ros.counterparts import LIVE_COUNTERPARTS
+from tfbus.bridge.legs.ros1_type import ros1_type
+from tfbus.ros.counterparts import LIVE_COUNTERPARTS, fitted
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     JOINT_STATE,
@@ -16,7 +16,6 @@ from tfbus.ros.definitions import (
     TWIST,
     Definition,
 )
-from tfbus.ros.fitted import fitted
 from tfbus.ros.schema import MessageCodec
 
 

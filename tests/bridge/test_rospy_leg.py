@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from tests.buses import eventually
-from tfbus.bridge import rospy_leg
-from tfbus.bridge.leg import RosTopic
-from tfbus.bridge.rospy_leg import RospyLeg
+from tfbus.bridge.legs import RosTopic
+from tfbus.bridge.legs.rospy import RospyLeg
 from tfbus.ros.definitions import STRING
-from tfbus.ros.ros1_master import Ros1State
+from tfbus.ros.ros1 import Ros1State
 
 NAME = "/tfbus_ros1"
 CHATTER = RosTopic("/chatter", STRING)
@@ -97,8 +96,8 @@ class FakeSubscriber:
 @pytest.fixture
 def master(monkeypatch: pytest.MonkeyPatch) -> FakeMaster:
     master = FakeMaster()
-    monkeypatch.setattr(rospy_leg, "Ros1Master", master.client)
-    monkeypatch.setattr(rospy_leg, "_LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr("tfbus.bridge.legs.rospy.Ros1Master", master.client)
+    monkeypatch.setattr("tfbus.bridge.legs.rospy._LOOK_EVERY_S", 0.01)
     monkeypatch.setitem(sys.modules, "genpy", SimpleNamespace(Message=object))
     return master
 
@@ -140,7 +139,7 @@ def test_a_node_that_sends_is_a_publisher_before_the_master_says_so(
     monkeypatch: pytest.MonkeyPatch, master: FakeMaster
 ) -> None:
     """Its first messages are not held up until the leg asks again."""
-    monkeypatch.setattr(rospy_leg, "_LOOK_EVERY_S", 1000.0)
+    monkeypatch.setattr("tfbus.bridge.legs.rospy._LOOK_EVERY_S", 1000.0)
     rospy = SimpleNamespace(Subscriber=FakeSubscriber, signal_shutdown=lambda reason: None)
     FakeSubscriber.made = []
     leg = RospyLeg(rospy, "http://localhost:11311", NAME, logging.getLogger("leg"))

@@ -1,7 +1,6 @@
 """What the legs say of publishers in ROS that they cannot hear."""
 
-from tfbus.bridge.leg import RosTopic
-from tfbus.bridge.unheard import Offer, unheard
+from tfbus.bridge.legs import Offer, RosTopic, unheard
 from tfbus.ros.definitions import TF_MESSAGE
 
 TYPE = TF_MESSAGE.name

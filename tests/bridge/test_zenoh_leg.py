@@ -13,9 +13,8 @@ import zenoh
 from tests.bridge.ros_router import RosRouter
 from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
-from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
-from tfbus.bridge.legs import open_leg
-from tfbus.bridge.zenoh_leg import ZenohLeg, _Subscription
+from tfbus.bridge.legs import LegSettings, RosPublisher, RosTopic, open_leg
+from tfbus.bridge.legs.zenoh import ZenohLeg, _Subscription
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 

@@ -12,11 +12,11 @@ from tests import needs
 from tests.bridge.ros_router import RosRouter
 from tests.buses import eventually, send_until
 from tests.live_bus import Process
-from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
-from tfbus.bridge.zenoh_leg import ZenohLeg
+from tfbus.bridge.legs import LegSettings, RosPublisher, RosTopic
+from tfbus.bridge.legs.zenoh import ZenohLeg
 from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.rmw import type_hash
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.ros.type_hash import type_hash
 
 pytestmark = pytest.mark.real
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from tests.bridge.fake_leg import FakeLeg, FakeRos
 from tfbus import TransformStamped
-from tfbus.bridge.leg import LegSettings, RosTopic
+from tfbus.bridge.legs import LegSettings, RosTopic
 from tfbus.geometry.columns import Columns
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter

@@ -30,7 +30,7 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.messages import JointState, RobotDescription
 from tfbus.ros.definitions import SEPARATOR, TF_MESSAGE, Definition
-from tfbus.ros.ros1_tf_message import decode_ros1_tf_message
+from tfbus.ros.ros1 import decode_ros1_tf_message
 from tfbus.ros.schema import RAW, MessageCodec
 from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
 from tfbus.ros.tf_messages import equal_parts, read_many

@@ -4,7 +4,8 @@ import pytest
 
 from tests import needs
 from tfbus.errors import DecodeError
-from tfbus.ros.dds_graph import (
+from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.rmw import (
     HUMBLE_GID_SIZE,
     NodeEntities,
     ParticipantNodes,
@@ -13,7 +14,6 @@ from tfbus.ros.dds_graph import (
     decode_nodes,
     encode_nodes,
 )
-from tfbus.ros.definitions import TF_MESSAGE
 
 GID = bytes(range(16))
 OTHER = bytes(range(16, 32))

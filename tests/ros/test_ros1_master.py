@@ -9,7 +9,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from tfbus.ros.ros1_master import Ros1Master, Ros1State
+from tfbus.ros.ros1 import Ros1Master, Ros1State
 
 PAGE = b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<html><p>Hello<br></html>"
 NO_PAGE = b"HTTP/1.0 404 Not Found\r\n\r\nnone"

@@ -14,7 +14,7 @@ from tests import needs
 from tfbus import Transform, TransformStamped
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
-from tfbus.ros.ros1_tf_message import decode_ros1_tf_message, encode_ros1_tf_message
+from tfbus.ros.ros1 import decode_ros1_tf_message, encode_ros1_tf_message
 
 ROWS = st.lists(
     st.tuples(

@@ -14,8 +14,8 @@ import pytest
 from tfbus import DecodeError
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition, known_definition, message_named, standard_definition
+from tfbus.ros.rmw import type_hash
 from tfbus.ros.schema import MessageCodec
-from tfbus.ros.type_hash import type_hash
 
 typesys = pytest.importorskip("rosbags.typesys")
 

@@ -6,7 +6,7 @@ from rosbags.typesys import Stores, get_typestore
 from tfbus import DecodeError
 from tfbus.ros import definitions
 from tfbus.ros.definitions import STRING, TF_MESSAGE, Definition
-from tfbus.ros.type_hash import type_hash
+from tfbus.ros.rmw import type_hash
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

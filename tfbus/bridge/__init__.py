@@ -10,7 +10,7 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from tfbus.bridge.bridge import Bridge as Bridge
-    from tfbus.bridge.leg import LegSettings as LegSettings
+    from tfbus.bridge.legs import LegSettings as LegSettings
     from tfbus.bridge.legs import open_leg as open_leg
     from tfbus.bridge.odometry_frames import with_odometry_frames as with_odometry_frames
     from tfbus.bridge.options import BridgeOptions as BridgeOptions
@@ -25,7 +25,7 @@ _MODULE_OF = {
     "domain_of": "tfbus.ros.ros_names",
     "Bridge": "tfbus.bridge.bridge",
     "BridgeOptions": "tfbus.bridge.options",
-    "LegSettings": "tfbus.bridge.leg",
+    "LegSettings": "tfbus.bridge.legs",
     "TopicTable": "tfbus.bridge.topics",
     "with_odometry_frames": "tfbus.bridge.odometry_frames",
     "open_leg": "tfbus.bridge.legs",

@@ -4,17 +4,12 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from tfbus.bridge.bridges import Bridges, RosBridge, check_name_is_free
-from tfbus.bridge.bus_streams import BusStreams
-from tfbus.bridge.common import Common
-from tfbus.bridge.crossed import Crossed
-from tfbus.bridge.crossing_rule import CrossingRule
-from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
+from tfbus.bridge.common import BusStreams, Common, Crossed, RosPublishers
 from tfbus.bridge.from_ros import FromRos
-from tfbus.bridge.leg import Closing, Leg, RosTopic
-from tfbus.bridge.options import BridgeOptions
+from tfbus.bridge.legs import Closing, Leg, RosTopic
+from tfbus.bridge.options import BridgeOptions, FrameNames
 from tfbus.bridge.ros_clock import RosClock
-from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.to_ros import ToRos
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node

@@ -5,15 +5,11 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import partial
 
-from tfbus.bridge.bridges import Bridges
+from tfbus.bridge.bridges import Bridges, CrossingRule
 from tfbus.bridge.common import Common
-from tfbus.bridge.crossing_rule import CrossingRule
-from tfbus.bridge.leg import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
-from tfbus.bridge.rate_limit import RateLimit
-from tfbus.bridge.ros_sources import RosSource, RosSources
-from tfbus.bridge.ros_streams import RosStream
-from tfbus.bridge.routes import Route, Routes, chosen, route
-from tfbus.bridge.valid_rows import invalid_rows, is_pose
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
+from tfbus.bridge.ros_sources import RosSource, RosSources, RosStream
+from tfbus.bridge.routes import RateLimit, Route, Routes, chosen, invalid_rows, is_pose, route
 from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Mapping, Sequence
 
-from tfbus.bridge.leg import Closing, Leg, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.legs import Closing, Leg, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import ODOMETRY, TF_MESSAGE

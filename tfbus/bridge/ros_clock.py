@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 from tfbus.bridge.bridges import RosBridge
-from tfbus.bridge.leg import Closing, Leg, RosSender, RosTopic
+from tfbus.bridge.legs import Closing, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
 from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock

@@ -4,9 +4,8 @@ import threading
 from collections.abc import Callable
 
 from tfbus.bridge.common import Common
-from tfbus.bridge.leg import RosSender
-from tfbus.bridge.rate_limit import RateLimit
-from tfbus.bridge.routes import Route, Routes, chosen, route
+from tfbus.bridge.legs import RosSender
+from tfbus.bridge.routes import RateLimit, Route, Routes, chosen, route
 from tfbus.buffer.info import Change
 from tfbus.errors import InvalidArgumentException, TfbusError, TransformException
 from tfbus.geometry.columns import Columns

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tfbus import messages
-from tfbus.bridge.frame_names import FrameNames
-from tfbus.bridge.leg import LEAST_READER_DEPTH, Leg, RosTopic
+from tfbus.bridge.legs import LEAST_READER_DEPTH, Leg, RosTopic
+from tfbus.bridge.options import FrameNames
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
+from tfbus.ros.counterparts import fitted
 from tfbus.ros.definition_text import message_of
-from tfbus.ros.fitted import fitted
 from tfbus.ros.message_type import Message, Sequence, Text, Type
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError

@@ -13,7 +13,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.doctor.ros_around import RosAround
 from tfbus.doctor.rtps import RtpsWatch
 from tfbus.errors import BusError, SettingsError
-from tfbus.ros.ros1_master import Ros1Master
+from tfbus.ros.ros1 import Ros1Master
 from tfbus.ros.ros_names import domain_of, is_domain
 
 # The tokens of rmw_zenoh, and those of zenoh-bridge-ros2dds.

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, get_args
 from xxhash import xxh3_128_digest
 
 from tfbus.errors import InvalidNameError, SettingsError
-from tfbus.ros.dds_graph import dds_type
+from tfbus.ros.rmw import dds_type
 from tfbus.wording import did_you_mean, printable
 
 # Distributions

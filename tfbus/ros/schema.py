@@ -9,10 +9,9 @@ from typing import Any
 from tfbus import messages
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.ros.cdr import CdrWriter
-from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart
+from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted
 from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
-from tfbus.ros.fitted import fitted
 from tfbus.ros.inferred import (
     have_same_keys,
     merged_fields,

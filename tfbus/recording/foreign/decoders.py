@@ -10,7 +10,7 @@ from tfbus.recording.foreign import foxglove
 from tfbus.recording.foreign.messages import ForeignChannel
 from tfbus.ros.definition_text import with_ros2_names
 from tfbus.ros.definitions import Definition
-from tfbus.ros.ros1_tf_message import decode_ros1_tf_message
+from tfbus.ros.ros1 import decode_ros1_tf_message
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 

@@ -8,18 +8,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
-from tfbus.bridge.lost import LostMessages
+from tfbus.bridge.legs import (
+    Closing,
+    LegSettings,
+    LostMessages,
+    OnMessage,
+    RosPublisher,
+    RosSender,
+    RosTopic,
+)
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.command.extras import install_command
 from tfbus.errors import TfbusError
+from tfbus.ros.rmw import type_hash
 from tfbus.ros.ros_names import domain_of
-from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
 try:
-    from tfbus.bridge.ros_graph import RosGraph
+    from tfbus.bridge.legs.zenoh_graph import RosGraph
     from tfbus.ros.rmw_zenoh import (
         GRAPH,
         NO_TYPE_HASH,
@@ -59,7 +66,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
 
 
 class ZenohLeg:
-    """A node in ROS over Zenoh, until `close()`; see `tfbus.bridge.leg.Leg`.
+    """A node in ROS over Zenoh, until `close()`; see `tfbus.bridge.legs.Leg`.
 
     Where no router answers it keeps trying, and what was declared meanwhile is declared then.
     """

@@ -11,10 +11,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
-from tfbus.bridge.ros1_type import Ros1Type, ros1_type
+from tfbus.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.bridge.legs.ros1_type import Ros1Type, ros1_type
 from tfbus.errors import DecodeError, SettingsError, TfbusError
-from tfbus.ros.ros1_master import DEFAULT_MASTER, Ros1Master, Ros1State
+from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State
 from tfbus.runtime.log_once import LogOnce
 
 # Where Debian has it, and ROS Noetic.

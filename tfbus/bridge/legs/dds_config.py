@@ -1,10 +1,12 @@
-"""The configuration of Cyclone DDS with which it meets ROS 2 as it is by default."""
+"""Cyclone DDS on this host: its configuration, and datagrams dropped for its sockets."""
 
 import logging
 import os
 import re
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from tfbus.errors import SettingsError
@@ -136,3 +138,32 @@ _ALWAYS = _domain(
     f"<Watermarks><WhcHigh>{_MOST_WAITING}</WhcHigh></Watermarks>"
     "</Internal>"
 )
+
+
+_TABLES = ("/proc/self/net/udp", "/proc/self/net/udp6")
+_OPEN_FILES = "/proc/self/fd"
+
+# Columns of the tables.
+_INODE, _DROPS = 9, 12
+
+
+def udp_sockets() -> frozenset[str]:
+    """The sockets for datagrams that this process has open, by their inodes."""
+    own = set()
+    with suppress(OSError):
+        for name in os.listdir(_OPEN_FILES):
+            with suppress(OSError):  # closed meanwhile
+                own.add(os.readlink(f"{_OPEN_FILES}/{name}").removeprefix("socket:[")[:-1])
+    return frozenset(own.intersection(row[_INODE] for row in _rows()))
+
+
+def dropped_datagrams(sockets: frozenset[str]) -> int:
+    """How many datagrams came to these sockets while so many waited that there was no room."""
+    return sum(int(row[_DROPS]) for row in _rows() if row[_INODE] in sockets)
+
+
+def _rows() -> Iterable[list[str]]:
+    for table in _TABLES:
+        with suppress(OSError):
+            for line in Path(table).read_text(encoding="ascii").splitlines()[1:]:
+                yield line.split()

@@ -5,10 +5,10 @@ from typing import Any
 
 from cyclonedds.idl import make_idl_struct, types
 
-from tfbus.ros.dds_graph import dds_type
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import PLACEHOLDER, Message, Scalar, Sequence, Text, Type
+from tfbus.ros.rmw import dds_type
 
 # Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
 # Cyclone answers each question about types, also one meant for others, with those it knows. For a

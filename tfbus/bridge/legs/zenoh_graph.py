@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tfbus.bridge.leg import RosPublisher
+from tfbus.bridge.legs import RosPublisher
 from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
 from tfbus.runtime import scheduler
 from tfbus.wording import listed, printable

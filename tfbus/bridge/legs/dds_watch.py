@@ -12,7 +12,7 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.sub import DataReader
 
 from tfbus.errors import DecodeError
-from tfbus.ros.dds_graph import decode_nodes
+from tfbus.ros.rmw import decode_nodes
 
 # Taken at once.
 MOST_TAKEN = 256

@@ -6,22 +6,23 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tfbus.bridge.dds_config import configuration
-from tfbus.bridge.dropped_datagrams import dropped_datagrams, udp_sockets
-from tfbus.bridge.leg import (
+from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
     Closing,
     LegSettings,
+    LostMessages,
+    Offer,
     OnMessage,
     RosPublisher,
     RosSender,
     RosTopic,
+    unheard,
 )
-from tfbus.bridge.lost import LostMessages
-from tfbus.bridge.unheard import Offer, unheard
+from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.ros.dds_graph import (
+from tfbus.ros.definitions import Definition
+from tfbus.ros.rmw import (
     GID_SIZE,
     GRAPH_TOPIC,
     HUMBLE_GID_SIZE,
@@ -31,10 +32,9 @@ from tfbus.ros.dds_graph import (
     dds_type,
     encode_nodes,
     graph_definition,
+    type_hash,
 )
-from tfbus.ros.definitions import Definition
 from tfbus.ros.ros_names import domain_of
-from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import did_you_mean, listed, printable
 
@@ -55,8 +55,8 @@ try:
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
-    from tfbus.bridge.dds_types import RawSample, raw_type
-    from tfbus.bridge.dds_watch import ANY, MOST_TAKEN, DdsWatch
+    from tfbus.bridge.legs.dds_types import RawSample, raw_type
+    from tfbus.bridge.legs.dds_watch import ANY, MOST_TAKEN, DdsWatch
 except ImportError as error:
     raise TfbusError(
         "ROS 2 by DDS needs cyclonedds, which is not installed, and has no wheel for Python 3.14 "

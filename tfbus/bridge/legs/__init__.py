@@ -1,14 +1,19 @@
-"""A leg: how a bridge reaches ROS, by one middleware.
+"""Legs: how a bridge reaches ROS, each by one middleware.
 
-It carries the bytes of messages, in CDR as ROS 2 has them, and knows who publishes; what they mean
-is the bridge's affair.
+A leg carries the bytes of messages, in CDR as ROS 2 has them, and knows who publishes; the meaning
+of messages is the affair of the bridge.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Protocol
 
 from tfbus.ros.definitions import Definition
+from tfbus.wording import listed, printable
 
 # What it calls for each message: `on_message(payload, gid)`; the gid is that of the publisher.
 OnMessage = Callable[[bytes, str], None]
@@ -130,3 +135,105 @@ class Leg(Protocol):
 
     def close(self) -> None:
         """Leave ROS. Twice is fine."""
+
+
+# Publishers come from ROS: of at most as many the last number is known.
+_MOST_PUBLISHERS = 10_000
+
+
+class LostMessages:
+    """Counts by the numbers of messages, and by rooms that were full. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counts: Counter[str] = Counter()
+        self._last: dict[tuple[str, str], int] = {}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many messages of each topic were lost, at least."""
+        with self._lock:
+            return dict(self._counts)
+
+    def came(self, topic: str, gid: str, number: int) -> None:
+        """A message has come that its publisher, with this gid, gave this number."""
+        key = topic, gid
+        last = self._last.get(key)
+        if last is not None and number <= last:
+            return  # one that was kept, for those who come late
+        if last is None and len(self._last) >= _MOST_PUBLISHERS:
+            self._last.clear()
+        self._last[key] = number
+        if last is not None and number > last + 1:
+            self._lose(topic, number - last - 1)
+
+    def was_full(self, topic: str) -> None:
+        """As many messages waited as may wait: what came before them is lost, one at least."""
+        self._lose(topic, 1)
+
+    def _lose(self, topic: str, count: int) -> None:
+        with self._lock:
+            self._counts[topic] += count
+
+
+@dataclass(frozen=True)
+class Offer:
+    """How a node publishes a topic; `node` is "" if it has no name, `type` as the middleware
+    names it.
+    """
+
+    node: str
+    type: str
+    is_reliable: bool
+    is_retained: bool
+
+
+def unheard(topic: RosTopic, own_type: str, offers: Iterable[Offer]) -> Sequence[str]:
+    """The note on publishers whose messages do not come to a subscriber of the topic."""
+    best_effort, volatile = [], []
+    said = []
+    for each in offers:
+        name = printable(each.node or "a node without a name", 100)
+        if each.type != own_type:
+            shown = printable(each.type, 100)
+            said.append(f"{name} publishes {topic.name} as {shown}, not {own_type}")
+        elif not each.is_reliable:
+            best_effort.append(name)
+        elif topic.retained and not each.is_retained:
+            volatile.append(name)
+    if best_effort:
+        said.append(
+            f"{_publish(best_effort)} {topic.name} as best effort, and it is read as reliable: "
+            "such messages do not come"
+        )
+    if volatile:
+        said.append(
+            f"{_publish(volatile)} {topic.name} as volatile, and it is read as transient local: "
+            "such messages do not come"
+        )
+    return list(dict.fromkeys(said))
+
+
+def _publish(nodes: Sequence[str]) -> str:
+    """The nodes, each once, with their verb."""
+    names = list(dict.fromkeys(nodes))
+    return f"{listed(names)} {'publish' if names[1:] else 'publishes'}"
+
+
+# The module of each leg has a function `open_leg(settings, log)`.
+_MODULES = {
+    "zenoh": "tfbus.bridge.legs.zenoh",
+    "dds": "tfbus.bridge.legs.dds",
+    "rclpy": "tfbus.bridge.legs.rclpy",
+    "rospy": "tfbus.bridge.legs.rospy",
+}
+
+
+def open_leg(via: str, settings: LegSettings, log: logging.Logger) -> Leg:
+    """Join ROS by "zenoh", "dds", "rclpy" or "rospy".
+
+    Raises TfbusError if the middleware is not installed, with what installs it, or if it
+    cannot be joined.
+    """
+    leg: Leg = import_module(_MODULES[via]).open_leg(settings, log)
+    return leg

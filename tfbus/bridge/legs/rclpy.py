@@ -9,17 +9,18 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from tfbus.bridge.leg import (
+from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
     Closing,
     LegSettings,
+    LostMessages,
+    Offer,
     OnMessage,
     RosPublisher,
     RosSender,
     RosTopic,
+    unheard,
 )
-from tfbus.bridge.lost import LostMessages
-from tfbus.bridge.unheard import Offer, unheard
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable

@@ -5,9 +5,14 @@ from pathlib import Path
 import pytest
 
 from tests.simulated_bus import Bus
-from tfbus.launch.errors import LaunchError
-from tfbus.launch.read.find import find_in, find_launch_file, installed_launch_files
-from tfbus.launch.read.packages import find_in_package, launch_files_of
+from tfbus.launch.description import LaunchError
+from tfbus.launch.read.find import (
+    find_in,
+    find_in_package,
+    find_launch_file,
+    installed_launch_files,
+    launch_files_of,
+)
 
 A_LAUNCH = "description: Drives.\narguments: {speed: {default: 1}}\nnodes: [{node: simulator}]\n"
 

@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
-from tfbus.launch.description import Argument, Process, Respawn
-from tfbus.launch.errors import LaunchArgumentError, LaunchError
+from tfbus.launch.description import Argument, LaunchArgumentError, LaunchError, Process, Respawn
 from tfbus.launch.read import reader
-from tfbus.launch.read.arguments import show_arguments
+from tfbus.launch.read.arguments import Scope, show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
-from tfbus.launch.read.substitution import Scope
 from tfbus.launch.run.program import check_startable, dry_run_line, program_of
 from tfbus.runtime.yaml_file import Place, YamlFileError
 

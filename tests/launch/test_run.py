@@ -26,11 +26,10 @@ from hypothesis import strategies as st
 from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
+from tfbus.launch.run.child import Timeouts
 from tfbus.launch.run.console import Console, Lines, Stream, safe_line
-from tfbus.launch.run.escalation import Timeouts
-from tfbus.launch.run.orphans import adopting_orphans
 from tfbus.launch.run.program import Program
-from tfbus.launch.run.run import Debounce
+from tfbus.launch.run.run import Debounce, adopting_orphans
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
 pytestmark = pytest.mark.real

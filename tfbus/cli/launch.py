@@ -16,12 +16,11 @@ from tfbus.cli.launch_names import chosen_file, complete_argument, complete_file
 from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE, LogLevel
 from tfbus.errors import TfbusError
-from tfbus.launch.errors import LaunchArgumentError
+from tfbus.launch.description import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
-from tfbus.launch.read.find import installed_launch_files
-from tfbus.launch.read.packages import launch_files_of, packages_with_nodes
+from tfbus.launch.read.find import installed_launch_files, launch_files_of, packages_with_nodes
 from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
-from tfbus.launch.run.escalation import Timeouts
+from tfbus.launch.run.child import Timeouts
 from tfbus.launch.run.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence

@@ -8,8 +8,13 @@ from click.shell_completion import CompletionItem
 
 from tfbus.command.types import matching
 from tfbus.errors import TfbusError
-from tfbus.launch.read.find import find_in, find_launch_file, installed_launch_files
-from tfbus.launch.read.packages import launch_files_of, packages_with_nodes
+from tfbus.launch.read.find import (
+    find_in,
+    find_launch_file,
+    installed_launch_files,
+    launch_files_of,
+    packages_with_nodes,
+)
 from tfbus.launch.read.reader import read_arguments
 
 

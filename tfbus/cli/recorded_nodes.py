@@ -1,7 +1,7 @@
 """The nodes that were there at a moment of a recording."""
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.command.recorded_names import nodes_in
+from tfbus.command.names import nodes_in
 from tfbus.command.recordings import BagChoice
 from tfbus.errors import BusError, ParameterError
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription

@@ -10,17 +10,17 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.command.declared import Declared as Declared
-    from tfbus.command.declared import NodeCommand as NodeCommand
-    from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.extras import install_command as install_command
-    from tfbus.command.keyboard import KeyReader as KeyReader
     from tfbus.command.listening import Listening as Listening
     from tfbus.command.listening import listening_options as listening_options
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
+    from tfbus.command.parameters import Declared as Declared
+    from tfbus.command.parameters import NodeCommand as NodeCommand
     from tfbus.command.recordings import BagChoice as BagChoice
     from tfbus.command.recordings import bag_options as bag_options
+    from tfbus.command.terminal import KeyReader as KeyReader
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
@@ -37,12 +37,12 @@ _MODULE_OF = {
     "bag_options": "tfbus.command.recordings",
     "BagChoice": "tfbus.command.recordings",
     "POSITIVE": "tfbus.command.types",
-    "Declared": "tfbus.command.declared",
+    "Declared": "tfbus.command.parameters",
     "Listening": "tfbus.command.listening",
     "listening_options": "tfbus.command.listening",
-    "KeyReader": "tfbus.command.keyboard",
+    "KeyReader": "tfbus.command.terminal",
     "NoTerminalError": "tfbus.command.terminal",
-    "NodeCommand": "tfbus.command.declared",
+    "NodeCommand": "tfbus.command.parameters",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
@@ -52,7 +52,7 @@ _MODULE_OF = {
     "frame_mistake": "tfbus.command.types",
     "max_gap_option": "tfbus.command.options",
     "install_command": "tfbus.command.extras",
-    "namespaces_serving": "tfbus.command.elsewhere",
+    "namespaces_serving": "tfbus.command.names",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.runtime.yaml_file",
     "replacing": "tfbus.runtime.whole_file",

@@ -10,8 +10,7 @@ from typing import Any, TypeVar, cast
 import click
 
 from tfbus.bus.settings import MODES, NodeSettings
-from tfbus.command.node_option import NodeOption, help_all_option
-from tfbus.command.ros_args import RosArgs
+from tfbus.command.option_kinds import NodeOption, RosArgs, help_all_option
 from tfbus.command.types import LogLevel, Number
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
@@ -194,7 +193,7 @@ def _with_parameter_files(settings: NodeSettings, files: Iterable[str]) -> NodeS
     """The settings with the parameters of the files, if none is given on the command line."""
     values: dict[str, Any] = {}
     for file in files:
-        from tfbus.command.parameter_files import parameters_from_file  # YAML
+        from tfbus.command.parameters import parameters_from_file  # YAML
 
         values |= parameters_from_file(Path(file), settings.full_name)
     return replace(settings, parameters=values | dict(settings.parameters)) if values else settings

@@ -21,7 +21,7 @@ from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, c
 from tfbus.wire.limits import size_in, size_text
 
 if TYPE_CHECKING:
-    from tfbus.command.live_names import LiveNames
+    from tfbus.command.names import LiveNames
 
 # The options of a command that say where on the bus it is.
 _PLACE = ("namespace", "mode", "connect", "listen", "config", "secure")
@@ -311,10 +311,10 @@ def own_name(kind: str) -> str:
 
 def names_at(ctx: click.Context) -> "LiveNames":
     """The names on the bus, or in the recording, that the options typed so far select."""
-    from tfbus.command.live_names import LiveNames, live_names  # Zenoh, which only completion needs
+    from tfbus.command.names import LiveNames, live_names  # Zenoh, which only completion needs
 
     if paths := _recording_in(ctx):
-        from tfbus.command.recorded_names import names_in
+        from tfbus.command.names import names_in
 
         namespace = ctx.params.get("namespace") or os.environ.get("TFBUS_NAMESPACE") or ""
         return names_in(paths, namespace.strip("/"))

@@ -1,8 +1,11 @@
-"""The processes of a launch file, as frozen values between the reader and the runner."""
+"""The processes of a launch file, as frozen values between the reader and the runner, and its
+mistakes beside those in a file (YamlFileError).
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
 
+from tfbus.errors import TfbusError
 from tfbus.runtime.yaml_file import Place
 
 
@@ -73,3 +76,18 @@ class Process:
     def label(self) -> str:
         """The name that starts each line of output, `robot7/sim`."""
         return self.full_name.removeprefix("/")
+
+
+class LaunchError(TfbusError):
+    """A launch file that cannot be found, or not be launched as asked."""
+
+
+class LaunchArgumentError(LaunchError):
+    """An argument that a launch file does not know, does not allow, or lacks.
+
+    `argument` is its name.
+    """
+
+    def __init__(self, argument: str, reason: str) -> None:
+        super().__init__(reason)
+        self.argument = argument

@@ -20,9 +20,9 @@ from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import is_terminal
 from tfbus.cli.verbs import Answering
 from tfbus.command.moment import Moment
+from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import open_recording, wall
-from tfbus.command.several import Several
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, MomentType, Number
 from tfbus.errors import TfbusError
 from tfbus.recording.selection import Selection, is_of_transforms

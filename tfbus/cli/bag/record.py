@@ -9,8 +9,8 @@ from tfbus.cli.bag.ros_options import OF_RECORD
 from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.cli.verbs import Answering
 from tfbus.command.extras import install_command
+from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
-from tfbus.command.several import Several
 from tfbus.command.types import POSITIVE, Number, Size, TopicName
 from tfbus.errors import TfbusError
 

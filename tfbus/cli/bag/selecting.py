@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from tfbus.command.several import Several
+from tfbus.command.option_kinds import Several
 from tfbus.command.types import FrameName, TopicName
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.cli.output import warn
-from tfbus.command.several import Several
+from tfbus.command.option_kinds import Several
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.selection import Selection
 from tfbus.wording import listed

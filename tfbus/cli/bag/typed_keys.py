@@ -5,8 +5,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 
-from tfbus.command.keyboard import KeyReader
-from tfbus.command.terminal import NoTerminalError, RawTerminal
+from tfbus.command.terminal import KeyReader, NoTerminalError, RawTerminal
 
 _STANDARD_INPUT = 0
 

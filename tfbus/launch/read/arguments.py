@@ -1,12 +1,107 @@
-"""The arguments of a launch file: declared in it, and given to it."""
+"""The arguments of a launch file, declared and given, and `${...}`, which names them.
 
+`${name}` is the launch argument of that name, `${env:NAME}` an environment variable (an error if
+it is not set), `${env:NAME:text}` the same with a default, `${here}` the folder of the launch
+file. `$${` stands for a plain `${`; any other `$` is a plain `$`. Values are not substituted again.
+"""
+
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from tfbus.launch.description import Argument
-from tfbus.launch.errors import LaunchArgumentError
-from tfbus.launch.read.substitution import HERE
-from tfbus.runtime.yaml_file import Value
+from tfbus.launch.description import Argument, LaunchArgumentError
+from tfbus.runtime.yaml_file import Place, Value
 from tfbus.wording import did_you_mean
+
+HERE = "here"
+
+# A launch file can pass an argument on twice as long, and its includes again.
+_LONGEST = 100_000
+
+_SUBSTITUTION = re.compile(r"\$\$\{|\$\{(?P<inside>[^{}]*)\}|\$\{")
+_COMPARISON = re.compile(r"(?P<left>.*?)(?P<sign>==|!=)(?P<right>.*)", re.DOTALL)
+_TRUTH = {word: True for word in ("true", "yes", "on", "1")} | {
+    word: False for word in ("false", "no", "off", "0")
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """The values that `${...}` can name in one launch file."""
+
+    arguments: Mapping[str, str]
+    environment: Mapping[str, str]
+    here: str
+
+    def expand(self, text: str, place: Place) -> str:
+        """The text with every substitution made.
+
+        Raises YamlFileError for an argument or a variable that does not exist, and for a text of
+        more than 100,000 letters.
+        """
+
+        def replaced(match: re.Match[str]) -> str:
+            if match.group() == "$${":
+                return "${"
+            inside = match.group("inside")
+            if inside is None:
+                raise place.mistake("'${' without its '}'; write '$${' for a plain '${'")
+            return self._value(inside.strip(), place)
+
+        expanded = _SUBSTITUTION.sub(replaced, text)
+        if len(expanded) > _LONGEST:
+            raise place.mistake(
+                f"has {len(expanded):,} letters after substitution; at most {_LONGEST:,} are taken"
+            )
+        return expanded
+
+    def is_true(self, text: str, place: Place) -> bool:
+        """Whether a condition holds: a word for true or false, or `a == b`, `a != b` (as text).
+
+        Raises YamlFileError for any other text.
+        """
+        if comparison := _COMPARISON.fullmatch(text):
+            left, right = (
+                self.expand(comparison[side], place).strip() for side in ("left", "right")
+            )
+            return (left == right) is (comparison["sign"] == "==")
+        return truth(self.expand(text, place), place)
+
+    def _value(self, inside: str, place: Place) -> str:
+        if inside == HERE:
+            return self.here
+        if inside.startswith("env:"):
+            return self._variable(inside.removeprefix("env:"), place)
+        if inside in self.arguments:
+            return self.arguments[inside]
+        if inside in self.environment:
+            raise place.mistake(
+                f"no argument {inside!r} under 'arguments:'; write ${{env:{inside}}} for the "
+                f"environment variable, or $${{{inside}}} to leave it to a shell"
+            )
+        raise place.mistake(
+            f"no argument {inside!r} under 'arguments:'{did_you_mean(inside, self.arguments)}"
+        )
+
+    def _variable(self, name: str, place: Place) -> str:
+        name, has_default, default = name.partition(":")
+        if name in self.environment:
+            return self.environment[name]
+        if has_default:
+            return default
+        raise place.mistake(
+            f"the environment variable {name!r} is not set; set it, or give a default: "
+            f"${{env:{name}:text}}"
+        )
+
+
+def truth(text: str, place: Place) -> bool:
+    """True or False for the words that YAML has for them (and 1 and 0)."""
+    try:
+        return _TRUTH[text.strip().lower()]
+    except KeyError:
+        raise place.mistake(f"must be true or false, not {text!r}") from None
+
 
 _KEYS = ("default", "description", "choices")
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator
 from math import isfinite
 
 from tfbus.errors import TfbusError
-from tfbus.launch.read.substitution import Scope, truth
+from tfbus.launch.read.arguments import Scope, truth
 from tfbus.runtime.yaml_file import Place, Value, YamlFileError
 
 CONDITIONS = ("if", "unless")

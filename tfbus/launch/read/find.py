@@ -1,11 +1,84 @@
-"""Finds a launch file by its path, or by the name of one that comes with tfbus."""
+"""Finds a launch file by its path, or by its name in tfbus or an installed package."""
 
+from importlib import metadata
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
-from tfbus.launch.errors import LaunchError
-from tfbus.launch.read.packages import find_in_package, launch_files_of
+import yaml
+
+from tfbus.launch.description import LaunchError
 from tfbus.wording import did_you_mean
+
+# Where a package may have them, besides its own folder.
+_FOLDERS = ("", "launch", "configs", "config")
+_FILE_SUFFIXES = (".launch.yaml", ".yaml", ".launch.yml", ".yml")
+_KEYS = {"nodes", "includes"}
+# Packages of ROS whose launch files are tfbus's own.
+_CALLED_IN_ROS = {
+    "turtle_tf2_cpp": "; use: tfbus launch follow",
+    "turtle_tf2_py": "; use: tfbus launch follow",
+    "turtlesim": "; use: tfbus launch turtle",
+}
+
+
+def find_in_package(package: str, name: str) -> Path:
+    """The launch file of this name, with or without its ending, of an installed package.
+
+    It is in the package's folder, or in `launch`, `configs` or `config` below. Raises LaunchError.
+    """
+    files = launch_files_of(package)
+    for end in ("", *_FILE_SUFFIXES):
+        if f"{name}{end}" in files:
+            return files[f"{name}{end}"]
+    hint = did_you_mean(name, files, none="; it has none")
+    raise LaunchError(f"package {package!r} has no launch file {name!r}{hint}")
+
+
+def launch_files_of(package: str) -> dict[str, Path]:
+    """The launch files of an installed package by their names; the package is not imported.
+
+    Raises LaunchError if there is no such package.
+    """
+    folders = _folders_of(package)
+    if not folders:
+        known = packages_with_nodes()
+        hint = _CALLED_IN_ROS.get(package) or did_you_mean(package, known)
+        raise LaunchError(f"there is no Python package {package!r}{hint}")
+    found: dict[str, Path] = {}
+    for folder in folders:
+        for below in _FOLDERS:
+            for path in sorted((folder / below).glob("*")):
+                if path.name.endswith(_FILE_SUFFIXES) and _is_launch_file(path):
+                    found.setdefault(path.name, path)
+    return dict(sorted(found.items()))
+
+
+def packages_with_nodes() -> list[str]:
+    """The packages other than tfbus that add nodes to it, sorted."""
+    points = metadata.entry_points(group="tfbus.nodes")
+    return sorted({point.module.partition(".")[0] for point in points} - {"tfbus"})
+
+
+def _folders_of(package: str) -> list[Path]:
+    if not package.isidentifier():
+        return []
+    try:
+        spec = find_spec(package)
+    except (ImportError, ValueError):
+        return []
+    return [Path(folder) for folder in (spec and spec.submodule_search_locations) or ()]
+
+
+def _is_launch_file(path: Path) -> bool:
+    """Whether it lists nodes: a package may have YAML files of parameters, too."""
+    try:
+        document = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
+        return True  # its mistake is said when it is launched
+    entries = document.value if isinstance(document, yaml.MappingNode) else ()
+    return any(key.value in _KEYS for key, _ in entries)
+
 
 _SUFFIXES = (".launch.yaml", ".yaml")
 

@@ -1,15 +1,19 @@
-"""Runs a supervisor with its signals, orphans, guard and output."""
+"""Runs a supervisor with its signals, guard, output and orphans."""
 
 import asyncio
+import ctypes
 import math
+import os
 import signal
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 
+from tfbus.launch.run.child import Timeouts
 from tfbus.launch.run.console import Console, Stream
-from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.guard import Guard
-from tfbus.launch.run.orphans import Orphans, adopting_orphans
 from tfbus.launch.run.program import Program
 from tfbus.launch.run.supervisor import Presence, Supervisor
 
@@ -102,3 +106,68 @@ class Debounce:
         """Whether a signal at this time, by any clock, is a new one."""
         since_s, self._last_s = now_s - self._last_s, now_s
         return since_s >= _SAME_SIGNAL_S
+
+
+_PR_SET_CHILD_SUBREAPER = 36  # from linux/prctl.h
+_POLL_S = 0.02
+
+
+@contextmanager
+def adopting_orphans() -> Iterator[None]:
+    """Adopt descendants whose own parent ends; Linux only, elsewhere nothing changes."""
+    _set_subreaper(1)
+    try:
+        yield
+    finally:
+        _set_subreaper(0)
+
+
+class Orphans:
+    """The adopted children of this process.
+
+    `started` returns the pids of the children that it started itself; they are left alone.
+    """
+
+    def __init__(self, started: Callable[[], Collection[int]]) -> None:
+        self._started = started
+
+    def reap(self) -> None:
+        """Reap the adopted children that ended, which would stay zombies otherwise."""
+        for pid in self._adopted():
+            with suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
+
+    async def end_all(self, grace_s: float) -> None:
+        """End the adopted children and their orphans: SIGTERM, and after `grace_s` SIGKILL."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + grace_s
+        asked: set[int] = set()
+        while pids := self._remaining():
+            for pid in pids:
+                if loop.time() >= deadline_s:
+                    _send(pid, signal.SIGKILL)
+                elif pid not in asked:
+                    _send(pid, signal.SIGTERM)
+            asked |= pids
+            await asyncio.sleep(_POLL_S)
+
+    def _remaining(self) -> set[int]:
+        self.reap()
+        return self._adopted()
+
+    def _adopted(self) -> set[int]:
+        children: set[int] = set()
+        for task in Path("/proc/self/task").glob("*/children"):
+            with suppress(OSError):  # the thread has just ended
+                children.update(int(pid) for pid in task.read_text().split())
+        return children - set(self._started())
+
+
+def _send(pid: int, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, number)
+
+
+def _set_subreaper(value: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, value, 0, 0, 0)

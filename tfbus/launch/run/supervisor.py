@@ -12,9 +12,8 @@ from contextlib import suppress
 from typing import Protocol
 
 from tfbus.errors import TfbusError
-from tfbus.launch.run.child import Child
+from tfbus.launch.run.child import Child, Escalation, Timeouts
 from tfbus.launch.run.console import Console
-from tfbus.launch.run.escalation import Escalation, Timeouts
 from tfbus.launch.run.program import Program
 from tfbus.wording import listed
 

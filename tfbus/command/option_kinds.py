@@ -1,9 +1,4 @@
-"""ROS's ways to set up a node on its command line, in tfbus's words.
-
-`--ros-args -p rate:=2 -r __ns:=/robot7 --` becomes `--param rate=2 --namespace robot7`; `-p` and
-`-r` mean the same without `--ros-args`; of a command that has options of that name itself, only
-with a `:=` in their value.
-"""
+"""Kinds of options: left out of a help, ROS's arguments, several values after one name."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -12,8 +7,59 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import log_level_of
-from tfbus.command.node_option import NodeOption
 from tfbus.wording import printable
+
+# In the context of a help that shows all.
+SHOWS_ALL = "tfbus.help_all"
+
+
+class NodeOption(click.Option):
+    """An option that other commands have too."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Its line in the help; None if it leaves it out."""
+        return super().get_help_record(ctx) if _shows_all(ctx) else None
+
+
+class HelpAll(click.Option):
+    """The option `--help-all`, in the help of a command that leaves options out."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Its line in the help; None if nothing is left out."""
+        return None if _shows_all(ctx) else super().get_help_record(ctx)
+
+
+def help_all_option(function: Any) -> Any:
+    """Add `--help-all` to a click command."""
+
+    def show(ctx: click.Context, _: click.Parameter, is_given: bool) -> None:
+        if is_given and not ctx.resilient_parsing:
+            ctx.meta[SHOWS_ALL] = True
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    option = click.option(
+        "--help-all",
+        cls=HelpAll,
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=show,
+        help="Show the options that all commands share, too: --namespace, --connect, --secure, "
+        "--log-level and others.",
+    )
+    return option(function)
+
+
+def _shows_all(ctx: click.Context) -> bool:
+    """Whether all options are shown: if asked for, and where there are no others."""
+    own = (
+        param
+        for param in ctx.command.params
+        if isinstance(param, click.Option) and not isinstance(param, NodeOption | HelpAll)
+    )
+    return bool(ctx.meta.get(SHOWS_ALL)) or not any(own)
+
 
 _BEGIN, _END = "--ros-args", "--"
 _SHORT = {"-p": "--param", "-r": "--remap"}
@@ -134,3 +180,36 @@ def _form(name: str, value: str) -> str:
     return (
         f"--param {name}={value} to set a parameter, or --remap {name}:={value} to use another name"
     )
+
+
+class Several(click.Option):
+    """An option with `multiple=True` whose values may follow one another: `--topics a b`, as well
+    as `--topics a --topics b`. The next word that begins with `-` ends them; where it is the first,
+    it is a usage error.
+    """
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Have the parser take all values that follow."""
+        super().add_to_parser(parser, ctx)
+        for name in self.opts:
+            option = parser._long_opt.get(name) or parser._short_opt.get(name)
+            option.process = self._taking_several(option.process)
+
+    def takes(self, word: str) -> bool:
+        """Whether the next word is a value."""
+        return not word.startswith("-")
+
+    def _taking_several(self, process: Any) -> Any:
+        def take(value: Any, state: Any) -> None:
+            if value.startswith("-"):
+                name = max(self.opts, key=len)
+                raise click.BadOptionUsage(
+                    name,
+                    f"option '{name}' needs at least one value, and {printable(value, 60)!r} is an "
+                    "option",
+                )
+            process(value, state)
+            while state.rargs and self.takes(state.rargs[0]):
+                process(state.rargs.pop(0), state)
+
+        return take

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.command.keyboard import KeyReader
+from tfbus.command.terminal import KeyReader
 
 
 def keys_of(*pieces: bytes) -> list[str]:

@@ -1,19 +1,25 @@
-"""The names on the bus for completion: found within 1 s, and cached for 5 s."""
+"""Names for completion, on the bus (found within 1 s, cached for 5 s) or in a recording."""
 
 import hashlib
 import json
 import logging
 import os
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-from tfbus.wire.keys import namespace_of
+from tfbus.wire.keys import namespace_of, relative_name
+
+if TYPE_CHECKING:
+    from tfbus.bus.session import Session
+    from tfbus.recording.items import EventItem
 
 # About as long as typing one line takes.
 FRESH_S = 5.0
@@ -128,3 +134,62 @@ def _cache(file: Path, names: LiveNames) -> None:
         part = file.with_suffix(f".{os.getpid()}")
         part.write_text(json.dumps(asdict(names)))
         part.replace(file)
+
+
+def names_in(paths: Iterable[Path], namespace: str) -> LiveNames:
+    """The names in the recording in these files; none if it cannot be read."""
+    try:
+        from tfbus.recording.reader import RecordingReader
+        from tfbus.recording.topics import topics_of
+
+        with RecordingReader(*paths) as reader:
+            frames: dict[str, set[str]] = {}
+            for part in reader.parts:
+                index = part.index
+                for channel, edge in zip(index.channel.tolist(), index.edge.tolist(), strict=True):
+                    stream = part.stream_channels[channel].stream
+                    frames.setdefault(stream.namespace, set()).update(index.edges[edge])
+            topics = {name: topic.type for name, topic in topics_of(reader).items()}
+            nodes = nodes_in(reader.events)
+    except (ImportError, OSError, TfbusError):
+        return LiveNames()
+    # As the tools do: a recording of one namespace is seen from there.
+    seen_from = namespace or (next(iter(frames)) if len(frames) == 1 else "")
+    parameters = {
+        relative_name(name, namespace): tuple(each.name for each in node.parameters)
+        for name, node in nodes.items()
+    }
+    return LiveNames(
+        frames=tuple(sorted(frames.pop(seen_from, ()))),
+        robots={robot: tuple(sorted(names)) for robot, names in frames.items()},
+        nodes=tuple(sorted(parameters)),
+        topics={relative_name(name, namespace).lstrip("/"): text for name, text in topics.items()},
+        parameters=parameters,
+    )
+
+
+def nodes_in(events: "Iterable[EventItem]") -> dict[str, NodeDescription]:
+    """The nodes that these events describe, by their full names; the last description of each."""
+    found: dict[str, NodeDescription] = {}
+    for event in events:
+        if event.kind == "node" and event.facts:
+            try:
+                node = from_map(NodeDescription, event.facts)
+            except (TfbusError, ValueError):
+                continue
+            found[node.name] = node
+    return dict(sorted(found.items()))
+
+
+def namespaces_serving(session: "Session", service: str) -> list[str]:
+    """The namespaces below that have this service or action, sorted; asks all nodes, within 1 s."""
+    from tfbus.discover.graph import graph_of
+    from tfbus.discover.presence import describe_all
+
+    nodes = describe_all(session, lambda error: None)
+    services = graph_of(nodes, {}, session.settings.namespace).services.values()
+    return sorted(
+        each.name.removesuffix(f"/{service}")
+        for each in services
+        if each.servers and each.name.endswith(f"/{service}")
+    )

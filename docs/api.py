@@ -13,8 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import tfbus
+import tfbus.buffer.files
+import tfbus.buffer.formats
+import tfbus.buffer.trajectories
 import tfbus.messages
 import tfbus.testing
 import tfbus.view
@@ -47,10 +51,9 @@ _HEAD = """\
 # API reference
 
 All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
-from `tfbus.messages`, `tfbus.testing` or `tfbus.view` where that is the heading. Lengths are
-metres, angles radians, quaternions x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since
-the Unix epoch. A method without an arrow returns None; `Name.method`
-makes a Name. A text that holds for several methods stands at the first.
+from the module in the heading. Lengths are metres, angles radians, quaternions x, y, z, w, and
+stamps (`stamp_ns`) integer nanoseconds since the Unix epoch. A method without an arrow returns
+None; `Name.method` makes a Name. A text that holds for several methods stands at the first.
 """
 
 
@@ -64,6 +67,7 @@ guide](../guide/view.md).
 _INNER = {
     "Buffer": "ask_again count_sent_by expect_no_more expect_past forget interrupt mark_gone"
     " remove_sent senders_of sent_by tell waiting watch_questions",
+    "tfbus.buffer.formats": "branch",
     "Node": "describe describers",
     "NodeSettings": "check_right named_by_default renamed",
     "Limits": "mistake_in of",
@@ -132,6 +136,9 @@ def page() -> str:
         parts.append(_entry(name, value, made=name in ("Network", "Faults")))
     parts += ["## tfbus.view\n", _VIEW]
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
+    for module in (tfbus.buffer.files, tfbus.buffer.formats, tfbus.buffer.trajectories):
+        parts += [f"## {module.__name__}\n", _paragraphs(module.__doc__ or "")]
+        parts += [_entry(name, value) for name, value in _functions(module)]
     parts += ["## tfbus.messages\n", _MESSAGES]
     parts += [
         f"### {name}\n"
@@ -188,6 +195,18 @@ def _public() -> set[object]:
 def _item(member: Member) -> str:
     text = "\n".join(f"    {line}".rstrip() for line in member.text.splitlines())
     return f"- `{member.signature}`\n" + (f"\n{text}\n" if text else "")
+
+
+def _functions(module: ModuleType) -> list[tuple[str, object]]:
+    """The public functions that a module defines, in its order."""
+    return [
+        (name, value)
+        for name, value in vars(module).items()
+        if inspect.isfunction(value)
+        and value.__module__ == module.__name__
+        and name[0] != "_"
+        and name not in _INNER.get(module.__name__, "")
+    ]
 
 
 def _paragraphs(text: str) -> str:

@@ -8,6 +8,7 @@ The camera's frame is the optical one: z ahead, x to the right, y down.
 import math
 
 from tfbus import Buffer, Transform, TransformStamped
+from tfbus.buffer.formats import show
 
 SECOND = 1_000_000_000
 
@@ -20,7 +21,7 @@ def main() -> None:
     optical = Transform.from_rpy(-math.pi / 2, 0, -math.pi / 2, xyz=(0.4, 0, 0.1))
     buffer.set_transform(TransformStamped(0, "arm", "camera", optical), static=True)
 
-    buffer.show("base", "camera")
+    show(buffer, "base", "camera")
     two_metres_ahead = (0.0, 0.0, 2.0)
     for tenth in (0, 5, 10):
         into_base = buffer.lookup_transform("base", "camera", tenth * SECOND // 10).transform

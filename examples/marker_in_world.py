@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus import Buffer, Transform, TransformStamped
+from tfbus.buffer import formats
 
 SIZE_M = 0.2  # of the tag's black square
 TAG = 7
@@ -74,7 +75,7 @@ def main() -> None:
     if TAG not in found:
         raise SystemExit(f"no tag {TAG} in the picture")
     buffer.set_transform(TransformStamped(stamp_ns, "camera", "tag", found[TAG]))
-    buffer.show("world", "tag")
+    formats.show(buffer, "world", "tag")
     seen = buffer.lookup_transform("world", "tag", stamp_ns).transform
     away_mm = 1000 * seen.distance(true)
     print(f"off by {away_mm:.1f} mm and {seen.angle(true, degrees=True):.1f} degrees")

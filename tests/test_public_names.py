@@ -104,6 +104,13 @@ MESSAGES = [
     "Vector3",
 ]
 
+# The functions on a buffer, by their modules in `tfbus.buffer`.
+BUFFER = {
+    "files": "load save",
+    "formats": "as_dot as_html as_svg as_text as_yaml show",
+    "trajectories": "insert insert_csv insert_tum samples trajectory",
+}
+
 # The modules with ROS's names, and those that each has.
 COMPAT = {
     "rclpy": (
@@ -234,6 +241,15 @@ def test_the_messages_are_these() -> None:
         and not hasattr(value, "__msgtype__")
     ]
     assert sorted(MESSAGES) == sorted(name for name in defined if not name.startswith("_"))
+
+
+def test_a_buffer_has_room_for_lookups_only() -> None:
+    """At most 35 public methods: files, trajectories and dumps are functions on it."""
+    names = [name for name in dir(tfbus.Buffer) if not name.startswith("_")]
+    assert len([name for name in names if callable(getattr(tfbus.Buffer, name))]) <= 35
+    for module, functions in BUFFER.items():
+        imported = importlib.import_module(f"tfbus.buffer.{module}")
+        assert all(inspect.getdoc(getattr(imported, name)) for name in functions.split())
 
 
 def test_every_public_name_is_there() -> None:

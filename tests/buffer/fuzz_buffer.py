@@ -26,6 +26,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.buffer.buffer import COMPILED
+from tfbus.buffer.formats import as_text, as_yaml
 
 FARTHEST_NS = 2**62 - 1
 SECOND_NS = 10**9
@@ -134,8 +135,8 @@ class Fuzz:
         )
 
     def look_around(self) -> None:
-        self.buffer.all_frames_as_yaml()
-        self.buffer.all_frames_as_text()
+        as_yaml(self.buffer.all_frames())
+        as_text(self.buffer.all_frames())
         self.buffer.frame(self.frame())
         self.buffer.path(self.frame(), self.frame())
         self.buffer.can_transform(self.frame(), self.frame(), max_age_s=1.0, living=True)

@@ -10,6 +10,7 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus.broadcast.options import StreamOptions
+from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import InvalidArgumentException, LookupException
@@ -82,10 +83,19 @@ def test_only_transforms_are_between_others(wrong: Any):
     ("call", "says"),
     [
         (lambda buffer: buffer.frame(None), "name must be a str, not NoneType"),
-        (lambda buffer: buffer.samples(None), "frame must be a str, not NoneType"),
-        (lambda buffer: buffer.samples("robot", parent=[]), "parent must be a str, not list"),
-        (lambda buffer: buffer.set_trajectory(None), r"expected a tfbus\.Trajectory, got a None"),
-        (lambda buffer: buffer.set_trajectory([1]), r"expected a tfbus\.Trajectory, got a list"),
+        (lambda buffer: trajectories.samples(buffer, None), "frame must be a str, not NoneType"),
+        (
+            lambda buffer: trajectories.samples(buffer, "robot", parent=[]),
+            "parent must be a str, not list",
+        ),
+        (
+            lambda buffer: trajectories.insert(buffer, None),
+            r"expected a tfbus\.Trajectory, got a None",
+        ),
+        (
+            lambda buffer: trajectories.insert(buffer, [1]),
+            r"expected a tfbus\.Trajectory, got a list",
+        ),
         (lambda buffer: buffer.on_change(3), r"a function of a tfbus\.Change, not int"),
         (lambda buffer: buffer.clear(after_ns=1.5), r"must be an integer, nanosec.*, not 1\.5"),
         (lambda buffer: Sampling(extrapolation_s=ANY), "extrapolation_s must be a number"),

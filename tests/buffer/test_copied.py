@@ -10,6 +10,7 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus import Buffer, FutureExtrapolationException, Sampling, SimulatedClock
+from tfbus.buffer import trajectories
 
 Copier = Callable[[Buffer], Buffer]
 COPIERS: dict[str, Copier] = {
@@ -41,7 +42,9 @@ def test_a_copy_has_the_same_contents_and_settings(copier: Copier) -> None:
     assert type(copied) is Buffer
     assert copied.all_frames() == buffer.all_frames()
     assert (copied.cache_time_s, copied.sampling) == (math.inf, sampling)
-    assert copied.samples("base", parent="map") == buffer.samples("base", parent="map")
+    assert trajectories.samples(copied, "base", parent="map") == trajectories.samples(
+        buffer, "base", parent="map"
+    )
     stamp_ns = S // 3
     found = copied.lookup_transform("map", "laser", stamp_ns)
     assert found == buffer.lookup_transform("map", "laser", stamp_ns)

@@ -25,6 +25,8 @@ from tfbus import (
     TimeoutException,
     TransformException,
 )
+from tfbus.buffer import trajectories
+from tfbus.buffer.files import load, save
 
 HALF = Sampling(max_gap_s=0.5)
 ROOT = Path(__file__).parents[2]
@@ -139,7 +141,7 @@ def test_all_forms_of_lookup_heed_it() -> None:
         lambda: buffer.lookup_transform_full("map", outside, "laser", inside, "map"),
         lambda: buffer.transform_points(CLOUD, "map", "laser", inside),
         lambda: buffer.transform_points(CLOUD, "map", "laser", [inside]),
-        lambda: buffer.trajectory("map", "laser", [inside]),
+        lambda: trajectories.trajectory(buffer, "map", "laser", [inside]),
     ):
         with pytest.raises(GapException):
             call()
@@ -149,7 +151,7 @@ def test_a_trajectory_leaves_out_the_stamps_in_the_holes_of_other_edges(buffer: 
     """As any stamp at which an edge has no data."""
     for tenth in range(23):
         buffer.set_transform(moved(tenth * S // 10, "laser", "tool", 1.0))
-    found = buffer.trajectory("map", "tool", sampling=HALF)
+    found = trajectories.trajectory(buffer, "map", "tool", sampling=HALF)
     assert (found.stamps_ns * 10 // S).tolist() == [0, 1, 2, 3, 4, 20, 21, 22]
 
 
@@ -217,8 +219,8 @@ def test_between_two_parents_a_hole_has_no_answer_either() -> None:
 def test_it_is_saved_with_the_buffer(tmp_path: Path) -> None:
     """And a file of a buffer without one has none."""
     for name, sampling in (("with", HALF), ("without", Sampling())):
-        filled(sampling=sampling).save(tmp_path / name)
-        assert Buffer.load(tmp_path / name).sampling == sampling
+        save(filled(sampling=sampling), tmp_path / name)
+        assert load(tmp_path / name).sampling == sampling
 
 
 def model(stamps: list[int], at: int, max_gap_ns: int) -> bool:

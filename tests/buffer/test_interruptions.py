@@ -7,6 +7,7 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus import Buffer, ExtrapolationException, Sampling
+from tfbus.buffer.files import load, save
 
 WHY = "the recorder was paused"
 
@@ -77,8 +78,8 @@ def test_an_interruption_passes_with_its_samples() -> None:
 
 def test_a_saved_buffer_keeps_its_interruptions(buffer: Buffer, tmp_path: Path) -> None:
     """And the reason of each."""
-    buffer.save(tmp_path / "buffer.npz")
-    loaded = Buffer.load(tmp_path / "buffer.npz")
+    save(buffer, tmp_path / "buffer.npz")
+    loaded = load(tmp_path / "buffer.npz")
     with pytest.raises(ExtrapolationException, match=WHY):
         x(loaded, 4.0)
     assert x(loaded, 6.5) == 6.5

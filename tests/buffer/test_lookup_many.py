@@ -8,6 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.batch_lookup import by_time
 from tfbus.core.sampling import Sampling
@@ -41,7 +42,7 @@ def test_a_call_without_a_timeout_does_not_advise_one():
     points, later = np.zeros((1, 3)), 3 * S
     for call in (
         lambda: buffer.lookup_transforms("world", "robot", [later]),
-        lambda: buffer.trajectory("world", "robot", [later]),
+        lambda: trajectories.trajectory(buffer, "world", "robot", [later]),
         lambda: buffer.transform_points(points, "world", "robot", [later]),
         lambda: buffer.transform_points(points, "world", "robot", later),
         lambda: buffer.lookup_twist("robot", "world", later),

@@ -17,6 +17,7 @@ import pytest
 from tests.builders import S, moved
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.formats import as_yaml
 from tfbus.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
@@ -163,7 +164,7 @@ def test_a_lookup_beside_inserts_and_removals_answers_or_says_why(
         ):
             with suppress(TransformException):
                 question()
-        buffer.all_frames_as_yaml()
+        as_yaml(buffer.all_frames())
 
     for step in (come_and_go, come_and_go, look, look):
         crowd.repeat(step)

@@ -4,6 +4,7 @@ import pytest
 
 from tests.builders import S, moved, x_of
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.formats import as_yaml
 from tfbus.buffer.info import Change
 from tfbus.errors import (
     ConnectivityException,
@@ -36,7 +37,7 @@ def test_a_removed_frame_is_in_no_history() -> None:
     assert [info.name for info in buffer.all_frames()] == ["a", "c"]
     assert buffer.frame("c").parent == "a"
     assert x_of(buffer, "a", "c") == 6.0
-    assert "parent: 'a'" in buffer.all_frames_as_yaml()
+    assert "parent: 'a'" in as_yaml(buffer.all_frames())
 
 
 def test_at_a_time_below_a_removed_frame_nothing_is_known() -> None:

@@ -11,6 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from tests.builders import examples, moved
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.files import load, save
 from tfbus.errors import (
     InvalidArgumentException,
     LookupException,
@@ -266,8 +267,8 @@ class TreeMachine(RuleBasedStateMachine):
     def save_and_load(self):
         """The buffer goes on as it was."""
         path = Path(self.files.name) / "buffer.npz"
-        self.buffer.save(path)
-        self.buffer = Buffer.load(path)
+        save(self.buffer, path)
+        self.buffer = load(path)
 
     def teardown(self):
         """Remove the files."""

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from tests.builders import at
 from tests.recording.foreign_files import RawTransform, Sent, write_bag
 from tfbus import Buffer, Trajectory
+from tfbus.buffer import trajectories
 from tfbus.cli import main
 from tfbus.cli.bag.group import VERBS
 from tfbus.cli.bag.group import command as group
@@ -199,7 +200,7 @@ def test_all_transforms_are_exported(drive: Path) -> None:
     """As rows that a buffer reads, and as arrays."""
     wrote("export", drive, "-o", "all.csv")
     buffer = Buffer(cache_time_s=1e6)
-    buffer.read_csv("all.csv")
+    trajectories.insert_csv(buffer, "all.csv")
     assert buffer.lookup_transform("world", "base", START_NS + S).transform.xyz[0] == 10
     wrote("export", drive, "-o", "all.npz")
     with np.load("all.npz") as data:

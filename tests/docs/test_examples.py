@@ -19,6 +19,7 @@ from tests.docs.pages import ROOT
 from tests.docs.simulated_shell import start_script
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
+from tfbus.buffer import trajectories
 from tfbus.discover.presence import describe_nodes, list_nodes
 from tfbus.testing.programs import Program
 
@@ -287,8 +288,10 @@ def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
     imu = start(bus, "imu_1khz.py")
     buffer = Buffer()
     with TransformListener(buffer, bus.node("listener")):
-        eventually(lambda: "imu" in buffer.frames() and len(buffer.samples("imu")) > 500)
-        steps_ns = np.diff(buffer.samples("imu").stamps_ns)
+        eventually(
+            lambda: "imu" in buffer.frames() and len(trajectories.samples(buffer, "imu")) > 500
+        )
+        steps_ns = np.diff(trajectories.samples(buffer, "imu").stamps_ns)
     assert steps_ns.min() == 1_000_000
     assert not (steps_ns % 1_000_000).any()
     imu.wait_for_line(

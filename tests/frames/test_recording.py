@@ -11,6 +11,7 @@ import pytest
 import tfbus
 from tests.builders import S, in_recording, moved
 from tfbus import Buffer, Transform, TransformStamped
+from tfbus.buffer import trajectories
 from tfbus.recording.items import EventItem, EventKind, Item, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 
@@ -124,7 +125,7 @@ def test_two_times(bag: tfbus.Recording) -> None:
 
 def test_a_trajectory(bag: tfbus.Recording) -> None:
     """All of it, and a part of it."""
-    whole = filled(robot()).trajectory("map", "laser")
+    whole = trajectories.trajectory(filled(robot()), "map", "laser")
     assert bag.trajectory("map", "laser") == whole
     first, last = T0 + 10 * S, T0 + 20 * S
     part = whole[(whole.stamps_ns >= first) & (whole.stamps_ns <= last)]
@@ -134,8 +135,8 @@ def test_a_trajectory(bag: tfbus.Recording) -> None:
 def test_samples(bag: tfbus.Recording) -> None:
     """What was sent of a frame, dynamic or static."""
     buffer = filled(robot())
-    assert bag.samples("slow") == buffer.samples("slow")
-    assert bag.samples("laser") == buffer.samples("laser")
+    assert bag.samples("slow") == trajectories.samples(buffer, "slow")
+    assert bag.samples("laser") == trajectories.samples(buffer, "laser")
     with pytest.raises(tfbus.LookupException, match="did you mean 'slow'"):
         bag.samples("slov")
 
@@ -278,7 +279,7 @@ def test_the_buffer_of_a_span_is_a_listeners(tmp_path: Path) -> None:
     ]
     bag = tfbus.Recording(written(tmp_path / "a.mcap", items))
     whole = bag.buffer()
-    assert len(whole.samples("a")) == 1
+    assert len(trajectories.samples(whole, "a")) == 1
     assert whole.frame("b").gone and "c" not in whole.frames()
     early = bag.buffer(T0 + S // 2, T0 + 2 * S - 1)
     assert early.lookup_transform("map", "laser", T0 + S).transform.xyz[0] == 2

@@ -12,6 +12,7 @@ import tfbus
 from tests.simulation.budgets import beyond
 from tests.simulation.model import Publisher
 from tests.simulation.plans import PLAIN
+from tfbus.buffer import trajectories
 from tfbus.testing.processes import Process
 
 if TYPE_CHECKING:
@@ -451,7 +452,7 @@ def _value(buffer: Any, frame: str) -> tuple[float, float] | None:
 
 def _samples(buffer: Any, frame: str) -> Any:
     try:
-        found = buffer.samples(frame)
+        found = trajectories.samples(buffer, frame)
     except tfbus.TransformException:
         return None
     return found if len(found) else None

@@ -6,7 +6,6 @@ Compiled if there is a C compiler (`buffer.pxd` has the C types).
 from __future__ import annotations
 
 import math
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,14 +18,12 @@ from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.core.held import Held
+from tfbus.core.held import Contents, Held
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import (
-    ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
-    LookupException,
     TransformException,
 )
 from tfbus.geometry.batch import TransformBatch
@@ -35,8 +32,8 @@ from tfbus.geometry.transform import (
     TransformStamped,
     check_frame_id,
     check_stamp,
+    check_text,
     make_stamped,
-    plain,
 )
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.runtime.callables import check_plain, is_async
@@ -50,10 +47,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     # These are imported where they are used, which few processes do: a process is to start soon.
-    from tfbus.buffer.drawing import Drawing
-    from tfbus.buffer.saved import Contents
     from tfbus.geometry.twist import TwistStamped
-    from tfbus.trajectory.trajectory import Trajectory
 else:
     from tfbus.core import lazy_numpy as np
 
@@ -112,7 +106,7 @@ class Buffer:
 
     def __cinit__(self, *_: object, **__: object) -> None:
         # A subclass may forget to call `super().__init__()`: then it has the defaults.
-        self._fill(10.0, TF2, SYSTEM_CLOCK, _default_max_samples(10.0))
+        self._fill(10.0, TF2, SYSTEM_CLOCK, default_max_samples(10.0))
 
     def __init__(
         self,
@@ -126,7 +120,7 @@ class Buffer:
         _check_sampling(sampling)
         _check_clock(clock)
         if max_samples is None:
-            max_samples = _default_max_samples(cache_time_s)
+            max_samples = default_max_samples(cache_time_s)
         if not isinstance(max_samples, int) or max_samples < 1:
             raise InvalidArgumentException(
                 f"max_samples must be a whole number of samples, 1 or more, not {max_samples!r}"
@@ -186,7 +180,7 @@ class Buffer:
                 f"transform: expected a tfbus.TransformStamped, got a {type(transform).__name__}"
             )
         if type(authority) is not str:
-            authority = _text(authority, "authority")
+            authority = check_text(authority, "authority")
         lock = self._store.lock
         if not lock.enter():
             lock.leave()
@@ -214,7 +208,7 @@ class Buffer:
         """
         columns = batch if isinstance(batch, Columns) else _columns(batch)
         if type(authority) is not str:
-            authority = _text(authority, "authority")
+            authority = check_text(authority, "authority")
         lock = self._store.lock
         if not lock.enter():
             lock.leave()
@@ -251,7 +245,7 @@ class Buffer:
         recorder is paused: a lookup between the two samples of an edge raises
         ExtrapolationException with this reason. Static frames are not concerned.
         """
-        reason = _text(reason, "reason")
+        reason = check_text(reason, "reason")
         if self._store.lock.later(self.interrupt, reason):
             return
         with self._store.lock:
@@ -263,7 +257,7 @@ class Buffer:
         Frames below it stay, and it stays as their root. Raises LookupException for an unknown
         frame.
         """
-        frame = _text(frame, "frame")
+        frame = check_text(frame, "frame")
         if self._store.lock.later(self.remove, frame):
             return
         known = False
@@ -281,7 +275,7 @@ class Buffer:
         """The frames whose last transform this authority sent, and how many samples of each are
         held, of a static one 0.
         """
-        authority = _text(authority, "authority")
+        authority = check_text(authority, "authority")
         held: dict[str, int] = {}
         for some in self._in_slices(self._frames_of(authority)):
             with self._store.lock:
@@ -307,7 +301,7 @@ class Buffer:
         """Forget the samples of the frames that this authority sent last, because it restarted;
         static transforms stay. With `frames` only of these.
         """
-        authority = _text(authority, "authority")
+        authority = check_text(authority, "authority")
         if self._store.lock.later(self.forget, authority, frames):
             return
         for some in self._in_slices(self._frames_of(authority) if frames is None else frames):
@@ -317,7 +311,7 @@ class Buffer:
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Note that the publisher of those of the frames that it sent last is gone, or back."""
-        authority = _text(authority, "authority")
+        authority = check_text(authority, "authority")
         if self._store.lock.later(self.mark_gone, frames, gone, authority):
             return
         for some in self._in_slices(frames):
@@ -327,13 +321,13 @@ class Buffer:
 
     def remove_sent(self, frames: Iterable[str], authority: str) -> None:
         """Remove those of the frames that this authority sent last, as `remove` does."""
-        authority = _text(authority, "authority")
+        authority = check_text(authority, "authority")
         if self._store.lock.later(self.remove_sent, frames, authority):
             return
         for some in self._in_slices(frames):
             with self._store.lock:
                 for frame in some:
-                    self._store.tree.remove_sent(_text(frame, "frame"), authority)
+                    self._store.tree.remove_sent(check_text(frame, "frame"), authority)
             self._store.notify()
         self._store.waiters.wake_all()
 
@@ -787,154 +781,11 @@ class Buffer:
             end,
         )
 
-    # Trajectories
-
-    def samples(self, frame: str, *, parent: str | None = None) -> Trajectory:
-        """The samples of a frame as they came, in the frame above it now, or in `parent`, one that
-        it had before: stamps and poses as arrays.
-
-        A static frame has one. Raises LookupException for an unknown frame.
-        """
-        from tfbus.buffer.trajectories import samples_of
-
-        frame = _text(frame, "frame")
-        if parent is not None:
-            parent = _text(parent, "parent")
-        with self._store.lock:
-            history = self._store.tree.frames.get(frame)
-            held = None if history is None else history.held()
-        if held is None:
-            raise self._store.unknown_frame(frame)
-        return samples_of(frame, held, parent)
-
-    def trajectory(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamps_ns: ArrayLike | None = None,
-        *,
-        sampling: Sampling | None = None,
-    ) -> Trajectory:
-        """The poses of the source in the target, at rising stamps (N,).
-
-        Without stamps at those of the samples of the source, or of the first dynamic frame on the
-        way from it to the target, if all edges between have data. Raises as
-        `lookup_transforms`.
-        """
-        from tfbus.trajectory.trajectory import Trajectory
-
-        if stamps_ns is not None:
-            poses = self.lookup_transforms(target_frame, source_frame, stamps_ns, sampling=sampling)
-            return Trajectory(target_frame, source_frame, stamps_ns, poses.xyz, poses.quat_xyzw)
-        names = self.path(target_frame, source_frame)
-        with self._store.lock:
-            path = self._store.tree.path(target_frame, source_frame)
-            edges = [] if path is None else [each for each in path.edges() if not each.static]
-            held = edges[0].held() if edges else None
-        if held is None:
-            raise InvalidArgumentException(
-                f"{' -> '.join(map(repr, reversed(names)))} is static: give the stamps_ns of the "
-                "trajectory"
-            )
-        poses, known = self.lookup_known_transforms(
-            target_frame, source_frame, held.stamps_ns, sampling=sampling
-        )
-        return Trajectory(
-            target_frame,
-            source_frame,
-            held.stamps_ns[known],
-            poses.xyz[known],
-            poses.quat_xyzw[known],
-        )
-
-    def set_trajectory(self, trajectory: Trajectory, *, authority: str = "") -> None:
-        """Store the poses of a trajectory, as `set_transforms` does.
-
-        Raises InvalidArgumentException, and stores nothing, if it is longer than the buffer keeps;
-        `Buffer(cache_time_s=math.inf)` keeps all. Raises LoopException.
-        """
-        from tfbus.buffer.trajectories import as_batch, check_span
-        from tfbus.trajectory.trajectory import Trajectory
-
-        if not isinstance(trajectory, Trajectory):
-            raise InvalidArgumentException(
-                f"trajectory: expected a tfbus.Trajectory, got a {type(trajectory).__name__}"
-            )
-        with self._store.lock:
-            history = self._store.tree.frames.get(trajectory.child_frame_id)
-            span = None if history is None or history.static else history.stamp_span()
-        check_span(trajectory, self.cache_time_s, None if span is None else span[1])
-        for first in trajectory[:1]:
-            self.set_transform(first, authority=authority)
-        stored = self.set_transforms(as_batch(trajectory), authority=authority)
-        if stored < len(trajectory):
-            raise InvalidArgumentException(
-                f"{trajectory!r} is not stored whole: {self.rejected.last}"
-            )
-
-    def read_tum(
-        self,
-        path: str | os.PathLike[str],
-        frame_id: str,
-        child_frame_id: str,
-        *,
-        authority: str = "",
-    ) -> Trajectory:
-        """Store the trajectory of a file in TUM's format, of the child in the frame; returns it.
-
-        Raises as `Trajectory.read_tum` and `set_trajectory`.
-        """
-        from tfbus.trajectory.trajectory import Trajectory
-
-        trajectory = Trajectory.read_tum(path, frame_id, child_frame_id)
-        self.set_trajectory(trajectory, authority=authority)
-        return trajectory
-
-    def read_csv(self, path: str | os.PathLike[str], *, authority: str = "") -> list[Trajectory]:
-        """Store the trajectories of a CSV file, one for each pair of frames in it; returns them.
-
-        The columns are those of `Trajectory.read_csv`. Raises as that and `set_trajectory`.
-        """
-        from tfbus.trajectory.table import read_tables
-
-        trajectories = read_tables(path)
-        for trajectory in trajectories:
-            self.set_trajectory(trajectory, authority=authority)
-        return trajectories
-
-    # Files
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write all samples, static transforms and settings to a file, for `Buffer.load`.
-
-        It is an .npz archive of numpy; a former file is replaced in one step. Raises OSError.
-        """
-        # It loads zipfile, which most processes do not need.
-        from tfbus.buffer.saved import write
-
-        write(self._contents(), path)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Buffer":
-        """The buffer that was saved to a file: every lookup has the same answer, to the last bit.
-
-        It runs no code of the file, and checks it. Raises DecodeError for another file, or one cut
-        short; OSError.
-        """
-        from tfbus.buffer.saved import read
-
-        contents = read(path)
-        limit = contents.max_samples
-        if limit is None:
-            most = max((len(held.stamps_ns) for held in contents.frames.values()), default=0)
-            limit = max(_default_max_samples(contents.cache_time_s), most)
-        buffer = cls(contents.cache_time_s, sampling=contents.sampling, max_samples=limit)
-        buffer._restore(contents.frames)
-        return buffer
+    # Copying it
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A pickle of it: what `save` writes. Lookups that wait, listeners and a clock stay behind:
-        the clock of what is unpickled is the system's.
+        """A pickle of it: the contents that `files.save` writes. Lookups that wait, listeners and a
+        clock stay behind: the clock of what is unpickled is the system's.
         """
         return _unpickled, (type(self), self._contents(), self._store.is_ended), self._own_values()
 
@@ -955,8 +806,6 @@ class Buffer:
         return {name: value for name, value in values.items() if name not in _ATTRIBUTES} or None
 
     def _contents(self) -> Contents:
-        from tfbus.buffer.saved import Contents
-
         with self._store.lock:
             held = self._store.tree.held()
         return Contents(self.cache_time_s, self._store.tree.max_samples, self.sampling, held)
@@ -974,7 +823,7 @@ class Buffer:
 
     def frame(self, name: str) -> FrameInfo:
         """The state of one frame. Raises LookupException if it is unknown."""
-        name = _text(name, "name")
+        name = check_text(name, "name")
         with self._store.lock:
             info = self._store.tree.info(name)
         if info is None:
@@ -998,64 +847,10 @@ class Buffer:
         with self._store.lock:
             return self._store.tree.infos()
 
-    def all_frames_as_yaml(self) -> str:
-        """Every edge as YAML, in the form of tf2's `allFramesAsYAML`."""
-        from tfbus.buffer.formats import as_yaml
-
-        return as_yaml(self.all_frames())
-
-    def all_frames_as_dot(self) -> str:
-        """The trees as a Graphviz graph, in the form of tf2's view_frames."""
-        from tfbus.buffer.formats import as_dot
-
-        return as_dot(self.all_frames())
-
-    def all_frames_as_text(self) -> str:
-        """The trees as lines of text, children below their parent."""
-        from tfbus.buffer.formats import as_text
-
-        return as_text(self.all_frames())
-
-    def show(
-        self,
-        target_frame: str | None = None,
-        source_frame: str | None = None,
-        stamp_ns: int | None = None,
-    ) -> None:
-        """Show the trees: drawn in a notebook, printed elsewhere.
-
-        With two frames the path between them is marked, and their transform is shown, or why there
-        is none. `tfbus.view.show(buffer)` opens a page in three dimensions.
-        """
-        from tfbus.buffer.drawing import display
-
-        display(self._drawing(target_frame, source_frame, stamp_ns))
-
-    def _drawing(
-        self, target_frame: str | None, source_frame: str | None, stamp_ns: int | None
-    ) -> Drawing:
-        from tfbus.buffer.drawing import Drawing
-
-        if target_frame is None and source_frame is None:
-            return Drawing(self.all_frames())
-        if target_frame is None or source_frame is None:
-            raise InvalidArgumentException("name two frames, the target and the source, or none")
-        try:
-            names = self.path(target_frame, source_frame)
-        except (ConnectivityException, LookupException):
-            names = [target_frame, source_frame]
-        try:
-            answer: TransformStamped | TransformException = self.lookup_transform(
-                target_frame, source_frame, stamp_ns
-            )
-        except TransformException as error:
-            answer = error
-        return Drawing(self.all_frames(), tuple(names), answer)
-
     def _repr_html_(self) -> str:
-        from tfbus.buffer.drawing import Drawing
+        from tfbus.buffer.formats import as_html
 
-        return Drawing(self.all_frames())._repr_html_()
+        return as_html(self.all_frames())
 
     def _repr_svg_(self) -> str:
         from tfbus.buffer.formats import as_svg
@@ -1077,7 +872,8 @@ def _unpickled(kind: type[Buffer], contents: Contents, is_ended: bool) -> Buffer
     return buffer
 
 
-def _default_max_samples(cache_time_s: float) -> int:
+def default_max_samples(cache_time_s: float) -> int:
+    """The samples of a frame that a buffer keeps if nothing else is said."""
     return max(_LEAST_SAMPLES, round(min(cache_time_s, 1e9) * _SAMPLES_A_SECOND))
 
 
@@ -1102,12 +898,6 @@ def _columns(batch: TransformBatch | Iterable[TransformStamped]) -> Columns:
             f"{type(batch).__name__}"
         )
     return Columns.of_transforms(batch)
-
-
-def _text(text: object, what: str) -> str:
-    if not isinstance(text, str):
-        raise InvalidArgumentException(f"{what} must be a str, not {type(text).__name__}")
-    return plain(text)
 
 
 def _check_sampling(sampling: object) -> None:

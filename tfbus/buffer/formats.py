@@ -1,11 +1,25 @@
-"""Frames as text, a graph and a drawing, for people and for tools that read tf2's dumps."""
+"""A buffer as text, a graph and a drawing, for people and for tools that read tf2's dumps.
 
+All but `show` take the frames as `buffer.all_frames()` returns them.
+"""
+
+import math
 import re
+import sys
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 
+from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
-from tfbus.wording import counted, printable
+from tfbus.errors import (
+    ConnectivityException,
+    InvalidArgumentException,
+    LookupException,
+    TransformException,
+)
+from tfbus.geometry.transform import TransformStamped
+from tfbus.wording import counted, printable, stamp_text
 
 # The rate that tf2 writes for static edges, which have none.
 _TF2_STATIC_RATE = 10000.0
@@ -117,6 +131,87 @@ def as_svg(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
             f'<tspan fill="#888">{"  " if facts else ""}{facts}</tspan></text>'
         )
     return "".join(parts) + "</svg>"
+
+
+def as_html(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
+    """The drawing of `as_svg`, in a box that scrolls sideways."""
+    return f'<div style="overflow-x:auto">{as_svg(frames, path)}</div>'
+
+
+def show(
+    buffer: Buffer,
+    target_frame: str | None = None,
+    source_frame: str | None = None,
+    stamp_ns: int | None = None,
+) -> None:
+    """Show the trees of a buffer: drawn in a notebook, printed elsewhere.
+
+    With two frames the path between them is marked, and their transform is shown, or why there
+    is none. `tfbus.view.show(buffer)` opens a page in three dimensions.
+    """
+    drawing = _drawing(buffer, target_frame, source_frame, stamp_ns)
+    ipython = sys.modules.get("IPython")
+    if ipython is not None and ipython.get_ipython() is not None:
+        ipython.display.display(drawing)
+    else:
+        print(drawing)
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """The trees of a buffer, and with a path the transform along it, or why there is none."""
+
+    frames: Sequence[FrameInfo]
+    path: tuple[str, ...] = ()
+    answer: TransformStamped | TransformException | None = None
+
+    def __str__(self) -> str:
+        tree = as_text(self.frames, self.path) if self.frames else "no frames yet"
+        return tree if self.answer is None else f"{tree}\n\n{_numbers(self.answer)}"
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        drawn = as_html(self.frames, self.path)
+        if self.answer is None:
+            return drawn
+        from html import escape  # slow to import, and few draw
+
+        return f"{drawn}<pre>{escape(_numbers(self.answer))}</pre>"
+
+
+def _drawing(
+    buffer: Buffer, target_frame: str | None, source_frame: str | None, stamp_ns: int | None
+) -> _Drawing:
+    if target_frame is None and source_frame is None:
+        return _Drawing(buffer.all_frames())
+    if target_frame is None or source_frame is None:
+        raise InvalidArgumentException("name two frames, the target and the source, or none")
+    try:
+        names = buffer.path(target_frame, source_frame)
+    except (ConnectivityException, LookupException):
+        names = [target_frame, source_frame]
+    try:
+        answer: TransformStamped | TransformException = buffer.lookup_transform(
+            target_frame, source_frame, stamp_ns
+        )
+    except TransformException as error:
+        answer = error
+    return _Drawing(buffer.all_frames(), tuple(names), answer)
+
+
+def _numbers(answer: TransformStamped | TransformException) -> str:
+    """The transform in numbers for people, or why there is none."""
+    if isinstance(answer, TransformException):
+        return str(answer)
+    pose = answer.transform
+    xyz = ", ".join(f"{value + 0.0:.3f}" for value in pose.xyz)
+    rpy = ", ".join(f"{math.degrees(value) + 0.0:.2f}" for value in pose.as_rpy())
+    when = f" at {stamp_text(answer.stamp_ns)} s" if answer.stamp_ns else ""
+    return (
+        f"{answer.child_frame_id} seen from {answer.frame_id}{when}:\n"
+        f"x, y, z in m: {xyz}\nroll, pitch, yaw in degrees: {rpy}"
+    )
 
 
 def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import after_waiting
+from tfbus.buffer.formats import as_dot, as_yaml
 from tfbus.compat.fields import message_of, stamped_of
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.time import Time, stamp_ns_of
@@ -184,7 +185,7 @@ class BufferCore:
 
     def all_frames_as_yaml(self) -> str:
         """Every edge as YAML."""
-        return self._buffer.all_frames_as_yaml()
+        return as_yaml(self._buffer.all_frames())
 
     def all_frames_as_string(self) -> str:
         """A line for each edge."""
@@ -195,7 +196,7 @@ class BufferCore:
         )
 
     def _allFramesAsDot(self, time: Any = None) -> str:
-        return self._buffer.all_frames_as_dot()
+        return as_dot(self._buffer.all_frames())
 
     def _getFrameStrings(self) -> list[str]:
         return self._buffer.frames()

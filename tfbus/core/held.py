@@ -1,9 +1,10 @@
-"""All that a buffer holds of one frame, as values."""
+"""All that a buffer holds, as values."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tfbus.core.sampling import Sampling
 from tfbus.runtime.structs import Struct, field
 
 if TYPE_CHECKING:
@@ -39,3 +40,12 @@ class Held(Struct, eq=False):
     ended: bool
     crowded_out: int
     interruptions: dict[int, str] = field(default_factory=dict)
+
+
+class Contents(Struct, eq=False):
+    """The parts of a buffer; `max_samples` is None in a file that does not say it."""
+
+    cache_time_s: float
+    max_samples: int | None
+    sampling: Sampling
+    frames: dict[str, Held]

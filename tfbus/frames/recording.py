@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
+from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
@@ -415,7 +416,9 @@ class Recording(Closing):
                         "lookup_transforms(target_frame, source_frame, stamps_ns) has it at stamps "
                         "of your choice"
                     )
-                part = span.buffer.trajectory(target_frame, source_frame, sampling=sampling)
+                part = trajectories.trajectory(
+                    span.buffer, target_frame, source_frame, sampling=sampling
+                )
             except InvalidArgumentException:
                 raise
             except TransformException as error:

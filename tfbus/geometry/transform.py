@@ -674,6 +674,13 @@ def plain(text: str) -> str:
     return text if type(text) is str else str.__str__(text)
 
 
+def check_text(text: object, what: str) -> str:
+    """The text as a plain str. Raises InvalidArgumentException for anything but a text."""
+    if not isinstance(text, str):
+        raise InvalidArgumentException(f"{what} must be a str, not {type(text).__name__}")
+    return plain(text)
+
+
 def check_stamp(stamp_ns: object, what: str = "stamp", of_text: str = "") -> int:
     """The stamp as an int. Raises InvalidArgumentException if it cannot be one, which says
     `of_text` of a str.

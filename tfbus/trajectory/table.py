@@ -72,7 +72,7 @@ def read_one(path: FilePath) -> Trajectory:
     pairs = listed([f"{each.child_frame_id} in {each.frame_id}" for each in found], most=3)
     raise DecodeError(
         f"{path} has the poses of {len(found)} pairs of frames ({pairs}): read them into a buffer, "
-        "with buffer.read_csv"
+        "with tfbus.buffer.trajectories.insert_csv"
     )
 
 

@@ -11,14 +11,15 @@ import os
 import struct
 import zipfile
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.core.held import Held, Pose
+from tfbus.buffer.buffer import Buffer, default_max_samples
+from tfbus.core.held import Contents, Held, Pose
 from tfbus.core.kernel import LONGEST_NS, NO_DATA, QUATERNION_TOLERANCE
 from tfbus.core.sampling import Sampling
 from tfbus.errors import DecodeError, InvalidArgumentException
@@ -43,18 +44,12 @@ _REMOVED = -1
 _LONGEST_AUTHORITY = 65_536
 
 
-@dataclass(frozen=True)
-class Contents:
-    """The parts of a buffer; `max_samples` is None in a file that does not say it."""
+def save(buffer: Buffer, path: str | os.PathLike[str]) -> None:
+    """Write all samples, static transforms and settings of a buffer to a file, for `load`.
 
-    cache_time_s: float
-    max_samples: int | None
-    sampling: Sampling
-    frames: dict[str, Held]
-
-
-def write(contents: Contents, path: str | os.PathLike[str]) -> None:
-    """Write the file; it replaces a former one in one step. Raises OSError."""
+    It is an .npz archive of numpy; a former file is replaced in one step. Raises OSError.
+    """
+    contents = buffer._contents()
     index: dict[str | None, int] = {name: at for at, name in enumerate(contents.frames)}
     index[None] = _REMOVED
     held = list(contents.frames.values())
@@ -80,13 +75,24 @@ def write(contents: Contents, path: str | os.PathLike[str]) -> None:
         )
 
 
-def read(path: str | os.PathLike[str]) -> Contents:
-    """The contents of a file. Raises DecodeError for one that is no saved buffer, and OSError."""
+def load(path: str | os.PathLike[str]) -> Buffer:
+    """The buffer that was saved to a file: every lookup has the same answer, to the last bit.
+
+    It runs no code of the file, and checks it. Raises DecodeError for another file, or one cut
+    short; OSError.
+    """
     with open(path, "rb") as file:
         try:
-            return _contents(_arrays(file))
+            contents = _contents(_arrays(file))
         except _Unusable as error:
             raise DecodeError(f"{path} is not a buffer that can be loaded: {error}") from error
+    limit = contents.max_samples
+    if limit is None:
+        most = max((len(held.stamps_ns) for held in contents.frames.values()), default=0)
+        limit = max(default_max_samples(contents.cache_time_s), most)
+    buffer = Buffer(contents.cache_time_s, sampling=contents.sampling, max_samples=limit)
+    buffer._restore(contents.frames)
+    return buffer
 
 
 class _Unusable(Exception):

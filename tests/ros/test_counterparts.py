@@ -16,6 +16,7 @@ from tfbus.cli.messages.fields import prototype
 from tfbus.ros.counterparts import COUNTERPARTS, LIVE_COUNTERPARTS, counterpart_of_ros
 from tfbus.ros.definitions import JOINT_STATE, STRING, Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
+from tfbus.ros.value_codec import UnfitError
 from tfbus.wire.codec import as_map, from_map
 
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
@@ -169,6 +170,24 @@ def test_mixed_names_are_no_trap(values: dict[str, Any], sentence: str) -> None:
         return
     with pytest.raises(DecodeError, match=sentence):
         from_map(messages.PoseStamped, values)
+
+
+@pytest.mark.parametrize("message", [POSE, ODOM], ids=lambda message: type(message).__name__)
+def test_a_pose_without_its_frame_is_no_pose_in_ros(message: Any) -> None:
+    """A required field that is missing is not made up; a recording keeps the message as it is."""
+    name, values = type(message).__name__, as_map(message)
+    del values["frame_id"]
+    with pytest.raises(UnfitError, match="frame_id"):
+        COUNTERPARTS[name].to_ros(values)
+    codec, data = MessageCodecs().encode(name, values)
+    assert codec.decode(data) == values
+
+
+def test_a_joint_state_of_an_old_publisher_has_no_frame() -> None:
+    """The field came later, with a default, so that it may be missing."""
+    values = as_map(STATE)
+    del values["frame_id"]
+    assert COUNTERPARTS["JointState"].to_ros(values)["header"]["frame_id"] == ""
 
 
 def test_a_header_beside_a_stamp_is_an_unknown_field() -> None:

@@ -3,7 +3,7 @@
 import inspect
 import math
 import struct
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, make_dataclass
 from typing import Any
 
 import msgpack
@@ -151,6 +151,19 @@ def test_every_kind_of_field_comes_back() -> None:
     assert list(read.range_m) == [0.0, -0.0]
     assert bytes(read.serial_number) == b"\0\xff"
     assert (read.names.entries[0].key, read.names.entries[0].value) == ("a", -1)
+
+
+@pytest.mark.parametrize("known", [messages.Imu, messages.PoseStamped])
+def test_a_type_of_a_program_is_not_that_of_its_name(known: type) -> None:
+    """A dataclass that only calls itself as a type of tfbus.messages has its own fields."""
+    name = MessageCodec.of_type(known).definition.name
+    other = make_dataclass(known.__name__, [("note", str, "")])
+    if "__msgtype__" in vars(known):
+        other.__msgtype__ = name  # type: ignore[attr-defined]
+    codec = MessageCodec.of_type(other)
+    assert codec.definition.name != name
+    data = codec.encode({"note": "near"})
+    assert data is not None and codec.decode(data) == {"note": "near"}
 
 
 def test_messages_of_known_types_have_their_definition_from_the_start() -> None:

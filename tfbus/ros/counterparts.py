@@ -183,8 +183,7 @@ def _in_ros(value: Any, type_: Type) -> Any:
         return value
     try:
         if _has_header(type_):
-            # Those of an old publisher have no frame.
-            value = with_header({"frame_id": "", **value})
+            value = with_header(value)
         names = [field.key for field in type_.fields]
         if value.keys() != {*names}:
             raise UnfitError(f"the fields of a {type_.name} must be {', '.join(names)}")
@@ -210,9 +209,11 @@ def _has_header(message: Message) -> bool:
     )
 
 
-def _by_rule(message_type: type, added: Mapping[str, Any]) -> tuple[_ToRos, _OfRos]:
-    """The way to ROS and back; ROS lacks the fields that ours has `added`."""
+def _by_rule(message_type: type) -> tuple[_ToRos, _OfRos]:
+    """The way to ROS and back."""
     message = message_named(message_type.__ros__)  # type: ignore[attr-defined]
+    added = _ADDED.get(message_type.__name__, {})
+    later = _LATER.get(message_type.__name__, {})
 
     def to_ros(values: Mapping[str, Any]) -> dict[str, Any]:
         try:
@@ -221,7 +222,7 @@ def _by_rule(message_type: type, added: Mapping[str, Any]) -> tuple[_ToRos, _OfR
             raise UnfitError(str(error)) from error
         if not added.keys() <= values.keys():
             raise UnfitError(f"it must have {', '.join(added)}")
-        values = {name: value for name, value in values.items() if name not in added}
+        values = {**later, **{name: values[name] for name in values if name not in added}}
         made: dict[str, Any] = _in_ros(values, message)
         return made
 
@@ -293,6 +294,8 @@ def _refusing(definition: Definition, of_ros: _OfRos) -> _OfRos:
 # The exceptions: fields that ROS lacks, with what they are in a message of ROS, and types whose
 # content ROS has in other fields.
 _ADDED: Mapping[str, Mapping[str, Any]] = {"Pose": {"stamp_ns": 0}}
+# Fields that ours got later than others, with their values in messages of an old publisher.
+_LATER: Mapping[str, Mapping[str, Any]] = {"JointState": {"frame_id": ""}}
 _OTHERWISE: Mapping[str, tuple[_ToRos, _OfRos]] = {
     "Clock": (_clock_to_ros, _clock_of_ros),
     "RobotDescription": (_description_to_ros, _description_of_ros),
@@ -310,7 +313,7 @@ def as_in_ros(definition: Definition) -> Counterpart:
 def _counterpart(message_type: type) -> Counterpart:
     name = message_type.__name__
     definition = known_definition(message_type.__ros__)  # type: ignore[attr-defined]
-    to_ros, of_ros = _OTHERWISE.get(name) or _by_rule(message_type, _ADDED.get(name, {}))
+    to_ros, of_ros = _OTHERWISE.get(name) or _by_rule(message_type)
     return Counterpart(name, definition, to_ros, _refusing(definition, of_ros))
 
 

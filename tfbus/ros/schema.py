@@ -51,11 +51,11 @@ class MessageCodec:
         Messages get names of their own among `names`.
         """
         name = name_of(message_type)
-        counterpart = COUNTERPARTS.get(name)
-        if counterpart is not None and getattr(messages, name) is message_type:
-            return MessageCodec.of_definition(counterpart.definition, counterpart)
-        if name in AS_IN_ROS:
-            return MessageCodec.of_definition(AS_IN_ROS[name].definition)
+        if message_type is getattr(messages, message_type.__name__, None):  # not one of its name
+            if (as_in_ros := AS_IN_ROS.get(name)) is not None:
+                return MessageCodec.of_definition(as_in_ros.definition)
+            if (counterpart := COUNTERPARTS.get(name)) is not None:
+                return MessageCodec.of_definition(counterpart.definition, counterpart)
         return _codec(type_of_dataclass(message_type), names)
 
     @staticmethod

@@ -50,7 +50,10 @@ class Ros2Network:
         env = {
             **{key: text for key, text in os.environ.items() if not key.startswith("ROS_")},
             "ROS_DOMAIN_ID": _DOMAIN,
-            "CYCLONEDDS_URI": "<Discovery><LeaseDuration>60s</LeaseDuration></Discovery>",
+            # For an hour, so that only who says that it ends is seen to end.
+            "CYCLONEDDS_URI": "<Discovery><LeaseDuration>3600s</LeaseDuration></Discovery>",
+            "FASTDDS_DEFAULT_PROFILES_FILE": str(_HERE / "no_lease.xml"),
+            "FASTRTPS_DEFAULT_PROFILES_FILE": str(_HERE / "no_lease.xml"),
             "PYTHONPATH": str(_HERE.parents[1]),
             "PYTHONUNBUFFERED": "1",
         }

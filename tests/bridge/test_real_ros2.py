@@ -22,8 +22,6 @@ TF, TF_STATIC = "/tf", "/tf_static"
 NODE = "/tfbus_ros2"
 # More messages than ever wait anywhere.
 ENOUGH = 20
-# Before ROS takes it for lost: after 20 s where rclpy is the leg, and 60 s where Cyclone is.
-AT_ONCE_S = 18.0
 # A leg that disturbs others does so about every other time.
 TRIES = 4
 
@@ -158,7 +156,7 @@ def test_a_publisher_that_cannot_be_heard_is_named(scene: Scene) -> None:
 
 
 def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
-    """A leg that ends is gone from ROS at once; the next has all again, and ROS its frames."""
+    """A leg that ends tells ROS so; the next has all again, and ROS its frames."""
     scene.late.wait_for(TF_STATIC, "first_static")
     gid = scene.first.last("gids")[TF_STATIC]
 
@@ -167,7 +165,7 @@ def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
 
     eventually(is_seen)
     assert scene.first.process.stop(signal.SIGINT) == 0
-    eventually(lambda: not is_seen(), within_s=AT_ONCE_S)
+    eventually(lambda: not is_seen())
     second = scene.network.start_leg("second_dynamic", "second_static")
     for topic, child in ((TF, "early_dynamic"), (TF_STATIC, "early_static")):
         second.wait_for(topic, child)

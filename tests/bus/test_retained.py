@@ -44,22 +44,23 @@ with Session(settings, logging.getLogger()) as session:
 """
 
 # Publishers that end as their heartbeat comes, while callbacks of a subscriber follow each other.
+# Another process beats beside them: where Python stands still its beats pile up, 100 in the 10 s
+# that Zenoh waits; where the machine is busy both have few turns.
 _HEARTBEAT = """
-import logging, sys, threading, time
+import logging, os, subprocess, sys, threading, time
 from tfbus import NodeSettings
 from tfbus.bus import retained
 from tfbus.bus.session import Session
 
 retained._HEARTBEAT_S = 0.01
 is_ended = threading.Event()
-longest_s = 0.0
+beats = subprocess.Popen(["sh", "-c", "while sleep 0.1; do echo; done"], stdout=subprocess.PIPE)
+piled_up = 0
 
 def watch():
-    global longest_s
+    global piled_up
     while not is_ended.is_set():
-        began_s = time.monotonic()
-        time.sleep(0.001)
-        longest_s = max(longest_s, time.monotonic() - began_s)
+        piled_up = max(piled_up, len(os.read(beats.stdout.fileno(), 4096)))
 
 def flood(sender):
     while not is_ended.is_set():
@@ -78,12 +79,13 @@ with Session(settings, logging.getLogger()) as session:
         while time.monotonic() < until_s:
             ends.put(b"y")
         ends.close()
-        if longest_s > 5.0:
+        if piled_up > 50:
             break
     is_ended.set()
     for thread in threads:
         thread.join()
-sys.exit(f"Python stood still for {longest_s:.1f} s" if longest_s > 5.0 else 0)
+beats.kill()
+sys.exit(f"Python stood still for {piled_up} beats" if piled_up > 50 else 0)
 """
 
 

@@ -19,6 +19,7 @@ def describe_frame(buffer: Buffer, name: str, now_ns: int) -> dict[str, object]:
     frame = buffer.frame(name)
     known: dict[str, object] = {"gone": frame.gone, "static": frame.static}
     if not frame.static and frame.newest_ns is not None:
+        known["newest_ns"] = frame.newest_ns
         known["age_s"] = (now_ns - frame.newest_ns) / _NS_PER_S
     if frame.static and frame.parent is not None:
         try:

@@ -4,7 +4,7 @@ import itertools
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.cli.output import longest_line, paint, paint_state, table
@@ -25,12 +25,18 @@ _BESIDE_NAME = 20
 @dataclass(frozen=True)
 class Column(Generic[T]):
     """A column of a table: its heading, and its text for a row of the report. A column that is
-    `rare` is shown only if a row has text in it: 80 columns have no room for all.
+    `rare` is shown only if a row has text in it: 80 columns have no room for all. `needs` is "now"
+    for numbers that go stale with the span, "span" for times of a recording.
     """
 
     heading: str
     text: Callable[[Report, T], str]
     rare: bool = False
+    needs: Literal["report", "now", "span"] = "report"
+
+    def has_needs(self, report: Report) -> bool:
+        """Whether the report has the numbers of this column."""
+        return self.needs == "report" or (report.span is None) == (self.needs == "now")
 
 
 def as_lines(report: Report, hint: str = "") -> list[str]:
@@ -50,8 +56,9 @@ def _table(
     report: Report, columns: Sequence[Column[T]], rows: Sequence[T], names: int
 ) -> list[str]:
     """A table whose first columns are names."""
-    texts = {column: [column.text(report, row) for row in rows] for column in columns}
-    shown = [each for each in columns if not each.rare or any(texts[each])]
+    told = [each for each in columns if each.has_needs(report)]
+    texts = {column: [column.text(report, row) for row in rows] for column in told}
+    shown = [each for each in told if not each.rare or any(texts[each])]
     cells = zip(*(texts[each] for each in shown), strict=True)
     headings = [each.heading for each in shown]
     return table(headings, cells, right=range(names, len(shown)), names=range(2))
@@ -114,9 +121,9 @@ EDGES = (
     Column("jitter", _jitter),
     Column("delay p50", _median_delay),
     Column("p99", _longest_delay),
-    Column("age", _age),
+    Column("age", _age, needs="now"),
     Column("disordered", _disordered, rare=True),
-    Column("longest gap", _longest_gap, rare=True),
+    Column("longest gap", _longest_gap, needs="span"),
 )
 
 

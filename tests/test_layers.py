@@ -29,7 +29,7 @@ STOREYS = [
     {"node"},
     {"broadcast", "listen"},
     {"frames"},
-    {"bag"},
+    {"bag", "inspect"},
     {"monitor"},
     {"bridge", "compat", "doctor", "foxglove", "launch", "top", "view"},
     {"cli"},

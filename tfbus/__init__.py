@@ -14,6 +14,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus import inspect as inspect
     from tfbus import view as view
     from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcast.broadcaster import TransformBroadcaster as TransformBroadcaster
@@ -152,9 +153,9 @@ __all__ = sorted(_MODULE_OF)
 def __getattr__(name: str) -> "Any":
     if name == "__version__":
         value = imported("tfbus.runtime.version").installed_version()
-    elif name == "view":
+    elif name in ("inspect", "view"):
         # `import tfbus` is enough for `tfbus.view.show(buffer)`.
-        value = imported("tfbus.view")
+        value = imported(f"tfbus.{name}")
     elif name in _MODULE_OF:
         value = getattr(imported(_MODULE_OF[name]), name)
     else:

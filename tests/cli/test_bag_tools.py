@@ -163,7 +163,8 @@ def test_monitor_prints_the_rates_and_the_longest_gap(path: Path) -> None:
     assert max(map(len, lines)) <= 80
     report = json.loads(run("monitor", "world", "laser", "--bag", path, "--json").output)
     assert report["pair"]["chain"] == ["world", "base", "laser"]
-    assert [edge["child"] for edge in report["edges"]] == ["base"]
+    assert [edge["child"] for edge in report["edges"]] == ["base", "laser"]
+    assert report["statics"] == ["laser"]
 
 
 @pytest.mark.parametrize("span", [(), ("--to", "+5s")])
@@ -180,12 +181,15 @@ def test_a_command_that_monitor_names_can_be_copied(path: Path, span: tuple[str,
 
 
 def test_doctor_checks_a_recording(path: Path) -> None:
-    """It has checks of its own; those of this host and bus are left out."""
+    """By the same table; checks of this host and bus are skipped, and named in one line."""
     found = json.loads(run("doctor", "--bag", path, "--json").output)
     assert found["gaps"]["verdict"] == found["gone"]["verdict"] == "warn"
-    assert "scouting" not in found
-    other = run("doctor", "--bag", path, "--only", "scouting")
-    assert other.exit_code == 2 and "not of a recording" in other.output
+    assert found["scouting"]["verdict"] == "skipped"
+    lines = run("doctor", "--bag", path).output.splitlines()
+    assert not [line for line in lines if line.startswith("skipped scouting")]
+    assert "scouting" in " ".join(lines[-4:])
+    other = run("doctor", "--bag", path, "--only", "unread")
+    assert other.exit_code == 0 and "live bus" in other.output
     listed = run("doctor", "--bag", path, "--list").output
     assert "clock-jumps" in listed and "routers" not in listed
 

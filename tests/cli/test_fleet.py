@@ -59,7 +59,7 @@ def test_one_robot_is_seen_from_another(robots: Bus) -> None:
 def test_the_doctor_measures_every_robot(robots: Bus) -> None:
     """`tfbus doctor --fleet` checks how the frames of all robots come."""
     found = json.loads(robots.run("doctor", *SHARED, "--only", "order", "--json").stdout)
-    assert found["order"]["evidence"] == ["2 dynamic frames in 3 s"]
+    assert found["order"]["evidence"] == ["2 dynamic frames in 3.0 s"]
 
 
 def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from tfbus.cli.output import paint, screen, table, yaml_text
 from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
-from tfbus.monitor.window import Reading
+from tfbus.monitor.flow import Reading
 
 
 class TestTables:

@@ -16,9 +16,9 @@ from tests.recordings import (
     write,
 )
 from tfbus import NodeSettings
+from tfbus.doctor.checks import OF_A_BUS, examined
 from tfbus.doctor.finding import Finding
 from tfbus.doctor.recorded import examine_recorded
-from tfbus.doctor.recorded_checks import RECORDED_CHECKS
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.reader import RecordingReader
@@ -89,9 +89,8 @@ def findings(tmp_path: Path, items: Iterable[Item]) -> dict[str, Finding]:
             NodeSettings("doctor"),
             reader.start_ns,
             reader.end_ns,
-            is_complete=reader.is_complete,
         )
-    return {name: check(seen) for name, check in RECORDED_CHECKS.items()}
+    return examined(seen)
 
 
 def test_a_healthy_recording_has_no_finding(tmp_path: Path) -> None:
@@ -99,6 +98,12 @@ def test_a_healthy_recording_has_no_finding(tmp_path: Path) -> None:
     verdicts = {name: each.verdict for name, each in findings(tmp_path, HEALTHY).items()}
     assert set(verdicts.values()) <= {"ok", "skipped"}, verdicts
     assert verdicts["gaps"] == verdicts["complete"] == "ok"
+
+
+def test_the_counts_of_nodes_are_not_recorded(tmp_path: Path) -> None:
+    """Nothing is said of who reads a stream: a recording has what nodes said when they came."""
+    found = findings(tmp_path, HEALTHY)
+    assert {found[name] for name in ("unread", "buffers", "dropped", "callbacks")} == {OF_A_BUS}
 
 
 @pytest.mark.parametrize("name", TROUBLE)

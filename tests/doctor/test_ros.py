@@ -14,11 +14,11 @@ from tests.live_bus import Bus, free_port
 from tests.ros2_on_zenoh import Ros2
 from tfbus import Buffer, NodeSettings
 from tfbus.bus.session import Session
-from tfbus.doctor.examination import Examination, Host
+from tfbus.doctor.examination import Examination, Participant, RosAround
+from tfbus.doctor.host_checks import check_ros
 from tfbus.doctor.ros import RosWatch, nodes_of_master, read_tokens
-from tfbus.doctor.ros_around import Participant, RosAround
-from tfbus.doctor.ros_checks import check_ros
 from tfbus.doctor.rtps import RtpsWatch, participant_of
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.wire.descriptions import NodeDescription
 
@@ -264,6 +264,5 @@ def test_a_bridge_of_another_name_is_named() -> None:
 
 
 def _examined(around: RosAround, *nodes: NodeDescription) -> Examination:
-    host = Host({}, is_compiled=True, interfaces=(), scouted=None, routers=0)
-    tree = frame_tree(Buffer(), (), 0)
-    return Examination(NodeSettings("doctor"), host, nodes, tree, (), 3.0, ros=around)
+    moment = BusMoment(at_ns=0, tree=frame_tree(Buffer(), (), 0), nodes=nodes)
+    return Examination(NodeSettings("doctor"), moment, (), 3.0, ros=around)

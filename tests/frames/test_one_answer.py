@@ -20,7 +20,7 @@ from tfbus.errors import ExtrapolationException, LookupException, TfbusError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.recorded_poses import frames_of, recorded_track, recorded_transform
 from tfbus.frames.recorded_poses import recorded_transforms as echoed
-from tfbus.frames.recorded_why import explain_recorded
+from tfbus.frames.why import explain_recorded
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformStamped
 from tfbus.frames import document
-from tfbus.frames.layout import Size, outline, tidy
+from tfbus.frames.document import edge_lines, tree_lines
+from tfbus.frames.picture import Size, outline, tidy
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.listen.info import StreamInfo
 from tfbus.wording import duration
 

@@ -21,11 +21,12 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, Host
-from tfbus.frames.simulated import SimulatedTime
+from tfbus.doctor.examination import Examination
+from tfbus.frames.clocks import SimulatedTime
+from tfbus.frames.document import tree_lines
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.frames.state import stale_after_s, state
-from tfbus.frames.text import tree_lines
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import Report
 from tfbus.runtime.clock import SimulatedClock
@@ -169,7 +170,7 @@ def said_by_frames(tree: FrameTree) -> Faults:
 def said_by_top(tree: FrameTree) -> Faults:
     """The cell `state` of the frame in `tfbus top`."""
     unused: Any = None
-    table = frames_table(Report(tree, {}, unused, None))
+    table = frames_table(Report(BusMoment(at_ns=NOW_NS, tree=tree), {}, unused, None))
     (row,) = [row for row in table.rows if row.key == FRAME]
     said = row.cells[table.headings.index("state")].text
     faults = tuple(said.split(", ")) if said else ()
@@ -179,8 +180,7 @@ def said_by_top(tree: FrameTree) -> Faults:
 
 def said_by_doctor(tree: FrameTree) -> Faults:
     """The checks of `tfbus doctor` that name the frame."""
-    host = Host({}, is_compiled=True, interfaces=(), scouted=None, routers=0)
-    seen = Examination(NodeSettings("doctor"), host, (), tree, (), 3.0)
+    seen = Examination(NodeSettings("doctor"), BusMoment(at_ns=NOW_NS, tree=tree), (), 3.0)
     checks = {"gone": "gone", "conflicts": "conflict", "stale": "stale", "stamps": "ahead"}
     return tuple(
         fault

@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.monitor.window import Reading, Window, spread_of
+from tfbus.monitor.flow import Reading, Window, spread_of
 
 
 def test_the_spread_of_numbers() -> None:

@@ -12,8 +12,8 @@ from tfbus.cli.output import first_lines, printable_text
 from tfbus.discover.graph import graph_of
 from tfbus.frames import document
 from tfbus.frames.command_listener import Listening
+from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.snapshot import frame_tree
-from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import PairWatch, as_map, make_report

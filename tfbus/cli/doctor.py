@@ -1,8 +1,13 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
+import os
+import subprocess
 import textwrap
+import time
 from collections import Counter
-from dataclasses import asdict, replace
+from collections.abc import Iterable
+from contextlib import closing, suppress
+from dataclasses import asdict
 
 import click
 
@@ -11,14 +16,13 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, 
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
-from tfbus.doctor.checks import CHECKS
+from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.finding import Finding, Verdict
-from tfbus.doctor.recorded_checks import RECORDED_CHECKS
+from tfbus.frames.changes import Ongoing
 from tfbus.wire.fleet import Fleet
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
-_ALL = {**CHECKS, **RECORDED_CHECKS}
-_NAME_WIDTH = 2 + max(map(len, _ALL))
+_NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
 
 
@@ -29,7 +33,7 @@ _INDENT = " " * 4
 @click.option(
     "--only",
     "names",
-    type=click.Choice(list(_ALL)),
+    type=click.Choice(list(CHECKS)),
     multiple=True,
     metavar="CHECK",
     help="Run only this check; repeatable. --list names all.",
@@ -44,6 +48,20 @@ _INDENT = " " * 4
     help="How long to listen, at least 0.5.",
 )
 @click.option("--list", "list_checks", is_flag=True, help="Print the checks and exit.")
+@click.option(
+    "-w",
+    "--watch",
+    is_flag=True,
+    help="Go on until Ctrl-C, and print each finding when it begins and when it ends.",
+)
+@click.option("--exit-on-fail", is_flag=True, help="With --watch: exit with 1 at a failure.")
+@click.option(
+    "--on-fail",
+    "on_fail",
+    metavar="COMMAND",
+    help="With --watch: run this in a shell at each failure that begins, with TFBUS_CHECK, "
+    "TFBUS_EVIDENCE and TFBUS_REMEDY in its environment.",
+)
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
 @listening_options(lambda: own_name("_doctor"))
@@ -54,28 +72,96 @@ def command(
     names: tuple[str, ...],
     listen_s: float,
     list_checks: bool,
+    watch: bool,
+    exit_on_fail: bool,
+    on_fail: str | None,
     as_json: bool,
 ) -> None:
     """Check this host and the bus, and say what to fix; exits with 1 on a failure.
 
     With --bag, check a recording, or a span of it.
     """
-    checks = CHECKS if bag is None else RECORDED_CHECKS
     if list_checks:
-        print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in checks.items())
+        print_lines(
+            f"{name.ljust(_NAME_WIDTH)}{check.promise}"
+            for name, check in CHECKS.items()
+            if check.applies(to_recording=bag is not None)
+        )
         return
-    for name in names:
-        if name not in checks:
-            where = "a bus, not of a recording" if bag else "a recording: give --bag FILE"
-            raise click.UsageError(f"--only {name} is a check of {where}")
+    if (exit_on_fail or on_fail) and not watch:
+        raise click.UsageError("--exit-on-fail and --on-fail are for --watch")
     if bag is not None:
-        findings = _check_recording(settings, fleet, bag, names, as_json)
-    else:
-        from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
+        if watch:
+            raise click.UsageError("--watch checks a bus; a recording does not change")
+        _print(_check_recording(settings, fleet, bag, names, as_json), as_json)
+        return
+    from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
-        seen = examine(settings, listen_s, warn, fleet)
-        findings = {name: CHECKS[name](seen) for name in CHECKS if not names or name in names}
-    _print(findings, as_json)
+    with closing(examine(settings, listen_s, warn, fleet)) as examinations:
+        if watch:
+            findings = (examined(seen, _watched(names)) for seen in examinations)
+            with suppress(KeyboardInterrupt):  # its usual end
+                _watch(findings, as_json, exit_on_fail, on_fail)
+        else:
+            _print(examined(next(examinations), names), as_json)
+
+
+def _watched(names: tuple[str, ...]) -> list[str]:
+    """The checks that make sense again and again: the doctor itself reads each stream then."""
+    return [name for name in names or CHECKS if name != "unread"]
+
+
+def _watch(
+    findings: Iterable[dict[str, Finding]], as_json: bool, exit_on_fail: bool, on_fail: str | None
+) -> None:
+    """Print findings when they begin and end, for ever."""
+    ongoing: Ongoing[tuple[str, Verdict], Finding] = Ongoing()
+    is_first = True
+    for found in findings:
+        troubles: dict[tuple[str, Verdict], Finding] = {
+            (name, each.verdict): each
+            for name, each in found.items()
+            if each.verdict in ("warn", "fail")
+        }
+        begun, ended = ongoing.update(troubles)
+        for (name, _), finding in ended.items():
+            _say(name, finding, as_json, "ended")
+        for (name, _), finding in begun.items():
+            _say(name, finding, as_json, "begun")
+        if is_first and not begun and not as_json:
+            print_lines([f"{_now()} {_summary(found)}: nothing is wrong"])
+        is_first = False
+        failed = [(name, each) for (name, verdict), each in begun.items() if verdict == "fail"]
+        for name, finding in failed if on_fail else ():
+            _run(on_fail or "", name, finding)
+        if failed and exit_on_fail:
+            raise SystemExit(1)
+
+
+def _say(name: str, finding: Finding, as_json: bool, event: str) -> None:
+    if as_json:
+        print_json({"at_ns": time.time_ns(), "event": event, "check": name} | asdict(finding))
+    elif event == "ended":
+        print_lines([f"{_now()} {paint('ended'.ljust(8), 'good')}{name}"])
+    else:
+        first, *rest = _lines(name, finding)
+        print_lines([f"{_now()} {first}", *rest])
+
+
+def _now() -> str:
+    return time.strftime("%H:%M:%S")
+
+
+def _run(line: str, name: str, finding: Finding) -> None:
+    """Run the command of --on-fail to its end; its own failure is said, and no reason to stop."""
+    told = {
+        "TFBUS_CHECK": name,
+        "TFBUS_EVIDENCE": "\n".join(finding.evidence),
+        "TFBUS_REMEDY": finding.remedy,
+    }
+    code = subprocess.run(line, shell=True, env={**os.environ, **told}, check=False).returncode
+    if code:
+        warn(f"the command of --on-fail exited with {code}: {line}")
 
 
 def _check_recording(
@@ -92,24 +178,27 @@ def _check_recording(
     with bag.opened() as recording:
         from_ns, to_ns = recording.span
         frames = frames_of(recording, settings, fleet)
-        is_complete = recording.reader.is_complete
-        seen = examine_recorded(frames, settings, from_ns, to_ns, is_complete=is_complete)
-        damage = tuple(each.text(frames.start_ns) for each in recording.reader.damage)
-        seen = replace(seen, damage=damage)
+        seen = examine_recorded(frames, settings, from_ns, to_ns)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))
-    return {
-        name: check(seen) for name, check in RECORDED_CHECKS.items() if not names or name in names
-    }
+    return examined(seen, names)
 
 
 def _print(findings: dict[str, Finding], as_json: bool) -> None:
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
+        # Of all checks, those that cannot be made of a recording are one line.
+        left_out = [name for name, each in findings.items() if each == OF_A_BUS]
+        alone = len(left_out) == len(findings)
         for name, finding in findings.items():
-            print_lines(_lines(name, finding))
-        print_lines([_summary(findings)])
+            if alone or name not in left_out:
+                print_lines(_lines(name, finding))
+        if left_out and not alone:
+            names = ", ".join(left_out)
+            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", "", ""))
+        else:
+            print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
         raise SystemExit(1)
 
@@ -125,12 +214,12 @@ def _lines(name: str, finding: Finding) -> list[str]:
     return [*lines, *_wrapped(f"Fix: {finding.remedy}", "")]
 
 
-def _wrapped(text: str, bullet: str) -> list[str]:
+def _wrapped(text: str, bullet: str, indent: str = _INDENT) -> list[str]:
     return textwrap.wrap(
         text,
         max(width(), 40),
-        initial_indent=f"{_INDENT}{bullet}",
-        subsequent_indent=_INDENT + " " * len(bullet),
+        initial_indent=f"{indent}{bullet}",
+        subsequent_indent=indent + " " * len(bullet),
         break_on_hyphens=False,
     )
 

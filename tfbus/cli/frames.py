@@ -16,9 +16,9 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
 from tfbus.frames import document
+from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet

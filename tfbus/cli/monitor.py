@@ -11,12 +11,12 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running
-from tfbus.cli.monitor_report import as_lines, span_as_lines
+from tfbus.cli.monitor_report import as_lines
 from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, Number, own_name
-from tfbus.frames.heard import Heard
+from tfbus.frames.moment import BusView
 from tfbus.monitor.report import PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
@@ -102,7 +102,6 @@ def _measure_recorded(
     from tfbus.cli.recorded import span_lines
     from tfbus.frames.recorded_poses import frames_of
     from tfbus.monitor.recorded import MOST_LOOKS, measured
-    from tfbus.monitor.recorded import as_map as span_as_map
 
     pair = None
     if target is not None and source is not None:
@@ -116,13 +115,13 @@ def _measure_recorded(
             of_bag += ["--at", stamp_text(to_ns)]
         _check(heard, report, once=True, of_bag=of_bag)
         if as_json:
-            print_json(span_as_map(report))
+            print_json(as_map(report))
         else:
             print_lines(span_lines(bag, heard, from_ns, to_ns))
-            print_lines(span_as_lines(report, heard.start_ns))
+            print_lines(as_lines(report))
 
 
-def _check(heard: Heard, report: Report, once: bool, of_bag: Sequence[str] = ()) -> None:
+def _check(heard: BusView, report: Report, once: bool, of_bag: Sequence[str] = ()) -> None:
     """Raises ClickException if there is nothing to measure and waiting does not help.
 
     `of_bag` are the words by which another command looks at the same moment of a recording.

@@ -2,17 +2,19 @@
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
 
+from tfbus.buffer.info import FrameInfo
 from tfbus.cli.output import longest_line, paint, paint_state, table
-from tfbus.frames.other_clocks import is_another_time, whose_clock
+from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.state import faults, state
-from tfbus.monitor.report import Pair, Report
+from tfbus.listen.info import StreamInfo
+from tfbus.monitor.report import MeasuredEdge, Pair, Report
 from tfbus.wording import counted, cut_middle, duration, listed
 
-if TYPE_CHECKING:
-    from tfbus.monitor.recorded import SpanReport
+T = TypeVar("T")
 
 # Between two frames of a chain.
 _TO = " -> "
@@ -20,58 +22,156 @@ _TO = " -> "
 _BESIDE_NAME = 20
 
 
+@dataclass(frozen=True)
+class Column(Generic[T]):
+    """A column of a table: its heading, and its text for a row of the report. A column that is
+    `rare` is shown only if a row has text in it: 80 columns have no room for all. `needs` is "now"
+    for numbers that go stale with the span, "span" for times of a recording.
+    """
+
+    heading: str
+    text: Callable[[Report, T], str]
+    rare: bool = False
+    needs: Literal["report", "now", "span"] = "report"
+
+    def has_needs(self, report: Report) -> bool:
+        """Whether the report has the numbers of this column."""
+        return self.needs == "report" or (report.span is None) == (self.needs == "now")
+
+
 def as_lines(report: Report, hint: str = "") -> list[str]:
     """The report as tables; `hint` is where to look if there is no transform."""
     lines = _pair_lines(report.pair) if report.pair else []
     if report.pair and report.pair.failure:
         return lines
-    if not report.edges():
+    rows = report.rows()
+    if not rows:
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
-    tables = [*_edge_table(report), "", *_stream_table(report)]
-    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
+    streams = list(report.tree.streams.values())
+    lines += [*_table(report, EDGES, rows, names=2), "", *_table(report, STREAMS, streams, names=3)]
+    return [*lines, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
 
 
-def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
-    """The report of a span of a recording that begins at `start_ns`, as tables."""
-    lines = _pair_lines(report.pair) if report.pair else []
-    flows = report.shown()
-    disorder = _disorder(flow.out_of_order for flow in flows)
-    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", *disorder, "longest gap")
-    rows = []
-    for flow in flows:
-        delays, gap = flow.delays_s, ""
-        if flow.gap_from_ns is not None:
-            at_s = (flow.gap_from_ns - start_ns) / 1e9
-            gap = f"{duration(flow.longest_gap_s)} at +{at_s:.1f}s"
-        rows.append(
-            [
-                flow.child,
-                flow.stream,
-                "" if flow.rate_hz is None else f"{flow.rate_hz:.1f}",
-                "" if flow.jitter_s is None else duration(flow.jitter_s),
-                "" if delays is None else duration(delays.p50),
-                "" if delays is None else duration(delays.p99),
-                *(str(flow.out_of_order) for _ in disorder),
-                paint(gap, "warning") if gap else "",
-            ]
-        )
-    empty = [""] * (len(headings) - 3)
-    rows += [[frame.name, frame.authority, "static", *empty] for frame in report.statics()]
-    tables = [*_table(headings, sorted(rows), right=range(2, len(headings))), ""]
-    of_stream = ("stream", "node", "host", "Hz", "missed", "restarts")
-    rows = [
-        [
-            stream.name,
-            stream.node if stream.alive else paint(f"{stream.node} GONE", "bad"),
-            stream.host,
-            f"{report.meter.stream(stream.name).messages_hz:.1f}",
-            str(stream.missed),
-            str(report.restarts(stream.name)),
-        ]
-        for stream in report.tree.streams.values()
-    ]
-    tables += _table(of_stream, rows, right=range(3, len(of_stream)))
-    return [*lines, *tables, *_ahead_lines(report)]
+def _table(
+    report: Report, columns: Sequence[Column[T]], rows: Sequence[T], names: int
+) -> list[str]:
+    """A table whose first columns are names."""
+    told = [each for each in columns if each.has_needs(report)]
+    texts = {column: [column.text(report, row) for row in rows] for column in told}
+    shown = [each for each in told if not each.rare or any(texts[each])]
+    cells = zip(*(texts[each] for each in shown), strict=True)
+    headings = [each.heading for each in shown]
+    return table(headings, cells, right=range(names, len(shown)), names=range(2))
+
+
+def _frame(report: Report, row: MeasuredEdge) -> str:
+    return paint_state(row.frame.name, state(report.tree, _now(report, row)))
+
+
+def _publisher(report: Report, row: MeasuredEdge) -> str:
+    now = _now(report, row)
+    wrong = faults(report.tree, now)
+    by = row.frame.authority
+    return paint_state(f"{by} {', '.join(wrong).upper()}", state(report.tree, now)) if wrong else by
+
+
+def _now(report: Report, row: MeasuredEdge) -> FrameInfo:
+    """The frame of an edge as it is in the tree: another publisher's sample may be the last."""
+    return report.tree.frames.get(row.frame.name, row.frame)
+
+
+def _rate(report: Report, row: MeasuredEdge) -> str:
+    if row.frame.static:
+        return "static"
+    return "" if row.flow.rate_hz is None else f"{row.flow.rate_hz:.1f}"
+
+
+def _jitter(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.jitter_s is None else duration(row.flow.jitter_s)
+
+
+def _median_delay(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p50)
+
+
+def _longest_delay(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p99)
+
+
+def _age(report: Report, row: MeasuredEdge) -> str:
+    age_s = report.tree.age_s(row.frame)
+    return "" if age_s is None else duration(age_s)
+
+
+def _disordered(report: Report, row: MeasuredEdge) -> str:
+    return str(row.flow.out_of_order) if row.flow.out_of_order else ""
+
+
+def _longest_gap(report: Report, row: MeasuredEdge) -> str:
+    if row.flow.gap_from_ns is None:
+        return ""
+    at_s = (row.flow.gap_from_ns - report.moment.start_ns) / 1e9
+    return paint(f"{duration(row.flow.longest_gap_s)} at +{at_s:.1f}s", "warning")
+
+
+EDGES = (
+    Column("frame", _frame),
+    Column("by", _publisher),
+    Column("Hz", _rate),
+    Column("jitter", _jitter),
+    Column("delay p50", _median_delay),
+    Column("p99", _longest_delay),
+    Column("age", _age, needs="now"),
+    Column("disordered", _disordered, rare=True),
+    Column("longest gap", _longest_gap, needs="span"),
+)
+
+
+def _stream(report: Report, stream: StreamInfo) -> str:
+    return stream.name
+
+
+def _node(report: Report, stream: StreamInfo) -> str:
+    return stream.node if stream.alive else paint(f"{stream.node} GONE", "bad")
+
+
+def _host(report: Report, stream: StreamInfo) -> str:
+    return stream.host
+
+
+def _messages(report: Report, stream: StreamInfo) -> str:
+    return f"{report.meter.stream(stream.name).messages_hz:.1f}"
+
+
+def _kilobytes(report: Report, stream: StreamInfo) -> str:
+    load = report.meter.stream(stream.name).bytes_per_s
+    return "" if load is None else f"{load / 1e3:.1f}"
+
+
+def _missed(report: Report, stream: StreamInfo) -> str:
+    return str(stream.missed)
+
+
+def _restarts(report: Report, stream: StreamInfo) -> str:
+    restarts = report.meter.stream(stream.name).restarts
+    return str(restarts) if restarts else ""
+
+
+def _clock(report: Report, stream: StreamInfo) -> str:
+    offset_s = stream.clock_offset_s
+    return "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}"
+
+
+STREAMS = (
+    Column("stream", _stream),
+    Column("node", _node),
+    Column("host", _host),
+    Column("Hz", _messages),
+    Column("kB/s", _kilobytes, rare=True),
+    Column("missed", _missed),
+    Column("restarts", _restarts, rare=True),
+    Column("clock", _clock, rare=True),
+)
 
 
 def _pair_lines(pair: Pair) -> list[str]:
@@ -104,16 +204,6 @@ def _wrapped(line: str) -> list[str]:
     return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
 
 
-def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: range) -> list[str]:
-    """A table whose first two columns are names."""
-    return table(headings, rows, right=right, names=range(2))
-
-
-def _disorder(counts: Iterable[int]) -> tuple[str, ...]:
-    """The heading of that column; in 80 columns there is room for it if it is needed only."""
-    return ("disordered",) if any(counts) else ()
-
-
 def _clock_lines(report: Report) -> list[str]:
     """A line that names the frames with ages that are none."""
     odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
@@ -141,54 +231,8 @@ def _ahead_lines(report: Report) -> list[str]:
     return ["", *(paint(line, "bad") for line in lines)] if lines else []
 
 
-def _edge_table(report: Report) -> list[str]:
-    disorder = _disorder(report.flow(frame).out_of_order for frame in report.edges())
-    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", *disorder)
-    rows = []
-    for frame in report.edges():
-        flow, delays = report.flow(frame), report.flow(frame).delays_s
-        its_state = state(report.tree, frame)
-        if frame.static:
-            cells = ["static", *[""] * (len(headings) - 3)]
-        else:
-            cells = [
-                "" if flow.rate_hz is None else f"{flow.rate_hz:.1f}",
-                "" if flow.jitter_s is None else duration(flow.jitter_s),
-                "" if delays is None else duration(delays.p50),
-                "" if delays is None else duration(delays.p99),
-                duration(report.tree.age_s(frame)),
-                *(str(flow.out_of_order) for _ in disorder),
-            ]
-        name = paint_state(frame.name, its_state)
-        by = frame.authority
-        if wrong := faults(report.tree, frame):
-            by = paint_state(f"{by} {', '.join(wrong).upper()}", its_state)
-        rows.append([name, by, *cells])
-    return _table(headings, rows, right=range(2, len(headings)))
-
-
-def _stream_table(report: Report) -> list[str]:
-    headings = ("stream", "node", "host", "Hz", "kB/s", "missed", "clock")
-    rows = []
-    for stream in report.tree.streams.values():
-        flow = report.meter.stream(stream.name)
-        offset_s = stream.clock_offset_s
-        rows.append(
-            [
-                stream.name,
-                stream.node if stream.alive else paint(f"{stream.node} GONE", "bad"),
-                stream.host,
-                f"{flow.messages_hz:.1f}",
-                f"{flow.bytes_per_s / 1e3:.1f}",
-                str(stream.missed),
-                "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}",
-            ]
-        )
-    return _table(headings, rows, right=range(3, len(headings)))
-
-
 def _dropped_lines(report: Report) -> list[str]:
-    if not report.dropped:
+    if not report.moment.dropped:
         return []
-    text = f"Dropped {counted(report.dropped, 'message')}: transforms come on too many keys"
+    text = f"Dropped {counted(report.moment.dropped, 'message')}: transforms come on too many keys"
     return ["", paint(text, "bad")]

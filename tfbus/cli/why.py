@@ -99,7 +99,7 @@ def _explain_recorded(
     as_json: bool,
 ) -> None:
     from tfbus.cli.recorded import frames_at, moment_lines
-    from tfbus.frames.recorded_why import explain_recorded
+    from tfbus.frames.why import explain_recorded
 
     with frames_at(bag, settings, fleet) as heard:
         explanation = explain_recorded(

@@ -72,6 +72,23 @@ def describe_all(
     return described
 
 
+def describe_present(
+    session: Session,
+    on_unreadable: Callable[[DecodeError], object],
+    *,
+    timeout_s: float = 1.0,
+) -> tuple[list[NodeDescription], list[str]]:
+    """The descriptions of all nodes, and the full names of the nodes that are alive and did not
+    answer in time.
+    """
+    alive = session.living(ALL_NODES_EVERYWHERE)
+    described = describe_all(session, on_unreadable, timeout_s=timeout_s)
+    known = {node.name for node in described}
+    namespace = session.settings.namespace
+    names = {printable(full_name(key, namespace)) for key in alive}
+    return described, sorted(names - known)
+
+
 def describe_streams(
     session: Session,
     on_unreadable: Callable[[DecodeError], object],

@@ -1,14 +1,54 @@
-"""All that the checks look at, as one value: gathered first, judged afterwards."""
+"""The evidence that the checks judge, as one value: gathered first, judged afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
-from tfbus.doctor.ros_around import RosAround
-from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.flow import EdgeFlow
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
+from tfbus.monitor.flow import Edge, EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
+
+if TYPE_CHECKING:
+    from tfbus.monitor.recorded import EdgeSamples
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A participant of DDS, about one a process: its id, the name of its DDS, and whether it is of
+    ROS 2.
+    """
+
+    id: bytes
+    vendor: str
+    is_ros: bool
+
+
+@dataclass(frozen=True)
+class RosAround:
+    """The ROS that is seen from this host.
+
+    `nodes` are the full names of the nodes that rmw_zenoh has, by domain; `at` is the endpoint
+    through which they are seen, "" if it is rmw_zenoh's usual one. `bridges` is the number of
+    zenoh-bridge-ros2dds. `participants` are those of DDS in `domain`, of which `listened_s` seconds
+    were heard; `is_dds_here` is whether one is on this host. `domain` is -1 if ROS_DOMAIN_ID is
+    none. `distro` is the ROS that is sourced. `master_nodes` is the number of nodes of ROS 1 at
+    `master`, None if that does not answer.
+    """
+
+    nodes: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    at: str = ""
+    bridges: int = 0
+    domain: int = 0
+    participants: tuple[Participant, ...] = ()
+    is_dds_here: bool = False
+    listened_s: float = 0.0
+    distro: str = ""
+    is_ros1: bool = False
+    master: str = ""
+    master_nodes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -35,22 +75,84 @@ class Host:
     name: str = ""
 
 
+NO_HOST = Host({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
+
+# Problems that come and go, and are looked for at each change of a stream.
+PASSING: tuple[ProblemKind, ...] = ("conflict", "loop", "gone")
+
+
+@dataclass(frozen=True)
+class PassingProblem:
+    """A problem, and from when to when it was there (log times); `until_ns` is None if it was
+    still there at the end.
+    """
+
+    problem: Problem
+    from_ns: int
+    until_ns: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedSpan:
+    """The span of a recording that is examined, and events in it.
+
+    `start_ns` is the beginning of the recording. `restarts` are the log times at which streams
+    began new epochs, by stream. `samples` are those of each dynamic edge. `lost` counts messages
+    that the recorder dropped, `paused` its pauses; `damage` says what cannot be read.
+    """
+
+    start_ns: int
+    is_complete: bool
+    restarts: dict[str, list[int]]
+    samples: "dict[Edge, EdgeSamples]"
+    passing: tuple[PassingProblem, ...] = ()
+    lost: int = 0
+    paused: int = 0
+    damage: tuple[str, ...] = ()
+
+    def time(self, log_ns: int) -> str:
+        """A log time as `--at` takes it: `+12.345s`."""
+        return f"+{(log_ns - self.start_ns) / 1e9:.3f}s"
+
+
 @dataclass(frozen=True)
 class Examination:
-    """The bus as seen from this host in `listened_s` seconds.
+    """The bus in `listened_s` seconds: as seen from this host, or in a span of a recording.
 
-    `rejected` counts rejected transforms by their reason. `largest` is the size of each stream's
-    largest message, in bytes. `out_of_reach` says of a bus here that this process gets no link to,
-    where it sees no node; "" for none.
+    `moment` is the bus at the end. Of a live bus: `host` and `ros`; `largest` is the size of each
+    stream's largest message, in bytes; `out_of_reach` says of a bus here that this process gets no
+    link to, if it sees no node. Of a recording: `span`.
     """
 
     settings: NodeSettings
-    host: Host
-    nodes: tuple[NodeDescription, ...]
-    tree: FrameTree
+    moment: BusMoment
     flows: tuple[EdgeFlow, ...]
     listened_s: float
-    rejected: Mapping[str, int] = field(default_factory=dict)
-    largest: Mapping[str, int] = field(default_factory=dict)
+    host: Host = NO_HOST
     ros: RosAround = field(default_factory=RosAround)
+    largest: Mapping[str, int] = field(default_factory=dict)
     out_of_reach: str = ""
+    span: RecordedSpan | None = None
+
+    @property
+    def tree(self) -> FrameTree:
+        """The tree of frames at the end."""
+        return self.moment.tree
+
+    @property
+    def nodes(self) -> tuple[NodeDescription, ...]:
+        """The nodes at the end."""
+        return self.moment.nodes
+
+    def problems(self, kind: ProblemKind) -> list[str]:
+        """The problems of a kind as sentences; in a span those that came and went, with times."""
+        if self.span is None or kind not in PASSING:
+            return [each.text for each in self.moment.problems if each.kind == kind]
+        sentences = []
+        for each in self.span.passing:
+            if each.problem.kind == kind:
+                until = "" if each.until_ns is None else f" to {self.span.time(each.until_ns)}"
+                on = " on" if each.until_ns is None else ""
+                begin = self.span.time(each.from_ns)
+                sentences.append(f"from {begin}{until}{on}, {each.problem.text}")
+        return sentences

@@ -1,25 +1,22 @@
-"""Looks at a bus: gathers all that the checks need."""
+"""Looks at a bus: gathers all that the checks need, once or again and again."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
 from tfbus.discover.out_of_reach import bus_out_of_reach
-from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.host import examine_host
 from tfbus.doctor.ros import RosWatch
 from tfbus.errors import DecodeError
-from tfbus.frames.command_listener import wait_for_clock
-from tfbus.frames.snapshot import frame_tree
+from tfbus.frames.command_listener import Listening, answers_of_nodes, wait_for_clock
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
 # What publishers keep shows the rates before.
@@ -31,8 +28,10 @@ def examine(
     listen_s: float,
     on_unreadable: Callable[[DecodeError], object],
     fleet: Fleet | None = None,
-) -> Examination:
-    """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet.
+) -> Generator[Examination]:
+    """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet;
+    then for as long again, and so on, if a further examination is asked for: it counts from where
+    the one before has ended.
 
     Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
     clock runs.
@@ -42,31 +41,33 @@ def examine(
         wait_for_clock(node)
         node.session.settle()
         # Before we subscribe: a listener that nodes report is not ours.
-        nodes = _others(node, describe_all(node.session, on_unreadable))
-        out_of_reach = "" if nodes else bus_out_of_reach(node.session)
+        answers = answers_of_nodes(node.session, on_unreadable)
+        out_of_reach = "" if answers.nodes else bus_out_of_reach(node.session)
         host = examine_host(settings, len(node.session.routers()))
-        buffer = Buffer(_HISTORY_S)
+        buffer, before = Buffer(_HISTORY_S), None
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
-            # Rates are compared with those by the stamps.
-            meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
-            listened_s = _listen(node, listen_s)
-            return Examination(
-                settings,
-                host,
-                nodes,
-                frame_tree(buffer, listener.streams(), node.now_ns()),
-                tuple(meter.edges()),
-                listened_s,
-                dict(buffer.rejected),
-                dict(meter.largest),
-                ros.around(node.session),
-                out_of_reach,
-            )
+            heard = Listening(node, buffer, listener, fleet)
+            while True:
+                # Rates are compared with those by the stamps.
+                meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
+                listened_s = _listen(node, listen_s)
+                if before is not None:
+                    answers = answers_of_nodes(node.session, on_unreadable)
+                heard.note(answers)
+                now = heard.moment()
+                yield Examination(
+                    settings,
+                    now if before is None else now.since(before),
+                    tuple(meter.edges()),
+                    listened_s,
+                    host,
+                    ros.around(node.session),
+                    dict(meter.largest),
+                    "" if now.nodes else out_of_reach,
+                )
+                meter.close()
+                before = now
     raise KeyboardInterrupt  # the node's `with` swallowed it
-
-
-def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescription, ...]:
-    return tuple(each for each in described if each.session != node.session.id)
 
 
 def _listen(node: Node, listen_s: float) -> float:

@@ -1,20 +1,65 @@
 """Checks of how transforms come: their clocks, rates, stamps and sizes."""
 
 from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
-from tfbus.frames.gaps import least_gap_s
-from tfbus.frames.other_clocks import MOST_SKEW_S, is_ahead, is_another_time, whose_clock
+from tfbus.doctor.examination import Examination, RecordedSpan
+from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
+from tfbus.frames.clocks import MOST_SKEW_S, is_ahead, is_another_time, simulated_time, whose_clock
+from tfbus.frames.gaps import gaps_in, least_gap_s
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.state import state, why_another_time
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.flow import EdgeFlow
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, listed
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from tfbus.monitor.recorded import EdgeSamples
+else:
+    from tfbus.core import lazy_numpy as np
+
+
+def check_clock(seen: Examination) -> Finding:
+    """The doctor uses the same time as the publishers."""
+    time = simulated_time(seen.nodes)
+    if not time.clocks:
+        return ok("no simulated time is published")
+    if seen.settings.sim_time or not time.followers:
+        return ok(time.published, time.followed)
+    return Finding(
+        "warn",
+        (f"{time.published}; {time.followed}, and this doctor does not",),
+        "give --sim-time to this tool, and to all nodes that look up these frames",
+    )
+
+
+def of_our_time(seen: Examination) -> list[EdgeFlow]:
+    """The flows whose stamps are by the doctor's own clock, as far as their nodes say."""
+    return list(seen.flows) if seen.settings.sim_time else of_system_time(seen)
+
+
+def of_system_time(seen: Examination) -> list[EdgeFlow]:
+    """The flows of publishers without simulated time, as far as their nodes say."""
+    following = simulated_time(seen.nodes).followers
+    streams = seen.tree.streams
+    return [
+        flow
+        for flow in seen.flows
+        if flow.stream not in streams or streams[flow.stream].node not in following
+    ]
+
 
 # The rate now differs by this factor from that of the history.
 _RATE_FACTOR = 1.5
+# The rate of one of so many parts of a span is compared with that of the whole, unless a part has
+# fewer samples than this.
+_PARTS, _FEW = 10, 5
+# Delays that change by more than this from one second to the next, and stay so, are a clock's jump.
+_JUMP_S = 0.1
+_BIN_NS = 1_000_000_000
 # Jitter above this part of the period is irregular.
 _MOST_JITTER = 0.5
 _DELAYED = "check the network, and the load of this host (tfbus monitor)"
@@ -23,6 +68,31 @@ _SENT_IRREGULARLY = (
 )
 # A message longer than Zenoh's batch goes in fragments: one dropped fragment loses all.
 _BATCH_BYTES = 65_535
+
+
+def check_complete(seen: Examination) -> Finding:
+    """The recording is whole: not cut short, and nothing was dropped."""
+    span = seen.span
+    if span is None:
+        return skipped("it needs a recording")
+    evidence = []
+    if not span.is_complete:
+        evidence.append("it is cut short: the recorder was killed, or its disk was full")
+    if span.damage:
+        evidence.append(f"it is damaged: {listed(span.damage)} cannot be read")
+    if span.lost:
+        evidence.append(
+            f"the recorder dropped {counted(span.lost, 'message')}: its disk or host was too slow"
+        )
+    pauses = f", paused {counted(span.paused, 'time')}" if span.paused else ""
+    return found(
+        "warn",
+        evidence,
+        "tfbus bag recover writes a whole file of what is there"
+        if not span.is_complete or span.damage
+        else "record less (--exclude), or onto a faster disk",
+        f"{duration(seen.listened_s)}, whole{pauses}",
+    )
 
 
 def check_clock_skew(seen: Examination) -> Finding:
@@ -49,7 +119,22 @@ def check_clock_skew(seen: Examination) -> Finding:
 
 
 def check_rates(seen: Examination) -> Finding:
-    """Frames come at least as often as they did before."""
+    """Frames come as often as they are sent, and at all times."""
+    span = seen.span
+    if span is None:
+        evidence = _held_up(seen)
+    else:
+        samples = sorted(span.samples.items())
+        evidence = [
+            each for (_, _, child), of in samples for each in _changed_rates(span, child, of)
+        ]
+    return _of_flows(
+        seen, "warn", evidence, "check the load of its node and of the network (tfbus monitor)"
+    )
+
+
+def _held_up(seen: Examination) -> list[str]:
+    """The frames that come less often now than by the stamps of what their publishers kept."""
     publishers = Counter(flow.child for flow in seen.flows)
     evidence = []
     for flow in _of_near_stamps(seen):
@@ -63,9 +148,24 @@ def check_rates(seen: Examination) -> Finding:
                 f"{flow.child!r} arrives at {flow.rate_hz:.1f} Hz; by its stamps it is sent at "
                 f"{before_hz:.1f} Hz"
             )
-    return _of_flows(
-        seen, "warn", evidence, "check the load of its node and of the network (tfbus monitor)"
-    )
+    return evidence
+
+
+def _changed_rates(span: RecordedSpan, child: str, samples: "EdgeSamples") -> Iterator[str]:
+    log_ns = samples.log_ns
+    parts = np.array_split(log_ns, _PARTS)
+    rates = [
+        (int(part[0]), (len(part) - 1) * 1e9 / float(part[-1] - part[0]))
+        for part in parts
+        if len(part) >= _FEW and part[-1] > part[0] and not gaps_in(np.diff(part)).any()
+    ]
+    if not rates:
+        return
+    usual = float(np.median([hz for _, hz in rates]))
+    odd = [(at_ns, hz) for at_ns, hz in rates if not 1 / _RATE_FACTOR < hz / usual < _RATE_FACTOR]
+    if odd:
+        at_ns, hz = odd[0]
+        yield f"{child!r} comes at {usual:.1f} Hz, but from {span.time(at_ns)} on at {hz:.1f} Hz"
 
 
 def check_jitter(seen: Examination) -> Finding:
@@ -91,14 +191,12 @@ def check_jitter(seen: Examination) -> Finding:
 
 def check_gaps(seen: Examination) -> Finding:
     """No samples are missing in between."""
-    evidence = []
-    for flow in _of_near_stamps(seen):
-        limit_s = least_gap_s(1.0 / flow.rate_hz if flow.rate_hz else 0.0)
-        if flow.longest_gap_s > limit_s:
-            evidence.append(
-                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in that time "
-                "interpolate across the gap"
-            )
+    if seen.span is None:
+        evidence = list(_pauses(seen))
+    else:
+        evidence = [
+            _of_gap(seen.span, flow, flow.gap_from_ns) for flow in seen.flows if flow.gap_from_ns
+        ]
     evidence += [
         f"{counted(stream.missed, 'message')} of stream {stream.name!r} never arrived"
         for stream in seen.tree.streams.values()
@@ -110,6 +208,64 @@ def check_gaps(seen: Examination) -> Finding:
         evidence,
         "check whether its node stalls or the network drops messages (tfbus monitor)",
     )
+
+
+def _pauses(seen: Examination) -> Iterator[str]:
+    """The pauses by the stamps, which is all that is known of what publishers had kept."""
+    for flow in _of_near_stamps(seen):
+        if flow.longest_gap_s > least_gap_s(1.0 / flow.rate_hz if flow.rate_hz else 0.0):
+            yield (
+                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in that time "
+                "interpolate across the gap"
+            )
+
+
+def _of_gap(span: RecordedSpan, flow: EdgeFlow, from_ns: int) -> str:
+    until_ns = from_ns + round(flow.longest_gap_s * 1e9)
+    is_restart = any(from_ns < each <= until_ns for each in span.restarts.get(flow.stream, ()))
+    effect = "its stream restarted" if is_restart else "lookups then interpolate across the gap"
+    if flow.gaps == 1:
+        return (
+            f"{flow.child!r} paused from {span.time(from_ns)} to {span.time(until_ns)}, for "
+            f"{duration(flow.longest_gap_s)}: {effect}"
+        )
+    return (
+        f"{flow.child!r} paused {flow.gaps} times, the longest from {span.time(from_ns)} to "
+        f"{span.time(until_ns)}, for {duration(flow.longest_gap_s)}: {effect}"
+    )
+
+
+def check_clock_jumps(seen: Examination) -> Finding:
+    """The clocks of publishers and recorder went on evenly."""
+    span = seen.span
+    if span is None:
+        return skipped("it needs a recording")
+    streams = {flow.stream for flow in of_our_time(seen) if not is_another_time(flow.least_delay_s)}
+    evidence: dict[str, str] = {}
+    for (stream, _, _), samples in sorted(span.samples.items()):
+        if stream in streams and stream not in evidence:
+            for at_ns, jump_s in _jumps(samples):
+                side = "back" if jump_s > 0 else "forward"
+                evidence[stream] = (
+                    f"stamps of stream {stream!r} jump {side} by {duration(abs(jump_s))} at "
+                    f"{span.time(at_ns)}, against the clock of the recorder"
+                )
+                break
+    return _of_flows(
+        seen, "warn", list(evidence.values()), "let NTP slew the clocks (chrony), not step them"
+    )
+
+
+def _jumps(samples: "EdgeSamples") -> Iterator[tuple[int, float]]:
+    """When the delays of an edge jumped and stayed so, and by how much, in s."""
+    bins = (samples.log_ns - samples.log_ns[0]) // _BIN_NS
+    _, first = np.unique(bins, return_index=True)
+    least = np.minimum.reduceat(samples.now_ns - samples.stamps_ns, first) / 1e9
+    before, after, later = least[:-2], least[1:-1], least[2:]
+    jumped = (np.abs(after - before) > _JUMP_S) & (np.abs(later - before) > _JUMP_S)
+    jumped &= np.abs(later - after) < _JUMP_S
+    for at in np.nonzero(jumped)[0].tolist():
+        yield int(samples.log_ns[first[at + 1]]), float(after[at] - before[at])
 
 
 def check_order(seen: Examination) -> Finding:
@@ -181,7 +337,9 @@ def check_messages(seen: Examination) -> Finding:
 
 def check_refused(seen: Examination) -> Finding:
     """No transform was rejected."""
-    evidence = [f"{counted(count, 'time')}: {reason}" for reason, count in seen.rejected.items()]
+    evidence = [
+        f"{counted(count, 'time')}: {reason}" for reason, count in seen.moment.rejected.items()
+    ]
     evidence += [
         f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read"
         for stream in seen.tree.streams.values()
@@ -206,13 +364,11 @@ def _why_far(seen: Examination, flow: EdgeFlow) -> str:
     return why_another_time(seen.tree, seen.tree.frames.get(flow.child))
 
 
-def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:
-    if evidence:
-        return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
-    if not seen.flows:
-        return skipped("no dynamic transform arrived while listening")
-    frames = {flow.child for flow in seen.flows}
-    return ok(f"{counted(len(frames), 'dynamic frame')} in {seen.listened_s:.0f} s")
+def _of_flows(seen: Examination, verdict: Verdict, evidence: list[str], remedy: str) -> Finding:
+    if not evidence and not seen.flows:
+        return skipped(f"no dynamic transform came in {duration(seen.listened_s)}")
+    frames = counted(len({flow.child for flow in seen.flows}), "dynamic frame")
+    return found(verdict, first_of(evidence), remedy, f"{frames} in {duration(seen.listened_s)}")
 
 
 def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:

@@ -1,17 +1,14 @@
 """Looks at a recording: gathers all that the checks of recordings need."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
-from tfbus.doctor.examination import Examination, Host
+from tfbus.doctor.examination import PASSING, Examination, PassingProblem, RecordedSpan
+from tfbus.frames.changes import Ongoing
 from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded_moments import Ticks
 from tfbus.frames.snapshot import Problem, ProblemKind
-from tfbus.monitor.flow import Edge
-from tfbus.monitor.recorded import EdgeSamples, SpanMeter, Ticks, measure
-
-# Problems that come and go, and are looked for at each change of a stream.
-_PASSING: tuple[ProblemKind, ...] = ("conflict", "loop", "gone")
+from tfbus.monitor.recorded import SpanMeter, measure
 
 # A recording of a bus where streams come and go all the time has many changes: the tree is looked
 # at no more often than this.
@@ -20,46 +17,10 @@ _MOST_LOOKS = 2000
 # How often a tree with such a problem is looked at again, to see whether it is over.
 _LOOK_EVERY_NS = 500_000_000
 
-_NO_HOST = Host({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
-
-
-@dataclass(frozen=True)
-class PassingProblem:
-    """A problem, and from when to when it was there (log times); `until_ns` is None if it was
-    still there at the end.
-    """
-
-    problem: Problem
-    from_ns: int
-    until_ns: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordedExamination(Examination):
-    """A span of a recording; `tree` and `nodes` are those at its end.
-
-    `start_ns` is the beginning of the recording. `restarts` are the log times at which streams
-    began new epochs, by stream. `lost` counts messages that the recorder dropped; `damage` says
-    what cannot be read.
-    """
-
-    start_ns: int
-    is_complete: bool
-    passing: tuple[PassingProblem, ...] = ()
-    restarts: dict[str, list[int]]
-    samples: dict[Edge, EdgeSamples]
-    lost: int = 0
-    paused: int = 0
-    damage: tuple[str, ...] = ()
-
-    def time(self, log_ns: int) -> str:
-        """A log time as `--at` takes it: `+12.345s`."""
-        return f"+{(log_ns - self.start_ns) / 1e9:.3f}s"
-
 
 def examine_recorded(
-    frames: RecordedFrames, settings: NodeSettings, from_ns: int, to_ns: int, *, is_complete: bool
-) -> RecordedExamination:
+    frames: RecordedFrames, settings: NodeSettings, from_ns: int, to_ns: int
+) -> Examination:
     """Look at a span of a recording."""
     meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
     lost = 0
@@ -70,38 +31,32 @@ def examine_recorded(
         if event.kind in ("stream", "stream gone"):
             passing.look(frames, event.log_ns)
     passing.look(frames, to_ns)
-    samples = meter.samples()
-    return RecordedExamination(
-        settings=replace(settings, sim_time=frames.is_simulated),
-        host=_NO_HOST,
-        nodes=frames.nodes,
-        tree=frames.tree(),
-        flows=tuple(meter.edges()),
-        listened_s=(to_ns - from_ns) / 1e9,
-        rejected=_rejected(frames.buffer),
+    restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
+    span = RecordedSpan(
         start_ns=frames.start_ns,
-        is_complete=is_complete,
+        is_complete=frames.source.is_complete,
+        restarts={name: times for name, times in restarts.items() if times},
+        samples=meter.samples(),
         passing=passing.found(),
-        restarts={
-            name: sorted(begun.values())[1:]
-            for name, begun in meter.epochs.items()
-            if len(begun) > 1
-        },
-        samples=samples,
         lost=lost,
         paused=len(meter.pauses),
+        damage=tuple(each.text(frames.start_ns) for each in frames.source.damage),
+    )
+    return Examination(
+        replace(settings, sim_time=frames.is_simulated),
+        frames.moment(),
+        tuple(meter.edges()),
+        listened_s=(to_ns - from_ns) / 1e9,
+        span=span,
     )
 
 
-def _rejected(buffer: Buffer) -> dict[str, int]:
-    return dict(buffer.rejected)
-
-
 class _Passing:
-    """The problems that come and go."""
+    """The problems that come and go, and when."""
 
     def __init__(self) -> None:
-        self._open: dict[tuple[ProblemKind, tuple[str, ...]], PassingProblem] = {}
+        self._ongoing: Ongoing[tuple[ProblemKind, tuple[str, ...]], Problem] = Ongoing()
+        self._from_ns: dict[tuple[ProblemKind, tuple[str, ...]], int] = {}
         self._closed: list[PassingProblem] = []
         self._looks = 0
 
@@ -110,23 +65,22 @@ class _Passing:
         self._looks += 1
         if self._looks > _MOST_LOOKS:
             return
-        now = {
-            (problem.kind, problem.frames): problem
-            for problem in frames.tree().problems()
-            if problem.kind in _PASSING
-        }
-        for key in self._open.keys() - now.keys():
-            self._closed.append(replace(self._open.pop(key), until_ns=log_ns))
-        for key in now.keys() - self._open.keys():
-            self._open[key] = PassingProblem(now[key], log_ns)
+        problems = frames.tree().problems()
+        begun, ended = self._ongoing.update(
+            {(each.kind, each.frames): each for each in problems if each.kind in PASSING}
+        )
+        self._from_ns |= dict.fromkeys(begun, log_ns)
+        for key, problem in ended.items():
+            self._closed.append(PassingProblem(problem, self._from_ns.pop(key), log_ns))
 
     def look_again(self, frames: RecordedFrames, log_ns: int) -> None:
         """Look whether a problem is over."""
-        if self._open:
+        if self._from_ns:
             self._looks -= 1
             self.look(frames, log_ns)
 
     def found(self) -> tuple[PassingProblem, ...]:
         """All, in the order in which they began."""
-        every = [*self._closed, *self._open.values()]
+        ongoing = self._ongoing.items.items()
+        every = [PassingProblem(each, self._from_ns[key]) for key, each in ongoing] + self._closed
         return tuple(sorted(every, key=lambda each: (each.from_ns, each.problem.frames)))

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.doctor.ros_around import RosAround
+from tfbus.doctor.examination import RosAround
 from tfbus.doctor.rtps import RtpsWatch
 from tfbus.errors import BusError, SettingsError
 from tfbus.ros.ros1 import Ros1Master

@@ -11,7 +11,7 @@ import threading
 import time
 from contextlib import suppress
 
-from tfbus.doctor.ros_around import Participant
+from tfbus.doctor.examination import Participant
 
 _GROUP = "239.255.0.1"
 _FIRST_PORT, _PORTS_OF_A_DOMAIN = 7400, 250

@@ -1,10 +1,10 @@
-"""Checks of the nodes, and of the tree of frames."""
+"""Checks of the nodes, of the tree of frames, and of who reads it."""
 
 from collections import defaultdict
 
-from tfbus.doctor.examination import Examination
+from tfbus.doctor.examination import Examination, PassingProblem, RecordedSpan
 from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
-from tfbus.frames.snapshot import ProblemKind, who
+from tfbus.frames.snapshot import REMEDIES, ProblemKind, who
 from tfbus.frames.state import silent_s, state
 from tfbus.wording import counted, duration, listed
 
@@ -12,6 +12,10 @@ from tfbus.wording import counted, duration, listed
 _NAMED = 5
 
 _NO_FRAME = "no frame was found"
+_WHY_ENDED = "see why its node ended: its log, and its host's"
+
+# Of a stream that began again and again so many times are named.
+_MOST_TIMES = 5
 
 
 def check_nodes(seen: Examination) -> Finding:
@@ -90,24 +94,22 @@ def check_callbacks(seen: Examination) -> Finding:
 
 def check_conflicts(seen: Examination) -> Finding:
     """Each frame has one publisher."""
-    return _of_tree(seen, "conflict", "fail", "stop one of the two, or rename one of the frames")
+    return _of_tree(seen, "conflict", "fail")
 
 
 def check_loops(seen: Examination) -> Finding:
     """No edges make a loop."""
-    return _of_tree(
-        seen, "loop", "fail", "swap parent and child of the edge that points the wrong way"
-    )
+    return _of_tree(seen, "loop", "fail")
 
 
 def check_orphans(seen: Examination) -> Finding:
     """No frame is alone."""
-    return _of_tree(seen, "orphan", "warn", "publish a transform that connects it to the others")
+    return _of_tree(seen, "orphan", "warn")
 
 
 def check_disconnected(seen: Examination) -> Finding:
     """All frames are in one tree."""
-    apart = [each.frames[0] for each in seen.tree.problems() if each.kind == "disconnected"]
+    apart = [each.frames[0] for each in seen.moment.problems if each.kind == "disconnected"]
     is_listed = bool(apart) and all(name in seen.tree.claims for name in apart)
     return _of_tree(
         seen,
@@ -116,15 +118,51 @@ def check_disconnected(seen: Examination) -> Finding:
         # Its publisher knows the parent, and sends nothing.
         "see silent: the transform between the trees is listed, and has not come"
         if is_listed
-        else "publish a transform between the trees; look for a misspelled parent",
+        else "",
     )
 
 
 def check_gone(seen: Examination) -> Finding:
     """The publisher of each frame runs."""
-    return _of_tree(
-        seen, "gone", "warn", "start it again, or check the link to its host if it runs"
-    )
+    span = seen.span
+    if span is None:
+        return _of_tree(seen, "gone", "warn")
+    gone = filter(_is_gone, span.passing)
+    remedies = dict.fromkeys(_on_gone(seen, span, each) for each in gone)
+    return _of_tree(seen, "gone", "warn", "; ".join(remedies))
+
+
+def _is_gone(passing: PassingProblem) -> bool:
+    return passing.problem.kind == "gone"
+
+
+def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str:
+    """The remedy, by what is known: the messages of a node that was not restarted come on in the
+    same epoch.
+    """
+    if gone.until_ns is None:
+        return "see whether its node ended (its log, and its host's), or its link was cut"
+    frames = [seen.tree.frames.get(name) for name in gone.problem.frames]
+    streams = {frame.authority for frame in frames if frame is not None}
+    begun = [log_ns for name in streams for log_ns in span.restarts.get(name, ())]
+    # The first message comes some time after the node.
+    again = (each.from_ns for each in span.passing if _is_gone(each) and each != gone)
+    next_ns = min((at_ns for at_ns in again if at_ns > gone.until_ns), default=None)
+    if any(gone.from_ns <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun):
+        return _WHY_ENDED
+    return "check the link to its host: its node came back without a restart"
+
+
+def check_restarts(seen: Examination) -> Finding:
+    """No publisher was restarted."""
+    evidence = []
+    span = seen.span
+    for name, times in sorted(span.restarts.items()) if span else ():
+        stream = seen.tree.streams.get(name)
+        publisher = f"stream {name!r}" if stream is None else who(stream)
+        when = ", ".join(map(span.time, times[:_MOST_TIMES])) if span else ""
+        evidence.append(f"{publisher} began again at {when}: restarted, or its clock went back")
+    return found("warn", first_of(evidence), _WHY_ENDED, counted(len(seen.tree.streams), "stream"))
 
 
 def check_stale(seen: Examination) -> Finding:
@@ -148,12 +186,7 @@ def check_stale(seen: Examination) -> Finding:
 
 def check_silent(seen: Examination) -> Finding:
     """Each announced frame is sent."""
-    return _of_tree(
-        seen,
-        "silent",
-        "warn",
-        "check whether its node still sends (tfbus monitor), and its options",
-    )
+    return _of_tree(seen, "silent", "warn")
 
 
 def check_static_dynamic(seen: Examination) -> Finding:
@@ -176,8 +209,71 @@ def check_static_dynamic(seen: Examination) -> Finding:
     return found("fail", mixed, "publish it either as static or as dynamic", "none is both")
 
 
-def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str) -> Finding:
-    sentences = [problem.text for problem in seen.tree.problems() if problem.kind == kind]
+def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str = "") -> Finding:
+    """The finding of problems of a kind; their own remedy, unless another is given."""
+    sentences = seen.problems(kind)
     if not sentences and not seen.tree.frames:
         return skipped(_NO_FRAME)
-    return found(verdict, first_of(sentences), remedy, counted(len(seen.tree.frames), "frame"))
+    frames = counted(len(seen.tree.frames), "frame")
+    return found(verdict, first_of(sentences), remedy or REMEDIES[kind], frames)
+
+
+# A few unread streams are normal at the start; many are forgotten ones.
+_FEW_UNREAD = 10
+
+
+def check_unread(seen: Examination) -> Finding:
+    """At most ten streams are unread."""
+    if not any(node.streams for node in seen.nodes):
+        return skipped("no node publishes a frame")
+    unread = [
+        f"no node reads the dynamic frames of stream {stream!r} of {node.name}"
+        for node in seen.nodes
+        for stream in node.unread
+    ]
+    if len(unread) <= _FEW_UNREAD:
+        return ok(*(unread or ["each stream is read"]))
+    return Finding(
+        "warn",
+        tuple(first_of(unread)),
+        "stop their nodes, or start the nodes that should read them",
+    )
+
+
+def check_buffers(seen: Examination) -> Finding:
+    """Buffers are long enough for their lookups."""
+    buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not buffers:
+        return skipped("no node has a buffer")
+    short = [
+        f"{node.name} keeps {duration(buffer.cache_time_s)}, but "
+        f"{counted(buffer.too_old, 'lookup')} asked for older data, by up to "
+        f"{duration(buffer.missed_by_s)}"
+        for node, buffer in buffers
+        if buffer.too_old
+    ]
+    return found(
+        "warn",
+        short,
+        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
+        counted(len(buffers), "buffer"),
+    )
+
+
+def check_dropped(seen: Examination) -> Finding:
+    """Listeners drop no messages."""
+    buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not buffers:
+        return skipped("no node has a buffer")
+    dropped = [
+        f"{node.name} dropped {counted(buffer.dropped, 'message')}: transforms come on more keys "
+        "than it accepts"
+        for node, buffer in buffers
+        if buffer.dropped
+    ]
+    return found(
+        "fail",
+        dropped,
+        "do not split streams of many frames, or read only what is needed (reads='needed')",
+        "no message was dropped",
+    )

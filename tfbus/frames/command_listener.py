@@ -2,23 +2,26 @@
 
 import logging
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.presence import describe_all
-from tfbus.errors import TimeoutException
-from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
+from tfbus.discover.presence import describe_present, describe_streams
+from tfbus.errors import DecodeError, TimeoutException
+from tfbus.frames.clocks import SimulatedTime, simulated_time
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.stamp_units import MOST_AHEAD_NS
-from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet
 
 # This much of what publishers sent before gives their rates at once.
@@ -58,7 +61,7 @@ class Listening:
     def tree(self) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
-        return frame_tree(self.buffer, streams, self.now_ns(), self._asked.simulated)
+        return frame_tree(self.buffer, streams, self.now_ns(), self._asked.answers.simulated)
 
     def tree_and_clocks(self) -> FrameTree:
         """The tree of frames now, and who follows a simulated time if ages look as if.
@@ -70,13 +73,31 @@ class Listening:
         if self.node.clock.is_simulated or not any(map(_is_odd, ages_s)):
             return tree
         if self._asked.is_due():
-            session = self.node.session
-            self._asked.simulated = simulated_time(describe_all(session, lambda error: None))
+            self.ask_nodes()
         return self.tree()
 
-    def note_nodes(self, nodes: Iterable[NodeDescription]) -> None:
-        """Take what the nodes say of a simulated time from descriptions that were asked for."""
-        self._asked.simulated = simulated_time(nodes)
+    def ask_nodes(self, timeout_s: float = 1.0) -> None:
+        """Ask the nodes of other processes for their descriptions, from which `moment` is made; it
+        takes up to twice this time. Unreadable ones are left out.
+        """
+        self.note(answers_of_nodes(self.node.session, lambda error: None, timeout_s))
+
+    def note(self, answers: "Answers") -> None:
+        """Take answers of nodes that were asked for."""
+        self._asked.answers = answers
+
+    def moment(self) -> BusMoment:
+        """The bus now, with the nodes as they were when they were asked last."""
+        return BusMoment(
+            at_ns=SYSTEM_CLOCK.now_ns(),
+            tree=self.tree(),
+            nodes=self._asked.answers.nodes,
+            unanswered=self._asked.answers.unanswered,
+            rejected=dict(self.buffer.rejected),
+            dropped=self.dropped,
+            elsewhere=self._asked.answers.streams,
+            namespace=self.node.session.settings.namespace,
+        )
 
     def hint(self, frame: str = "") -> str:
         """Which other namespaces have a frame, or any frame at all; "" when none does."""
@@ -89,11 +110,37 @@ class Listening:
         return self._asked.hint
 
 
+@dataclass(frozen=True)
+class Answers:
+    """The answers of the nodes of other processes: their descriptions, those of all streams by
+    their keys, and the full names of the nodes that did not answer in time.
+    """
+
+    nodes: tuple[NodeDescription, ...] = ()
+    unanswered: tuple[str, ...] = ()
+    streams: dict[str, StreamDescription] = field(default_factory=dict)
+
+    @cached_property
+    def simulated(self) -> SimulatedTime:
+        """Who publishes a simulated time, and who follows it."""
+        return simulated_time(self.nodes)
+
+
+def answers_of_nodes(
+    session: Session, on_unreadable: Callable[[DecodeError], object], timeout_s: float = 1.0
+) -> Answers:
+    """Ask all nodes and streams; calls `on_unreadable(error)` for descriptions it cannot read."""
+    found, unanswered = describe_present(session, on_unreadable, timeout_s=timeout_s)
+    streams = describe_streams(session, on_unreadable, timeout_s=timeout_s)
+    nodes = tuple(each for each in found if each.session != session.id)
+    return Answers(nodes, tuple(unanswered), streams)
+
+
 @dataclass
 class _Asked:
     """The last words of other processes, and when."""
 
-    simulated: SimulatedTime = NOT_SIMULATED
+    answers: Answers = field(default_factory=Answers)
     hint: str = ""
     at_s: float = -math.inf
 
@@ -135,7 +182,7 @@ def listening(
     ):
         wait_for_clock(node)
         heard = Listening(node, buffer, listener, fleet)
-        _meet_publishers(heard, within_s)
+        meet_publishers(heard, within_s)
         if node.ok:
             yield heard
             return
@@ -159,7 +206,8 @@ def wait_for_clock(node: Node) -> None:
         )
 
 
-def _meet_publishers(heard: Listening, within_s: float) -> None:
+def meet_publishers(heard: Listening, within_s: float) -> None:
+    """Wait until all frames that publishers list have come, and no further stream, or so long."""
     deadline = scheduler.monotonic() + within_s
     known, since = _known(heard), scheduler.monotonic()
     while scheduler.monotonic() < deadline and heard.node.ok:

@@ -15,9 +15,16 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.discover.other_namespaces import where_to_look
 from tfbus.errors import DecodeError
+from tfbus.frames.clocks import (
+    NOT_SIMULATED,
+    RecordedClock,
+    SimulatedTime,
+    clock_topic,
+    follows_clock,
+    simulated_time,
+)
+from tfbus.frames.moment import BusMoment, key_of_stream
 from tfbus.frames.recorded_chunks import last_chunks
-from tfbus.frames.recorded_clock import RecordedClock, clock_topic, follows_clock
-from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
@@ -107,6 +114,8 @@ class RecordedFrames:
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
         self._nodes: dict[str, NodeDescription] = {}
+        # The streams that are not seen from here, by the keys of their descriptions.
+        self._elsewhere: dict[str, StreamDescription] = {}
 
     # Moments
 
@@ -272,6 +281,12 @@ class RecordedFrames:
             name = self._view.called(event.name, namespace)
             if known is None and event.kind == "stream" and name and is_printable(name):
                 known = self._meet(name, event.name)
+            description = None if name else _description_of(event)
+            key = key_of_stream(event.name, namespace)
+            if description is not None and event.kind == "stream":
+                self._elsewhere[key] = description
+            else:
+                self._elsewhere.pop(key, None)
             if known is not None:
                 known.take_event(event, self._view.names(namespace))
         elif event.kind == "paused":
@@ -415,6 +430,18 @@ class RecordedFrames:
             # Frames are as old as they were when the recorder was paused: they may have been sent.
             now_ns = self._pause.from_ns
         return frame_tree(self.buffer, self.streams(), now_ns, simulated)
+
+    def moment(self) -> BusMoment:
+        """The bus at the moment."""
+        return BusMoment(
+            at_ns=self._at_ns,
+            tree=self.tree(),
+            nodes=self.nodes,
+            rejected=dict(self.buffer.rejected),
+            namespace=self.namespace,
+            elsewhere=dict(self._elsewhere),
+            start_ns=self.start_ns,
+        )
 
     def next_sample_ns(self, frame: str) -> int | None:
         """When the next sample of a dynamic frame comes, from the publisher of its last, as a log

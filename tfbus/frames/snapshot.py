@@ -7,8 +7,14 @@ from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
-from tfbus.frames.other_clocks import MOST_SKEW_S, is_ahead, is_another_time, whose_clock
-from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime
+from tfbus.frames.clocks import (
+    MOST_SKEW_S,
+    NOT_SIMULATED,
+    SimulatedTime,
+    is_ahead,
+    is_another_time,
+    whose_clock,
+)
 from tfbus.listen.info import StreamInfo
 from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
@@ -29,13 +35,33 @@ _NS_PER_S = 1e9
 _NAMED = 5
 
 
+# The remedies that are the same in every case; that for frames ahead is in the sentence.
+REMEDIES: dict[ProblemKind, str] = {
+    "loop": "swap parent and child of the edge that points the wrong way, or stop publishing it",
+    "conflict": "stop one of the two, or rename one of the frames",
+    "gone": "start it again, or check the link to its host if it runs",
+    "disconnected": "publish a transform between the trees; look for a misspelled parent",
+    "orphan": "publish a transform that connects it to the others",
+    "silent": "check whether its node still sends (tfbus monitor), and its options",
+    "clock": "give --sim-time to this tool, and to all nodes that look up these frames",
+    "unit": "stamp them with node.now_ns(), or tfbus.stamp_ns(SECONDS)",
+}
+
+
 @dataclass(frozen=True)
 class Problem:
-    """A problem of the tree: its kind, the frames concerned, and a sentence."""
+    """A problem of the tree of frames: the evidence is `text`, a sentence; `remedy` what to do.
+
+    `kind` is "loop" (edges form one), "conflict" (several living publishers), "gone" (a publisher
+    is), "disconnected" and "orphan" (a tree, or a frame, apart from the largest tree), "silent"
+    (announced, and never sent), "clock" (stamps of a simulated time), "unit" (stamps that are no
+    nanoseconds) or "ahead" (stamps in the future). `frames` are the frames concerned.
+    """
 
     kind: ProblemKind
     frames: tuple[str, ...]
     text: str
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -146,7 +172,7 @@ class FrameTree:
 
     def problems(self) -> list[Problem]:
         """The problems of the tree, the worst first."""
-        return [
+        found = [
             *_loops(self.claims),
             *self._conflicts(),
             *self._gone(),
@@ -156,6 +182,7 @@ class FrameTree:
             *self._in_another_unit(),
             *self._ahead(),
         ]
+        return [replace(each, remedy=REMEDIES.get(each.kind, each.remedy)) for each in found]
 
     def _conflicts(self) -> Iterator[Problem]:
         for child, claimed in self.claims.items():
@@ -243,11 +270,9 @@ class FrameTree:
         for frames in by_stream.values():
             names = [frame.name for frame in frames]
             least_s = min(self.age_s(frame) or 0.0 for frame in frames)
-            yield Problem(
-                "ahead",
-                tuple(names),
-                f"{in_the_future(names, least_s)}: {self._on_ahead(frames[0], names, least_s)}",
-            )
+            remedy = self._on_ahead(frames[0], names, least_s)
+            said = f"{in_the_future(names, least_s)}: {remedy}"
+            yield Problem("ahead", tuple(names), said, remedy)
 
     def _on_ahead(self, frame: FrameInfo, names: list[str], age_s: float) -> str:
         """The remedy for frames of one stream that are ahead."""

@@ -27,7 +27,7 @@ difference.
 from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
-from tfbus.frames.other_clocks import is_another_time, whose_clock
+from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import age, duration
 

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 from tfbus.errors import DecodeError
 from tfbus.listen.names import StreamNames
-from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
-from tfbus.monitor.window import Window, spread_of
+from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow, Window, spread_of
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
@@ -48,9 +47,9 @@ class _EdgeMeter:
 class TransformMeter:
     """Measures the dynamic transforms of a fleet, or of the node's namespace.
 
-    From when it is made until the node is closed. Rates and delays are of the last `recent_s`
-    seconds, and of at most 5000 samples per edge. Arrivals are timed by `clock`, real time by
-    default, since a simulated clock may stand still; delays are by the node's clock.
+    From when it is made until `close()`, or the end of the node. Rates and delays are of the last
+    `recent_s` seconds, and of at most 5000 samples per edge. Arrivals are timed by `clock`, real
+    time by default, since a simulated clock may stand still; delays are by the node's clock.
     """
 
     def __init__(
@@ -69,11 +68,16 @@ class TransformMeter:
         self._lock = scheduler.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
+        self._epochs: dict[str, tuple[int, int]] = {}  # the last of each stream, and how many
         self._samples = 0
         self._looked_s = -math.inf
         self._names = StreamNames(fleet)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
-        node.session.subscriber(keys, self._take)
+        self._subscription = node.session.subscriber(keys, self._take)
+
+    def close(self) -> None:
+        """Stop measuring. Twice is fine; closing the node does it too."""
+        self._subscription.close()
 
     def edges(self) -> Iterator[EdgeFlow]:
         """How the samples of each edge came."""
@@ -96,9 +100,10 @@ class TransformMeter:
         """How the messages of a stream came."""
         with self._lock:
             window = self._streams.get(name)
+            _, epochs = self._epochs.get(name, (0, 1))
         arrivals_s, sizes = self._recent(window) if window else ([], [])
         over_s = max(min(self._elapsed_s() - self._since_s, self._recent_s), 1e-3)
-        return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s)
+        return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s, epochs - 1)
 
     def _elapsed_s(self) -> float:
         return self._clock.elapsed_ns() / 1e9
@@ -127,6 +132,9 @@ class TransformMeter:
                 grow = self._samples < _MOST_IN_ALL
                 self._samples += window.add(at_s, len(payload), grow=grow)
                 self.largest[stream] = max(self.largest[stream], len(payload))
+                last_ns, epochs = self._epochs.get(stream, (-1, 0))
+                if message.epoch_ns > last_ns:
+                    self._epochs[stream] = message.epoch_ns, epochs + 1
 
     def _take_rows(
         self,
@@ -163,4 +171,4 @@ class TransformMeter:
         for stream, window in list(self._streams.items()):
             if window.last_s < since_s:
                 self._samples -= len(window)
-                del self._streams[stream], self.largest[stream]
+                del self._streams[stream], self.largest[stream], self._epochs[stream]

@@ -3,17 +3,16 @@
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from tfbus.buffer.info import FrameInfo
 from tfbus.frames.gaps import gaps_in
 from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded_moments import Ticks
 from tfbus.geometry.columns import Columns
-from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
-from tfbus.monitor.report import PairWatch, Report
-from tfbus.monitor.window import Spread
+from tfbus.monitor.flow import Edge, EdgeFlow, Spread, StreamFlow
+from tfbus.monitor.report import PairWatch, Report, make_report
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
@@ -96,7 +95,8 @@ class SpanMeter:
     def stream(self, name: str) -> StreamFlow:
         """How the messages of a stream came; bytes are not recorded."""
         over_s = max(recorded_ns(self.pauses, self.from_ns, self.to_ns) / 1e9, 1e-3)
-        return StreamFlow(self._messages.get(name, 0) / over_s, 0.0)
+        restarts = max(len(self.epochs.get(name, ())) - 1, 0)
+        return StreamFlow(self._messages.get(name, 0) / over_s, None, restarts)
 
     def _flow(self, edge: Edge, samples: EdgeSamples) -> EdgeFlow:
         log_ns, stamps_ns = samples.log_ns, samples.stamps_ns
@@ -169,80 +169,15 @@ def measure(
             yield item
 
 
-class Ticks:
-    """Calls `look(log_ns)` at regular log times of a span, with `frames` as they are then.
-
-    `before` is for `measure`.
-    """
-
-    def __init__(
-        self, frames: RecordedFrames, from_ns: int, every_ns: int, look: Callable[[int], object]
-    ) -> None:
-        self._frames, self._every_ns, self._look = frames, every_ns, look
-        self._next_ns = from_ns + every_ns
-
-    def before(self, log_ns: int) -> None:
-        """Look at all times before the next item."""
-        while self._next_ns < log_ns:
-            self._frames.pass_time(self._next_ns)
-            self._look(self._next_ns)
-            self._next_ns += self._every_ns
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpanReport(Report):
-    """The report of `tfbus monitor` on a span: `tree` is that at its end."""
-
-    span: SpanMeter
-
-    def shown(self) -> list[EdgeFlow]:
-        """How each dynamic edge came, by frame and stream; with a pair, those of its chain."""
-        chain = self.pair.chain if self.pair else ()
-        flows = [flow for flow in self.flows.values() if not chain or flow.child in chain]
-        return sorted(flows, key=lambda flow: (flow.child, flow.stream))
-
-    def statics(self) -> list[FrameInfo]:
-        """The static frames at the end, by name; with a pair, those of its chain."""
-        return [frame for frame in self.edges() if frame.static]
-
-    def restarts(self, stream: str) -> int:
-        """How often a stream began a new epoch in the span."""
-        return max(len(self.span.epochs.get(stream, ())) - 1, 0)
-
-
-def measured(
-    frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch | None
-) -> SpanReport:
-    """The report of a span."""
+def measured(frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch | None) -> Report:
+    """The report of a span, with the moment at its end."""
     meter = SpanMeter(from_ns, to_ns, frames.pauses)
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
     look = (lambda log_ns: None) if pair is None else partial(_look, frames, pair)
     for _ in measure(frames, meter, Ticks(frames, from_ns, every_ns, look).before):
         pass
-    flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
-    watched = pair.report(frames) if pair else None
-    return SpanReport(frames.tree(), flows, meter, watched, span=meter)
+    return make_report(frames, meter, pair, meter)
 
 
 def _look(frames: RecordedFrames, pair: PairWatch, log_ns: int) -> None:
     pair.look(frames, log_ns / 1e9)
-
-
-def as_map(report: SpanReport) -> dict[str, Any]:
-    """The report for programs; units are in the names, times are log times."""
-    return {
-        "from_ns": report.span.from_ns,
-        "to_ns": report.span.to_ns,
-        "pauses": [asdict(pause) for pause in report.span.pauses],
-        "pair": None if report.pair is None else asdict(report.pair),
-        "edges": [asdict(flow) for flow in report.shown()],
-        "statics": [frame.name for frame in report.statics()],
-        "streams": [
-            asdict(stream)
-            | {
-                "messages_hz": report.meter.stream(stream.name).messages_hz,
-                "restarts": report.restarts(stream.name),
-            }
-            for stream in report.tree.streams.values()
-        ],
-    }

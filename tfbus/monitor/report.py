@@ -3,27 +3,18 @@ frames.
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
-from tfbus.frames.heard import Heard
+from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.flow import EdgeFlow, Meter
-from tfbus.monitor.window import Spread, Window, spread_of
+from tfbus.monitor.flow import EdgeFlow, Meter, Spread, Window, spread_of
+
+if TYPE_CHECKING:
+    from tfbus.recording.pauses import Pause
 
 _MOST_SAMPLES = 1_000
-_NO_FLOW = EdgeFlow("", "", "")
-# What `as_map` has of an edge, besides its frame.
-_MEASURED = (
-    "rate_hz",
-    "jitter_s",
-    "delays_s",
-    "out_of_order",
-    "longest_gap_s",
-    "gaps",
-    "gap_from_ns",
-)
 
 
 @dataclass(frozen=True)
@@ -50,7 +41,7 @@ class PairWatch:
         self._target, self._source = target, source
         self._delays = Window(most)
 
-    def look(self, heard: Heard, at_s: float) -> None:
+    def look(self, heard: BusView, at_s: float) -> None:
         """Measure the age of the newest answer now."""
         try:
             stamp_ns = heard.buffer.latest_common_time(self._target, self._source)
@@ -59,7 +50,7 @@ class PairWatch:
         if stamp_ns is not None:
             self._delays.add(at_s, (heard.now_ns() - stamp_ns) / 1e9)
 
-    def report(self, heard: Heard) -> Pair:
+    def report(self, heard: BusView) -> Pair:
         """The path and delay of the pair, or why there is no answer."""
         try:
             chain = heard.buffer.path(self._target, self._source)
@@ -75,7 +66,7 @@ class PairWatch:
         )
 
 
-def _held_back_by(heard: Heard, chain: list[str]) -> str | None:
+def _held_back_by(heard: BusView, chain: list[str]) -> str | None:
     """The child of the edge on the path whose newest sample is the oldest."""
     infos = {name: heard.buffer.frame(name) for name in chain}
     newest = {
@@ -86,23 +77,40 @@ def _held_back_by(heard: Heard, chain: list[str]) -> str | None:
     return min(newest, key=lambda name: newest[name], default=None)
 
 
+class Span(Protocol):
+    """The measured part of a recording: its log times, and the pauses of the recorder."""
+
+    from_ns: int
+    to_ns: int
+    pauses: "list[Pause]"
+
+
+@dataclass(frozen=True)
+class MeasuredEdge:
+    """An edge of a frame by one of its publishers, and how its samples came from that."""
+
+    frame: FrameInfo
+    flow: EdgeFlow
+
+
 @dataclass(frozen=True)
 class Report:
-    """The report of the monitor at one moment.
+    """The report of the monitor at one moment, or at the end of a `span` of a recording."""
 
-    `dropped` counts the messages that the listener dropped because transforms came on too many
-    keys.
-    """
-
-    tree: FrameTree
+    moment: BusMoment
     flows: dict[tuple[str, str], EdgeFlow]
     meter: Meter
     pair: Pair | None
-    dropped: int = 0
+    span: Span | None = None
+
+    @property
+    def tree(self) -> FrameTree:
+        """The tree of frames at the moment."""
+        return self.moment.tree
 
     def flow(self, frame: FrameInfo) -> EdgeFlow:
-        """How the samples of a frame's edge came."""
-        return self.flows.get((frame.authority, frame.name), _NO_FLOW)
+        """How the samples of a frame's edge came from the publisher of its last one."""
+        return self.flows.get((frame.authority, frame.name)) or _no_flow(frame)
 
     def edges(self) -> list[FrameInfo]:
         """The frames with a parent, by name; with a pair, those of its chain, in its order."""
@@ -110,26 +118,49 @@ class Report:
         names = self.pair.chain if self.pair and self.pair.chain else sorted(frames)
         return [frames[name] for name in names if name in frames and frames[name].parent]
 
+    def rows(self) -> list[MeasuredEdge]:
+        """The edges of `edges`, and those of further publishers, from which samples came too."""
+        found = [MeasuredEdge(frame, self.flow(frame)) for frame in self.edges()]
+        shown = {(row.frame.authority, row.frame.name) for row in found}
+        chain = self.pair.chain if self.pair else ()
+        found += [
+            MeasuredEdge(FrameInfo(flow.child, flow.parent, authority=flow.stream), flow)
+            for key, flow in self.flows.items()
+            if key not in shown and flow.delays_s is not None and (not chain or key[1] in chain)
+        ]
+        if chain:
+            return sorted(found, key=lambda row: chain.index(row.frame.name))
+        return sorted(found, key=lambda row: (row.frame.name, row.frame.authority))
 
-def make_report(heard: Heard, meter: Meter, pair: PairWatch | None) -> Report:
-    """The measurements of now."""
+
+def _no_flow(frame: FrameInfo) -> EdgeFlow:
+    return EdgeFlow(frame.authority, frame.parent or "", frame.name)
+
+
+def make_report(
+    view: BusView, meter: Meter, pair: PairWatch | None, span: Span | None = None
+) -> Report:
+    """The measurements of now, or at the end of a span."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
-    watched = pair.report(heard) if pair else None
-    return Report(heard.tree(), flows, meter, watched, heard.dropped)
+    watched = pair.report(view) if pair else None
+    return Report(view.moment(), flows, meter, watched, span)
 
 
 def as_map(report: Report) -> dict[str, Any]:
-    """The report for programs; units are in the names."""
+    """The report for programs; units are in the names, times of a recording are log times."""
+    span = report.span
     return {
         "recorded_ns": report.tree.recorded_ns,
-        "dropped": report.dropped,
+        "from_ns": span and span.from_ns,
+        "to_ns": span and span.to_ns,
+        "pauses": [asdict(pause) for pause in span.pauses] if span else [],
+        "dropped": report.moment.dropped,
         "pair": None if report.pair is None else asdict(report.pair),
         "edges": [
-            asdict(frame)
-            | {"age_s": report.tree.age_s(frame)}
-            | {key: value for key, value in asdict(report.flow(frame)).items() if key in _MEASURED}
-            for frame in report.edges()
+            asdict(row.frame) | {"age_s": report.tree.age_s(row.frame)} | asdict(row.flow)
+            for row in report.rows()
         ],
+        "statics": [frame.name for frame in report.edges() if frame.static],
         "streams": [
             asdict(stream) | asdict(report.meter.stream(stream.name))
             for stream in report.tree.streams.values()

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tfbus.discover.graph import Graph
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
@@ -107,7 +108,7 @@ def streams_table(report: Report) -> Table:
             _text(stream.node),
             _text(stream.host),
             Cell.of(flow.messages_hz, ".1f"),
-            Cell.of(flow.bytes_per_s / 1e3, ".1f"),
+            Cell.of(None if flow.bytes_per_s is None else flow.bytes_per_s / 1e3, ".1f"),
             Cell.of(len(stream.frames), "d"),
             Cell.of(stream.missed, "d"),
             Cell.of_time(stream.clock_offset_s),
@@ -150,7 +151,9 @@ def _held_up(node: NodeDescription) -> Cell:
     return Cell(cut(f"{lost} by {node.delays[0].by}", _LONGEST_CELL), lost)
 
 
-def topics_table(graph: Graph, rates_hz: Mapping[str, float] = MappingProxyType({})) -> Table:
+def topics_table(
+    graph: Graph | BusMoment, rates_hz: Mapping[str, float] = MappingProxyType({})
+) -> Table:
     """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
     `rates_hz` are those of topics by name.

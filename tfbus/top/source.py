@@ -5,17 +5,15 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from tfbus.discover.graph import Graph, graph_of
-from tfbus.discover.presence import describe_all, describe_streams
+from tfbus.discover.graph import Graph
 from tfbus.errors import TransformException
 from tfbus.frames.command_listener import Listening
-from tfbus.frames.text import frame_lines
+from tfbus.frames.document import frame_lines
+from tfbus.monitor.flow import Window
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import Report, make_report
-from tfbus.monitor.window import Window
 from tfbus.node.node import Node
 from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
-from tfbus.wire.descriptions import NodeDescription
 
 # The history in a frame's sparklines: 120 looks, one per second.
 _LOOKS = 120
@@ -43,8 +41,6 @@ class Source:
         self._heard = heard
         self._meter = TransformMeter(heard.node, heard.fleet)
         self._past: dict[str, deque[tuple[float, float]]] = {}
-        self._nodes: tuple[NodeDescription, ...] = ()
-        self._graph = Graph()
         self._report: Report | None = None
         self._asking = threading.Lock()
         self.hint = ""  # where to look while there is no frame
@@ -53,12 +49,14 @@ class Source:
     def look(self) -> dict[str, Table]:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
+        # Before the first answers there would be those of transforms alone.
+        topics = report.moment if report.moment.nodes else Graph()
         self._remember(report)
         return {
             "frames": frames_table(report),
             "streams": streams_table(report),
-            "nodes": nodes_table(self._nodes),
-            "topics": topics_table(self._graph, self._rates_hz(report)),
+            "nodes": nodes_table(report.moment.nodes),
+            "topics": topics_table(topics, self._rates_hz(report)),
         }
 
     def measure(self, topic: str) -> None:
@@ -75,7 +73,7 @@ class Source:
         """The rates of topics by name: those measured, and those of dynamic transforms."""
         streams = {
             name: report.meter.stream(name.partition("tf/")[2]).messages_hz
-            for name in self._graph.topics
+            for name in report.moment.topics
             if name.startswith("tf/")
         }
         return streams | {name: rate.hz for name, rate in self._measured.items()}
@@ -84,13 +82,8 @@ class Source:
         """Ask all nodes for their descriptions, unless another call is doing so."""
         if self._asking.acquire(blocking=False):
             try:
-                session = self._heard.node.session
-                nodes = describe_all(session, _ignore, timeout_s=_ASK_WITHIN_S)
-                streams = describe_streams(session, _ignore, timeout_s=_ASK_WITHIN_S)
-                self._nodes = tuple(each for each in nodes if each.session != session.id)
-                self._heard.note_nodes(self._nodes)
+                self._heard.ask_nodes(_ASK_WITHIN_S)
                 self.hint = "" if self._heard.buffer.frames() else self._heard.hint()
-                self._graph = graph_of(self._nodes, streams, session.settings.namespace)
             finally:
                 self._asking.release()
 
@@ -154,7 +147,3 @@ class _Rate:
     def close(self) -> None:
         """Stop measuring."""
         self._subscription.close()
-
-
-def _ignore(error: Exception) -> None:
-    """Unreadable nodes are not shown; `tfbus node list` says why."""

@@ -195,7 +195,7 @@ class _Age:
         self._has_warned = False
 
     def __call__(self, payload: bytes) -> float:
-        from tfbus.frames.other_clocks import is_another_time, whose_clock  # for `delay` only
+        from tfbus.frames.clocks import is_another_time, whose_clock  # for `delay` only
 
         age_s = (self._node.now_ns() - self._stamp_of(payload)) / 1e9
         clock = self._node.clock

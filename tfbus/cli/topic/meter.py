@@ -12,7 +12,7 @@ from tfbus.cli.output import print_json, print_lines, say, table, warn
 from tfbus.cli.topic.reports import Report
 from tfbus.cli.topic.source import SAY_AFTER_S, subscribe, type_of, why_silent
 from tfbus.errors import BusError, DecodeError
-from tfbus.monitor.window import Reading, Window
+from tfbus.monitor.flow import Reading, Window
 from tfbus.runtime.clock import SYSTEM_CLOCK
 
 if TYPE_CHECKING:

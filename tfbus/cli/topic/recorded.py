@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.cli.messages.message import transforms_map
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.errors import BusError
-from tfbus.monitor.window import Reading
+from tfbus.monitor.flow import Reading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.selection import Selection

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.monitor.window import Reading, Spread, spread_of
+from tfbus.monitor.flow import Reading, Spread, spread_of
 from tfbus.wording import counted
 
 

@@ -1,0 +1,42 @@
+"""The bus at one moment, live or recorded, and its changes: for dashboards and own checks."""
+
+from tfbus.runtime.lazy_exports import exported
+
+# As in tfbus/__init__.py: names are imported when first used.
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from tfbus.discover.graph import Endpoint as Endpoint
+    from tfbus.discover.graph import ServiceInfo as ServiceInfo
+    from tfbus.discover.graph import TopicInfo as TopicInfo
+    from tfbus.frames.changes import BusChange as BusChange
+    from tfbus.frames.moment import BusMoment as BusMoment
+    from tfbus.frames.moment import FrameStatus as FrameStatus
+    from tfbus.frames.recorded_moments import Recorded as Recorded
+    from tfbus.frames.snapshot import FrameTree as FrameTree
+    from tfbus.frames.snapshot import Problem as Problem
+    from tfbus.frames.watch import Watch as Watch
+    from tfbus.listen.info import StreamInfo as StreamInfo
+    from tfbus.wire.descriptions import NodeDescription as NodeDescription
+
+_MODULE_OF = {
+    "Watch": "tfbus.frames.watch",
+    "Recorded": "tfbus.frames.recorded_moments",
+    "BusMoment": "tfbus.frames.moment",
+    "FrameStatus": "tfbus.frames.moment",
+    "Problem": "tfbus.frames.snapshot",
+    "BusChange": "tfbus.frames.changes",
+    "FrameTree": "tfbus.frames.snapshot",
+    "StreamInfo": "tfbus.listen.info",
+    "NodeDescription": "tfbus.wire.descriptions",
+    "TopicInfo": "tfbus.discover.graph",
+    "ServiceInfo": "tfbus.discover.graph",
+    "Endpoint": "tfbus.discover.graph",
+}
+
+__all__ = sorted(_MODULE_OF)
+__getattr__ = exported(__name__, _MODULE_OF)
+
+
+def __dir__() -> list[str]:
+    return __all__

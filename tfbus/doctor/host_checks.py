@@ -2,7 +2,7 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.runtime.interpreted import SLOWER
+from tfbus.runtime.installation import SLOWER
 from tfbus.wording import counted, listed
 
 _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")

@@ -6,7 +6,7 @@ old one.
 """
 
 from tfbus.listen.info import StreamInfo
-from tfbus.runtime.stamp_units import MOST_AHEAD_NS
+from tfbus.runtime.stamps import MOST_AHEAD_NS
 
 # Clocks of hosts that are synchronised differ by less; above this, lookups at a node's own "now"
 # fail or extrapolate.

@@ -22,7 +22,7 @@ from benchmarks.parts import Part, Table
 from benchmarks.report import amount
 from tfbus import Robot
 from tfbus.buffer.buffer import COMPILED
-from tfbus.runtime.version import installed_version
+from tfbus.runtime.installation import installed_version
 
 # Limbs, and the joints of each, of which every third is fixed.
 ROBOTS = {"an arm": (1, 10), "a humanoid": (5, 15)}

@@ -26,7 +26,7 @@ import msgpack
 from benchmarks import machine
 from benchmarks.parts import Part, Table
 from tfbus.buffer.buffer import COMPILED
-from tfbus.runtime.version import installed_version
+from tfbus.runtime.installation import installed_version
 from tfbus.view.screenshot import FLAGS
 
 RATE_HZ = 30.0

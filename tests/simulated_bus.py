@@ -133,6 +133,6 @@ def bare_host() -> Iterator[None]:
         patch("tfbus.doctor.ros.RosWatch._look_at_router", lambda watch: None),
         patch("tfbus.bus.interfaces._interface", interface),
         patch("tfbus.doctor.host.local_scouts", dict),
-        patch("tfbus.runtime.clone.commit_of_clone", lambda: ""),
+        patch("tfbus.runtime.installation.commit_of_clone", lambda: ""),
     ):
         yield

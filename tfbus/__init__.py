@@ -152,7 +152,7 @@ __all__ = sorted(_MODULE_OF)
 
 def __getattr__(name: str) -> "Any":
     if name == "__version__":
-        value = imported("tfbus.runtime.version").installed_version()
+        value = imported("tfbus.runtime.installation").installed_version()
     elif name in ("inspect", "view"):
         # `import tfbus` is enough for `tfbus.view.show(buffer)`.
         value = imported(f"tfbus.{name}")

@@ -16,7 +16,7 @@ from tfbus import Buffer, Recording
 from tfbus.buffer.buffer import COMPILED
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.writer import Compression, RecordingWriter
-from tfbus.runtime.version import installed_version
+from tfbus.runtime.installation import installed_version
 
 _LOOKUPS = 100
 

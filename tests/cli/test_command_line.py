@@ -19,7 +19,7 @@ from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.cli import JOBS, NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
-from tfbus.runtime.version import version_and_origin
+from tfbus.runtime.installation import version_and_origin
 from tfbus.testing.programs import Program
 from tfbus.wire.codec import encode_map
 

@@ -27,7 +27,7 @@ from tfbus import (
 )
 from tfbus.bus.session import Session
 from tfbus.messages import RotateAbsolute, Spawn
-from tfbus.runtime.callables import is_async
+from tfbus.runtime.arguments import is_async
 
 
 @dataclass(frozen=True)

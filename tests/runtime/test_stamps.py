@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tfbus import stamp_ns
 from tfbus.errors import InvalidArgumentException
-from tfbus.runtime.stamp_units import LATEST_OF_ANOTHER_UNIT, other_unit, unit_hint
+from tfbus.runtime.stamps import LATEST_OF_ANOTHER_UNIT, other_unit, unit_hint
 
 S = 1_000_000_000
 NOW_NS = 1_700_000_000 * S

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tfbus import TfbusError
+from tfbus.secure.folder import read_rights, write_rights
 from tfbus.secure.rights import Identity, Rights
-from tfbus.secure.rights_file import read_rights, write_rights
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tfbus.errors import SettingsError
-from tfbus.secure.token import Token, read_token
+from tfbus.secure.server_access import Token, read_token
 
 
 def test_a_token_is_new_unless_it_is_given() -> None:

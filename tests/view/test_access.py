@@ -3,12 +3,12 @@
 import pytest
 
 from tests import needs
-from tfbus.secure.token import Token
+from tfbus.secure.server_access import Token
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 
-from tfbus.secure.server_tls import made_tls  # noqa: E402 - needs it
+from tfbus.secure.server_access import made_tls  # noqa: E402 - needs it
 from tfbus.view.access import Access, Answer  # noqa: E402 - needs it
 
 TLS = made_tls("127.0.0.1")

@@ -9,7 +9,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.runtime.right_form import called_as
-from tfbus.runtime.stamp_units import (
+from tfbus.runtime.stamps import (
     LATEST_OF_ANOTHER_UNIT,
     MOST_AHEAD_NS,
     other_unit,

@@ -36,11 +36,10 @@ from tfbus.geometry.transform import (
     make_stamped,
 )
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.runtime.callables import check_plain, is_async
+from tfbus.runtime.arguments import check_plain, is_async
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.interpreted import InterpretedWarning, why_interpreted
+from tfbus.runtime.installation import InterpretedWarning, why_interpreted, why_not_installed
 from tfbus.runtime.signature import SourceSignature
-from tfbus.runtime.sources import why_not_installed
 
 if TYPE_CHECKING:
     import numpy as np

@@ -24,7 +24,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.runtime.callback_thread import here
-from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
+from tfbus.runtime.stamps import other_clock, other_unit, unit_hint
 from tfbus.runtime.structs import Struct
 from tfbus.wording import duration, listed, near_names, stamp_text
 

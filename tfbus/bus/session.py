@@ -30,7 +30,7 @@ from tfbus.bus.zenoh_session import ZenohSession
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
-from tfbus.runtime.seconds import seconds_to_wait
+from tfbus.runtime.arguments import seconds_to_wait
 from tfbus.runtime.structs import replace
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative

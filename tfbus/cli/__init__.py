@@ -283,8 +283,7 @@ def main(secure: str | None) -> None:
 
 def _print_version(context: click.Context) -> None:
     from tfbus.buffer.buffer import COMPILED
-    from tfbus.runtime.interpreted import SLOWER, why_interpreted
-    from tfbus.runtime.version import version_and_origin
+    from tfbus.runtime.installation import SLOWER, version_and_origin, why_interpreted
 
     click.echo(f"tfbus {version_and_origin()}")
     if not COMPILED:

@@ -15,8 +15,7 @@ from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
 
 if TYPE_CHECKING:
-    from tfbus.secure.server_tls import ServerTls
-    from tfbus.secure.token import Token
+    from tfbus.secure.server_access import ServerTls, Token
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -63,7 +62,7 @@ class Listening:
         return Public(token, self._tls(settings), origin)
 
     def _token(self) -> "tuple[Token, str]":
-        from tfbus.secure.token import Token, read_token
+        from tfbus.secure.server_access import Token, read_token
 
         if self.token_file is not None:
             return read_token(self.token_file), str(self.token_file)
@@ -73,7 +72,7 @@ class Listening:
             raise SettingsError(f"{self.variable}: {error}") from error
 
     def _tls(self, settings: NodeSettings) -> "ServerTls":
-        from tfbus.secure.server_tls import made_tls, tls_of_files, tls_of_identity
+        from tfbus.secure.server_access import made_tls, tls_of_files, tls_of_identity
 
         if self.certificate is not None:
             return tls_of_files(self.certificate, self.key)

@@ -17,8 +17,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.doctor.examination import Host
-from tfbus.runtime.interpreted import why_interpreted
-from tfbus.runtime.version import version_and_origin
+from tfbus.runtime.installation import version_and_origin, why_interpreted
 
 _PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _SCOUT_S = 1.5

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from tfbus.secure.server_tls import ServerTls
-from tfbus.secure.token import Token
+from tfbus.secure.server_access import ServerTls, Token
 
 
 @dataclass(frozen=True)

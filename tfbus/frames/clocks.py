@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import TopicItem
 from tfbus.runtime.clock import Clock
-from tfbus.runtime.stamp_units import MOST_AHEAD_NS
+from tfbus.runtime.stamps import MOST_AHEAD_NS
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import CLOCK_TOPIC
 from tfbus.wording import counted

@@ -20,7 +20,7 @@ from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.stamp_units import MOST_AHEAD_NS
+from tfbus.runtime.stamps import MOST_AHEAD_NS
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet
 

@@ -32,7 +32,7 @@ from tfbus.recording.selection import ALL, Selection, is_of_transforms
 from tfbus.recording.viewpoint import Viewpoint
 from tfbus.runtime import scheduler
 from tfbus.runtime.closing import Closing
-from tfbus.runtime.stamp_units import other_clock
+from tfbus.runtime.stamps import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names, printable

@@ -18,7 +18,7 @@ from tfbus.frames.clocks import (
 from tfbus.listen.info import StreamInfo
 from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
-from tfbus.runtime.stamp_units import other_unit
+from tfbus.runtime.stamps import other_unit
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, duration, listed, printable
 

@@ -9,7 +9,7 @@
 - *static*: it holds at all times.
 - *stale*: silent for longer than 1 s and than 3 of its own periods; if a single sample gives no
   rate, for longer than 3 s.
-- *ahead*: its newest stamp is in the future, by the rule of `other_clocks`.
+- *ahead*: its newest stamp is in the future, by the rule of `clocks`.
 - *dynamic*: its samples come.
 
 Silence is the time since a sample arrived: the age of the newest stamp, less the delay of the

@@ -40,7 +40,7 @@ from tfbus.geometry.rotations import (
 from tfbus.names import mistake_in
 from tfbus.runtime.right_form import called_as
 from tfbus.runtime.signature import SourceSignature
-from tfbus.runtime.stamp_units import LATEST_STAMP_NS
+from tfbus.runtime.stamps import LATEST_STAMP_NS
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from tfbus.bus.settings import NodeSettings
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.structs import replace
-from tfbus.secure.patterns import matches
-from tfbus.secure.rights import Rights
+from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import last_name, namespace_of
 from tfbus.wording import listed

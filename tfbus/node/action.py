@@ -20,8 +20,7 @@ from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime import scheduler
-from tfbus.runtime.callables import check_callback, check_plain, is_async
-from tfbus.runtime.seconds import seconds_to_wait
+from tfbus.runtime.arguments import check_callback, check_plain, is_async, seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
     decode_map,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tfbus.runtime.callables import shown
+from tfbus.runtime.arguments import shown
 from tfbus.wire.codec import is_message_type
 
 

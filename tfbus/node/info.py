@@ -10,7 +10,7 @@ from tfbus.bus.session import Session
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.parameters import Parameters
 from tfbus.runtime import scheduler
-from tfbus.runtime.version import installed_version
+from tfbus.runtime.installation import installed_version
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS
 from tfbus.wire.keys import clock_key, node_key

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from tfbus.runtime.callables import is_async
+from tfbus.runtime.arguments import is_async
 from tfbus.runtime.callback_groups import CallbackGroup, join
 from tfbus.runtime.clock import Clock, SimulatedClock
 from tfbus.runtime.delays import Delays

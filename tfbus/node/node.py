@@ -27,11 +27,10 @@ from tfbus.node.service import Client, Service, ServiceType
 from tfbus.node.silent_endpoints import watch_endpoints
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
-from tfbus.runtime.callables import check_callback, check_plain
+from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
 from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.log import open_log
-from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.runtime.timer import Timer
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve

@@ -16,7 +16,7 @@ from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.lanes import Lane
 from tfbus.runtime import scheduler
-from tfbus.runtime.seconds import seconds_to_wait
+from tfbus.runtime.arguments import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.

@@ -28,7 +28,7 @@ from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
 from tfbus.runtime.closing import Closing
-from tfbus.runtime.version import installed_version
+from tfbus.runtime.installation import installed_version
 
 if TYPE_CHECKING:
     from mcap.writer import CompressionType

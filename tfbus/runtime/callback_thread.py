@@ -1,10 +1,12 @@
-"""The threads that run callbacks: a wait on one of them ends when its executor closes."""
+"""The threads that run callbacks: how they sleep, and how a wait on one ends with its executor."""
 
 import threading
 from collections.abc import Callable
 
+from tfbus.runtime import scheduler
 
-class Closing:
+
+class ExecutorEnd:
     """The end of an executor, for callbacks that wait on its threads."""
 
     def __init__(self) -> None:
@@ -38,8 +40,33 @@ class _Here(threading.local):
     waits for the current one to return, if the same executor sends the stream; "" elsewhere.
     """
 
-    closing: Closing | None = None
+    closing: ExecutorEnd | None = None
     held_up: Callable[[str], str] = staticmethod(_nothing)
 
 
 here = _Here()
+
+
+class Bell:
+    """A bell that one thread sleeps on until another rings it: an Event whose `ring` may interrupt
+    its own `wait`, as in a signal handler.
+    """
+
+    __slots__ = ("_silent",)
+
+    def __init__(self) -> None:
+        self._silent = scheduler.Lock()
+        self._silent.acquire()
+
+    def ring(self) -> None:
+        """End the `wait` of now, or else the next one."""
+        try:  # noqa: SIM105  # `suppress` would be a third of this
+            self._silent.release()
+        except RuntimeError:
+            pass
+
+    def wait(self, timeout_s: float | None) -> None:
+        """Sleep until it is rung, at most this long; None: for as long as it takes."""
+        if timeout_s is None or timeout_s > scheduler.TIMEOUT_MAX:
+            timeout_s = scheduler.TIMEOUT_MAX
+        self._silent.acquire(timeout=timeout_s if timeout_s > 0.0 else 0.0)

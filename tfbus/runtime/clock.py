@@ -8,8 +8,8 @@ jump back as before it.
 from collections.abc import Callable
 
 from tfbus.runtime import scheduler
-from tfbus.runtime.callables import check_plain
-from tfbus.runtime.callback_thread import Closing, here
+from tfbus.runtime.arguments import check_plain
+from tfbus.runtime.callback_thread import ExecutorEnd, here
 
 Wake = Callable[[], object]
 Jumped = Callable[[int], None]
@@ -263,7 +263,7 @@ def _due_ns(elapsed_ns: int, timeout_s: float | None) -> int:
 class _LimitInCallback(Limit):
     """A limit that has also passed when the executor of the thread closes."""
 
-    def __init__(self, limit: Limit, closing: Closing, wake: Wake) -> None:
+    def __init__(self, limit: Limit, closing: ExecutorEnd, wake: Wake) -> None:
         self._limit = limit
         self._closing = closing
         self._closing.wakes(self, wake)

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
-from tfbus.runtime.bell import Bell
 from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.callback_thread import Closing, here
+from tfbus.runtime.callback_thread import Bell, ExecutorEnd, here
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.delays import SLOW_S, Delays, Ran
 from tfbus.runtime.timer import Timer
@@ -80,7 +79,7 @@ class Executor:
         self._asleep: list[_Worker] = []
         self._timekeeper: _Worker | None = None
         self._loop: EventLoop | None = None
-        self._closing = Closing()
+        self._closing = ExecutorEnd()
         self._closed = False
         # The names of the streams that the node sends, from this executor's callbacks or others.
         self.streams: set[str] = set()

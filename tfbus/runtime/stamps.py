@@ -1,16 +1,15 @@
-"""Stamps of times in other forms: seconds, datetime, datetime64."""
+"""Stamps: from seconds, datetime and datetime64; in another unit, or of another clock."""
 
-from datetime import UTC, datetime, timedelta
-from decimal import Decimal
-from fractions import Fraction
 from math import isfinite
 from typing import TYPE_CHECKING, Any, overload
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.runtime.stamp_units import LATEST_STAMP_NS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from datetime import datetime
+    from decimal import Decimal
+    from fractions import Fraction
 
     import numpy as np
     from numpy.typing import NDArray
@@ -18,8 +17,65 @@ if TYPE_CHECKING:
     Seconds = int | float | Decimal | Fraction
     Time = Seconds | datetime | np.datetime64
 
+# Differences of stamps up to this fit 64 bits: 146 years.
+LATEST_STAMP_NS = 2**62 - 1
+
+# Clocks that show less since 1970 are simulated, and begin at 0: ten years.
+_LEAST_OF_A_REAL_CLOCK_NS = 315_360_000_000_000_000
+
+# By one clock a stamp of a measurement is never later than now; this much is no harm.
+MOST_AHEAD_NS = 20_000_000
+
+_YEAR_NS = 31_557_600_000_000_000
+
 _SECOND_NS = 1_000_000_000
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_UNITS = {"seconds": _SECOND_NS, "milliseconds": 1_000_000, "microseconds": 1_000}
+
+# A stamp in another unit is nearly always of this moment, or of the samples that are looked up: a
+# day allows for time zones. With years, a simulation would come by such stamps often: within a year
+# of now in milliseconds it is for a whole minute.
+_NEAR_NS = 86_400_000_000_000
+
+# No stamp above this, in nanoseconds, can be one in microseconds: cheap to tell.
+LATEST_OF_ANOTHER_UNIT = LATEST_STAMP_NS // 1_000
+
+
+def other_unit(stamp_ns: int, near_ns: int) -> str:
+    """The unit, other than nanoseconds, in which a stamp is within a day of a time: "seconds",
+    "milliseconds" or "microseconds"; "" if there is none.
+
+    Near the time of a simulated clock, which begins at 0, any small stamp is right: "".
+    """
+    if near_ns < _LEAST_OF_A_REAL_CLOCK_NS:
+        return ""
+    for unit, factor in _UNITS.items():
+        if abs(stamp_ns * factor - near_ns) <= _NEAR_NS:
+            return unit
+    return ""
+
+
+def other_clock(stamp_ns: int, newest_ns: int) -> str:
+    """The advice on a stamp more than ten years from the newest sample, which are of different
+    clocks: as the end of a sentence without its full stop; "" for one that is nearer.
+    """
+    years = round(abs(stamp_ns - newest_ns) / _YEAR_NS)
+    if abs(stamp_ns - newest_ns) < _LEAST_OF_A_REAL_CLOCK_NS:
+        return ""
+    side, whose = ("earlier", "this node") if newest_ns < stamp_ns else ("later", "its publisher")
+    return (
+        f"its newest sample is {years} years {side}, so its stamps are of another clock; if one of "
+        f"the two is simulated, pass --sim-time to {whose} too"
+    )
+
+
+def unit_hint(stamp_ns: int, unit: str) -> str:
+    """The advice on a stamp in another unit, as a sentence without its full stop."""
+    seconds = stamp_ns * _UNITS[unit] / 1e9
+    return (
+        f"the stamp {stamp_ns} looks like {unit}, but stamps are nanoseconds: "
+        f"tfbus.stamp_ns({seconds:.15g}) makes one of seconds"
+    )
+
 
 # Farther from 1970, in years, a datetime64 may not fit nanoseconds, and wraps around silently.
 _MOST_YEARS = 146
@@ -56,13 +112,22 @@ def stamp_ns(time: "Time | Sequence[Time] | NDArray[Any]") -> "int | NDArray[np.
 
 
 def _stamp(time: Any) -> int:
+    # Slow to import, and a node needs none of them.
+    from datetime import UTC, datetime, timedelta
+    from decimal import Decimal
+    from fractions import Fraction
+
     if hasattr(time, "to_datetime64"):
         time = time.to_datetime64()  # a pandas Timestamp is a datetime, but to the nanosecond
     kind = getattr(getattr(time, "dtype", None), "kind", "")
     if kind == "M":
         return int(_of_datetime64(time))
     if isinstance(time, datetime):
-        return (time.astimezone(UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
+        return (
+            (time.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC))
+            // timedelta(microseconds=1)
+            * 1000
+        )
     if kind == "f" or isinstance(time, float):
         seconds = float(time)
         return _of_seconds(seconds if not isfinite(seconds) else Fraction(repr(seconds)))
@@ -77,6 +142,8 @@ def _stamp(time: Any) -> int:
 
 
 def _of_seconds(seconds: "Seconds") -> int:
+    from fractions import Fraction
+
     if not isfinite(seconds):
         raise InvalidArgumentException(f"time: seconds must be finite, not {seconds}")
     return round(Fraction(seconds) * _SECOND_NS)

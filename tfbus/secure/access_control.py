@@ -15,8 +15,7 @@ keys of transforms and the clock are denied.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from tfbus.secure.patterns import as_keys, as_path
-from tfbus.secure.rights import NAMED_ONLY, Identity, Rights
+from tfbus.secure.rights import NAMED_ONLY, Identity, Rights, as_keys, as_path
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 _SUBSCRIBE = "declare_subscriber"

@@ -25,11 +25,13 @@ from tfbus.secure.folder import (
     KEY_FILE,
     NAME_FILE,
     OWN_FILES,
+    RIGHTS_FILE,
     check_key_is_own,
     name_file,
+    read_rights,
+    write_rights,
 )
 from tfbus.secure.rights import Identity, Rights
-from tfbus.secure.rights_file import RIGHTS_FILE, read_rights, write_rights
 from tfbus.wording import counted, listed
 
 # The rights that an identity's folder had when it was exported last: what its machine has.

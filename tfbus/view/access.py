@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 from urllib.parse import parse_qs, quote
 
-from tfbus.secure.server_tls import ServerTls
-from tfbus.secure.token import Token, is_same
+from tfbus.secure.server_access import ServerTls, Token, is_same
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">

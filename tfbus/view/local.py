@@ -497,8 +497,7 @@ def show(
 
 
 def _access(host: str) -> "Access":
-    from tfbus.secure.server_tls import made_tls
-    from tfbus.secure.token import Token
+    from tfbus.secure.server_access import Token, made_tls
     from tfbus.view.access import Access
 
     try:

@@ -10,7 +10,7 @@ from tfbus.compat.rclpy.action.status import GoalStatus, uuid_of
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ServiceError
-from tfbus.runtime.callables import is_async
+from tfbus.runtime.arguments import is_async
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.node import Node

@@ -1,12 +1,11 @@
-"""The commit of a clone: by git where it is there, and from its files where it is not."""
+"""The version, and the commit of a clone, of which git tells."""
 
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from tfbus.runtime.clone import commit_of_clone
-from tfbus.runtime.version import version_and_origin
+from tfbus.runtime.installation import commit_of_clone, version_and_origin
 
 pytestmark = pytest.mark.real
 
@@ -48,19 +47,10 @@ def test_a_changed_clone_says_so(clone: Path) -> None:
     assert commit_of_clone(clone).endswith(", changed")
 
 
-@pytest.mark.parametrize("kind", ["branch", "packed", "detached", "worktree"])
-def test_no_git_is_needed(clone: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commit comes from the files of the repository then."""
-    commit = git(clone, "rev-parse", "HEAD")
-    if kind == "packed":
-        git(clone, "pack-refs", "--all")
-    elif kind == "detached":
-        git(clone, "checkout", "--quiet", "--detach")
-    elif kind == "worktree":
-        git(clone, "worktree", "add", "--quiet", "../other")
-        clone = clone.parent / "other"
+def test_without_git_it_is_a_clone_alone(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing else reads the repository."""
     monkeypatch.setenv("PATH", "")
-    assert commit_of_clone(clone) == f"clone at {commit[:7]}"
+    assert commit_of_clone(clone) == "clone"
 
 
 def test_a_broken_repository_is_no_error(clone: Path) -> None:

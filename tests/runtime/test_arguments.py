@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from tfbus.runtime.seconds import seconds_to_wait
+from tfbus.runtime.arguments import seconds_to_wait
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,108 @@
+"""This installation of tfbus: its version, its clone, and whether it is complete and compiled."""
+
+import os
+import sys
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+_NAME, _END = "tfbus-", ".dist-info"
+
+
+@cache
+def installed_version() -> str:
+    """As pip knows it; read at the first call."""
+    # importlib.metadata would import as much as the rest of a node, for the name of a folder.
+    for folder in sys.path:
+        with suppress(OSError):
+            for name in os.listdir(folder or "."):
+                if name.startswith(_NAME) and name.endswith(_END):
+                    return name[len(_NAME) : -len(_END)]
+    from importlib.metadata import version
+
+    return version("tfbus")
+
+
+def version_and_origin() -> str:
+    """For people, as in "0.1.0 (clone at 1a2b3c4, changed)"; asks git if there is a clone."""
+    origin = commit_of_clone()
+    return installed_version() + (f" ({origin})" if origin else "")
+
+
+_SHOWN = 7
+_GIT_WITHIN_S = 5.0
+
+
+def commit_of_clone(clone: Path = Path(__file__).parents[2]) -> str:
+    """As in "clone at 1a2b3c4, changed"; "" if tfbus is installed, and not run from a clone.
+
+    "clone" alone if git is not there to say more.
+    """
+    if not (clone / ".git").exists() or not (clone / "pyproject.toml").exists():
+        return ""
+    import subprocess  # 8 ms
+
+    # In a hook of git these name the repository of the hook.
+    environment = {name: value for name, value in os.environ.items() if name[:4] != "GIT_"}
+    command = ["git", "--no-optional-locks", "status", "--porcelain=v2", "--branch", "-uno"]
+    try:
+        lines = subprocess.run(
+            command,
+            cwd=clone,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_GIT_WITHIN_S,
+            text=True,
+            errors="replace",
+            check=True,
+        ).stdout.splitlines()
+    except (OSError, subprocess.SubprocessError):
+        return "clone"
+    commit = "".join(line.split()[2] for line in lines if line.startswith("# branch.oid "))
+    at = f" at {commit[:_SHOWN]}" if commit.isalnum() else ""  # not "(initial)"
+    is_changed = any(not line.startswith("#") for line in lines)
+    return f"clone{at}{', changed' if is_changed else ''}"
+
+
+# What setup.py writes beside the modules that it could not compile; pip hides what it says.
+_REASON = Path(__file__).parents[1] / "not_compiled.txt"
+
+SLOWER = "lookups take about 70 times as long"
+
+
+class InterpretedWarning(RuntimeWarning):
+    """tfbus was to be compiled, and is not."""
+
+
+def why_interpreted() -> str:
+    """Why the compiler failed, as a sentence and the way out; "" if that was not tried.
+
+    Of interest if the buffer is interpreted: the reason stays if it was compiled later.
+    """
+    try:
+        reason = _REASON.read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
+    return (
+        f"tfbus runs without its compiled kernel, and {SLOWER}: {reason}. Install a C compiler and "
+        "the headers of Python, then: pip install --force-reinstall --no-deps --no-cache-dir tfbus"
+    )
+
+
+def why_not_installed() -> str:
+    """The missing part, and what to do, as a sentence; "" if tfbus is installed.
+
+    Python imports first what lies in the folder it is started in. In a clone these are sources:
+    they are not compiled, and the nodes lie elsewhere.
+    """
+    from importlib.util import find_spec
+
+    if find_spec("tfbus.nodes") is not None:
+        return ""
+    clone = Path(__file__).parents[2]
+    return (
+        f"Python has imported tfbus from the sources in {clone}, where it is neither compiled nor "
+        "complete: start Python in another folder to use the installed one, or install the sources "
+        "in place with: pip install --editable ."
+    )

@@ -13,7 +13,7 @@ from tests.simulation.budgets import beyond
 from tests.simulation.model import Publisher
 from tests.simulation.plans import PLAIN
 from tfbus.buffer import trajectories
-from tfbus.testing.processes import Process
+from tfbus.testing.processes import Host, Process
 
 if TYPE_CHECKING:
     from tests.simulation.histories import Part, Run
@@ -83,11 +83,22 @@ class Laws:
             if process is not None:
                 self._note(self._running_s, process, process.is_running)
         readers = {part.process for part in run.parts if not part.process.is_dead}
+        are_calm = {
+            (one, other): self._is_path_calm(one, other) and self._is_path_calm(other, one)
+            for one in {reader.host for reader in readers}
+            for other in {each.process.host for each in living if each.process is not None}
+        }
         for reader in readers:
             for publisher in living:
-                assert publisher.process is not None
-                pair = reader, publisher.process
-                self._note(self._calm_s, pair, self._is_calm(*pair))
+                process = publisher.process
+                assert process is not None
+                is_calm = (
+                    reader.is_running
+                    and process.is_running
+                    and are_calm[reader.host, process.host]
+                    and _are_lanes_calm(reader, process)
+                )
+                self._note(self._calm_s, (reader, process), is_calm)
 
     def _note(self, since_s: dict[Any, float], what: Any, holds: bool) -> None:
         if holds:
@@ -95,22 +106,10 @@ class Laws:
         else:
             since_s.pop(what, None)
 
-    def _is_calm(self, one: Process, other: Process) -> bool:
-        network = self._run.network
-        if not (one.is_running and other.is_running):
-            return False
-        for ends in ((one.host, other.host), (other.host, one.host)):
-            path = network._paths.between(*ends)
-            if not path.is_up or path.loss or path.bytes_a_second or path.delay_s > _CALM_DELAY_S:
-                return False
-        # What was sent before may still be under way, and all else waits behind it.
-        return all(
-            lane.busy_s() < _CALM_DELAY_S
-            for session in one.sessions
-            for face in session.faces.values()
-            if face.far_session.process is other
-            for lane in (face.lane, face.far.lane)
-        )
+    def _is_path_calm(self, one: Host, other: Host) -> bool:
+        path = self._run.network._paths.between(one, other)
+        is_quick = path.delay_s <= _CALM_DELAY_S and not path.bytes_a_second
+        return path.is_up and is_quick and not path.loss
 
     def note_clock(self, host: str) -> None:
         """The clock of a host was set."""
@@ -438,6 +437,17 @@ class Laws:
                 return
         if slot in self._run.publishers:
             self._run.violate(f"{part.name}: {change.frame} is back, and no process has sent it")
+
+
+def _are_lanes_calm(one: Process, other: Process) -> bool:
+    """Whether little is still under way of what was sent before: all else waits behind it."""
+    for session in one.sessions:
+        for far in other.sessions:
+            face = session.faces.get(far)
+            lanes = () if face is None else (face.lane, face.far.lane)
+            if any(lane.busy_s() >= _CALM_DELAY_S for lane in lanes):
+                return False
+    return True
 
 
 def _value(buffer: Any, frame: str) -> tuple[float, float] | None:

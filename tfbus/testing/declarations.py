@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from tfbus.testing.keys import intersect
+from tfbus.testing.keys import Holders, intersect
 
 if TYPE_CHECKING:
     from tfbus.testing.faces import Face
@@ -41,6 +41,8 @@ class Declarations:
     def __init__(self, session: "ZenohSession") -> None:
         self._session = session
         self.own: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+        # The faces by which others have declared keys.
+        self.heard: dict[str, Holders[Face]] = {kind: Holders() for kind in KINDS}
 
     def change(self, kind: str, full: str, by: int) -> None:
         """The program declares one more of this kind and key, or ends one."""
@@ -58,8 +60,10 @@ class Declarations:
             return
         if is_new:
             declared[key] = None
+            self.heard[kind].add(key, face)
         else:
             del declared[key]
+            self.heard[kind].discard(key, face)
         self.spread(face, kind, key, 1 if is_new else -1)
 
     def end_of(self, face: "Face") -> None:
@@ -67,7 +71,15 @@ class Declarations:
         for kind, declared in face.declared.items():
             for key in list(declared):
                 del declared[key]
+                self.heard[kind].discard(key, face)
                 self.spread(face, kind, key, -1)
+
+    def move(self, former: "Face", face: "Face") -> None:
+        """A face continues a former one, and has all that was declared by that."""
+        for kind, declared in former.declared.items():
+            for key in declared:
+                self.heard[kind].discard(key, former)
+                self.heard[kind].add(key, face)
 
     def spread(self, source: object, kind: str, key: str, change: int) -> None:
         """A source has one declaration more, or less: count it, and tell all who have to know."""

@@ -45,7 +45,6 @@ class Fabric:
         # Messages that congested links have dropped.
         self.dropped = 0
         self._sessions: dict[ZenohSession, None] = {}
-        self._looking: set[tuple[ZenohSession, ZenohSession]] = set()
         self._meeting = Meeting(paths)
         # Faces whose far end has lost the link, which they will not notice in time.
         self._unaware: set[Face] = set()
@@ -212,19 +211,20 @@ class Fabric:
     # Who meets
 
     def _meet_others(self, session: ZenohSession, within_s: float) -> None:
-        for other in list(self._sessions):
-            is_known = other is session or other in session.faces
-            if not is_known and self._meeting.protocol(session, other):
+        # Of hundreds nearly all are known: only the others are looked at, in an order of the seed.
+        others = self._sessions.keys() - session.faces.keys() - session.looks_for - {session}
+        for other in sorted(others, key=lambda each: each.zid_text):
+            if self._meeting.protocol(session, other):
                 self._meet_soon(session, other, within_s)
 
     def _meet_soon(self, one: ZenohSession, other: ZenohSession, within_s: float) -> None:
         pair = (one, other) if one.zid_text > other.zid_text else (other, one)
-        if pair in self._looking or other in one.faces:
-            return
-        self._looking.add(pair)
+        one.looks_for.add(other)
+        other.looks_for.add(one)
 
         def try_it() -> None:
-            self._looking.discard(pair)
+            one.looks_for.discard(other)
+            other.looks_for.discard(one)
             are_there = all(session in self._sessions for session in pair)
             # Where nothing passes, healing begins it again.
             if are_there and self._can_talk(*pair) and not self._are_linked(*pair):

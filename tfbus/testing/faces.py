@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from tfbus.testing.declarations import KINDS, QUERYABLE
@@ -46,6 +46,7 @@ class Face:
     def continue_of(self, former: "Face") -> None:
         """Take over all that a former end knew and told: a link was added to it."""
         self.declared, self._told, self.asked = former.declared, former._told, former.asked
+        self.session.declarations.move(former, self)
 
     def send(
         self, call: Callable[["Face"], object], size: int = 100, *, is_urgent: bool = True
@@ -61,6 +62,21 @@ class Face:
 
     def tell(self, kind: str, key: str, change: int) -> None:
         """Count a declaration more, or less: the far end hears of the first and of the last."""
+        if self._is_news(kind, key, change):
+            self._send_news([(kind, key)], change > 0)
+
+    def tell_all(self, declared: Iterable[tuple[str, str]]) -> None:
+        """Tell of all that is declared on a new link. It goes out in two messages, so that the far
+        end may have done something after any of it, and before the next.
+        """
+        news = [(kind, key) for kind, key in declared if self._is_news(kind, key, 1)]
+        cut = int(self.session.tasks.random.random() * (len(news) + 1))
+        for part in (news[:cut], news[cut:]):
+            if part:
+                self._send_news(part, True)
+
+    def _is_news(self, kind: str, key: str, change: int) -> bool:
+        """Count a declaration more, or less; whether the far end has to hear of it."""
         told = self._told[kind]
         former = told[key]
         told[key] += change
@@ -70,7 +86,13 @@ class Face:
             if kind == QUERYABLE and not self._has_lost and self.session.fabric.loses_declaration():
                 # More than one of a link was never seen to be lost.
                 self._has_lost = True
-                return
-            self.send(lambda far: far.session.declarations.hear(far, kind, key, True))
-        elif key not in told:
-            self.send(lambda far: far.session.declarations.hear(far, kind, key, False))
+                return False
+            return True
+        return key not in told
+
+    def _send_news(self, news: list[tuple[str, str]], is_new: bool) -> None:
+        def hear(far: "Face") -> None:
+            for kind, key in news:
+                far.session.declarations.hear(far, kind, key, is_new)
+
+        self.send(hear, 100 * len(news))

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Generic, TypeVar
 
 import zenoh
+
+Holder = TypeVar("Holder")
 
 
 @lru_cache(maxsize=200_000)
@@ -47,6 +50,59 @@ class Keys(dict[str, None]):
             return True
         others = self if "*" in key else self._expressions
         return bool(others) and any(intersect(each, key) for each in others)
+
+
+class Holders(Generic[Holder]):
+    """By key all that have declared it; says which of them a key or expression meets."""
+
+    def __init__(self) -> None:
+        self._holders: dict[str, dict[Holder, None]] = {}
+        # The keys by their first two names, of thousands of which an expression meets few.
+        self._below: dict[str, dict[str, None]] = {}
+        self._expressions: dict[str, None] = {}
+        # What was found, until a holder comes or goes.
+        self._found: dict[str, dict[Holder, None]] = {}
+
+    def add(self, key: str, holder: Holder) -> None:
+        """It has declared this key."""
+        holders = self._holders.get(key)
+        if holders is None:
+            holders = self._holders[key] = {}
+            self._keys_beside(key)[key] = None
+        holders[holder] = None
+        self._found.clear()
+
+    def discard(self, key: str, holder: Holder) -> None:
+        """It has ended the declaration of this key."""
+        holders = self._holders.get(key, {})
+        holders.pop(holder, None)
+        if not holders and self._holders.pop(key, None) is not None:
+            del self._keys_beside(key)[key]
+        self._found.clear()
+
+    def met_by(self, key: str) -> dict[Holder, None]:
+        """All that have declared something that a key or expression meets."""
+        found = self._found.get(key)
+        if found is None:
+            found = self._found[key] = dict(self._holders.get(key, ()))
+            for each in [*self._expressions, *(self._near(key) if "*" in key else ())]:
+                if each != key and intersect(each, key):
+                    found.update(self._holders[each])
+        return found
+
+    def _keys_beside(self, key: str) -> dict[str, None]:
+        return self._expressions if "*" in key else self._below.setdefault(_first_two(key), {})
+
+    def _near(self, expression: str) -> Iterable[str]:
+        """The keys that an expression may meet."""
+        first_two = _first_two(expression)
+        if "*" not in first_two:
+            return self._below.get(first_two, ())
+        return (key for keys in self._below.values() for key in keys)
+
+
+def _first_two(key: str) -> str:
+    return "/".join(key.split("/", 2)[:2])
 
 
 class Names:

@@ -6,6 +6,7 @@ have a link to; each introduces two others once. Links to clients of peers are n
 """
 
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -94,7 +95,12 @@ def _found_at(other: "ZenohSession", one: "ZenohSession") -> str:
 def _listens(session: "ZenohSession") -> list[tuple[str, str, str | None]]:
     """The protocol, host and port of each endpoint that a session listens on."""
     given = session.listen or (f"tcp/[::]:{_ROUTER_PORT if session.mode == 'router' else 0}",)
-    found = [_ENDPOINT.fullmatch(endpoint) for endpoint in given]
+    return _places(given)
+
+
+@lru_cache(maxsize=1000)
+def _places(endpoints: tuple[str, ...]) -> list[tuple[str, str, str | None]]:
+    found = [_ENDPOINT.fullmatch(endpoint) for endpoint in endpoints]
     return [(each["protocol"], each["host"], each["port"]) for each in found if each]
 
 

@@ -74,6 +74,7 @@ class Asked:
         self._on_reply = on_reply
         self._on_end = on_end
         self.waits_for: set[object] = set()
+        self.went_by: list[Face] = []
         self.is_over = False
 
     def answer(self, reply: Reply) -> None:
@@ -190,7 +191,7 @@ class Queries:
     def forget(self, asked: Asked) -> None:
         """A query has ended."""
         self._asked.pop(asked.number, None)
-        for face in self._session.faces.values():
+        for face in asked.went_by:
             face.asked.pop(asked.number, None)
 
     def end_of(self, face: "Face") -> None:
@@ -221,6 +222,7 @@ class Queries:
     def _pass_on(self, way: Way, asked: Asked, question: _Question) -> None:
         face, journey = way
         asked.waits_for.add(face)
+        asked.went_by.append(face)
         face.asked[asked.number] = asked
         number = asked.number
         size = len(question.payload or b"") + _AROUND

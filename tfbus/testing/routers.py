@@ -105,11 +105,13 @@ class Router(Direct):
             return
         if _is_peer(face):
             self._publish("peer", face.far_session.zid_text, is_new=True)
-        for source, declared in list(self.sources()):
-            if source is not face and not (_is_peer(face) and source in self._peers()):
-                for kind, keys in declared.items():
-                    for key in list(keys):
-                        face.tell(kind, key, 1)
+        face.tell_all(
+            (kind, key)
+            for source, declared in self.sources()
+            if source is not face and not (_is_peer(face) and source in self._peers())
+            for kind, keys in declared.items()
+            for key in keys
+        )
 
     def part(self, face: "Face") -> None:
         """A face has ended."""

@@ -47,7 +47,7 @@ class Direct:
 
     def has(self, kind: str, full: str) -> bool:
         """Whether a declaration of another session meets a key."""
-        return any(face.wants(kind, full) for face in self._session.faces.values())
+        return bool(self._session.declarations.heard[kind].met_by(full))
 
     def ways(
         self, kind: str, full: str, journey: Journey | None = None, came_by: "Face | None" = None
@@ -55,14 +55,13 @@ class Direct:
         """The faces by which a message goes on; without `journey` it is of this session."""
         if came_by is not None:
             return []
-        faces = list(self._session.faces.values())
-        return [Way(face, Journey()) for face in faces if face.is_open and face.wants(kind, full)]
+        faces = self._session.declarations.heard[kind].met_by(full)
+        return [Way(face, Journey()) for face in faces if face.is_open]
 
     def greet(self, face: "Face") -> None:
         """Tell the far end of a new face all that it has to know."""
-        for kind, keys in self._session.declarations.own.items():
-            for key in list(keys):
-                face.tell(kind, key, 1)
+        own = self._session.declarations.own
+        face.tell_all((kind, key) for kind, keys in own.items() for key in keys)
 
     def part(self, face: "Face") -> None:
         """A face has ended."""

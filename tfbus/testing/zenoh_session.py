@@ -56,6 +56,8 @@ class ZenohSession:
         self.names = Names(namespace)
         # The links of the session, by the session at the far end of each.
         self.faces: dict[ZenohSession, Face] = {}
+        # Those that it meets soon.
+        self.looks_for: set[ZenohSession] = set()
         self.callers = Callers(self.tasks, process, "zenoh")
         self.declarations = Declarations(self)
         self.routing: Any = Router(self) if mode == "router" else Direct(self)

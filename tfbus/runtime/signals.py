@@ -387,13 +387,14 @@ def interrupt_again() -> None:
     if scheduler.is_simulated:
         raise KeyboardInterrupt  # which nothing swallows there
 
-    def interrupt() -> None:
+    main = threading.main_thread().ident
+    assert main is not None
+
+    def interrupt(main: int = main) -> None:
         time.sleep(_POKE_EVERY_S)
         _handlers().forget_interrupt()
         signal.pthread_kill(main, signal.SIGINT)
 
-    main = threading.main_thread().ident
-    assert main is not None
     threading.Thread(target=interrupt, name="signals again", daemon=True).start()
 
 

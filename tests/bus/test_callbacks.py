@@ -36,6 +36,24 @@ with tfbus.Node("listener") as node, tfbus.TransformListener(buffer, node):
         node.wait(0.01)
 """
 
+# Zenoh tells of what is there already on the thread that asks, and swallows what is raised.
+INTERRUPTED = """
+import signal, threading, tfbus
+from tfbus.discover.presence import watch_nodes
+
+def on_node(name, alive):
+    if threading.current_thread() is threading.main_thread():
+        print("interrupted", flush=True)
+        signal.raise_signal(signal.SIGINT)
+
+with tfbus.Node("waiting") as node:
+    try:
+        watch_nodes(node.session, on_node)
+        node.spin()
+    except KeyboardInterrupt:
+        pass
+"""
+
 
 @pytest.fixture
 def busy(bus: Bus) -> Bus:
@@ -64,3 +82,11 @@ def test_a_process_may_fork_while_messages_arrive(busy: Bus) -> None:
     process.wait_for_line("exit")
     assert process.wait() == 0
     assert process.out == ["fork 7", "worker", "exit 0"]
+
+
+@pytest.mark.real
+def test_ctrl_c_in_a_callback_on_the_main_thread_ends_the_process(bus: Bus) -> None:
+    """It ends what the main thread does, or waits for, next."""
+    process = bus.start_command([sys.executable, "-c", INTERRUPTED])
+    process.wait_for_line("interrupted")
+    assert process.wait() == 0

@@ -152,7 +152,7 @@ def test_a_page_from_elsewhere_cannot_connect(public: tuple[Process, str], stran
         evil = strangers.new_page()
         evil.goto(origin)
         evil.locator("#said").filter(has_text="refused").wait_for()
-    process.wait_for_line(f"Refused a browser: a page of '{origin}' may not use")
+    process.wait_for_line(f"Refused a browser: a page of '{origin}' may not connect")
 
 
 def test_a_websocket_needs_the_cookie_and_the_origin(public: tuple[Process, str]) -> None:
@@ -165,7 +165,7 @@ def test_a_websocket_needs_the_cookie_and_the_origin(public: tuple[Process, str]
     assert opening(address, Cookie=cookie) == 101
     assert opening(address, Cookie=cookie, Origin=f"https://{host}") == 101
     assert opening(address, Cookie=cookie, Origin="https://evil.example") == 403
-    process.wait_for_line(r"Refused a browser: a page of 'https://evil\.example' may not use")
+    process.wait_for_line(r"Refused a browser: a page of 'https://evil\.example' may not connect")
 
 
 def test_every_path_needs_the_token_and_leads_to_the_page_only(public: tuple[Process, str]) -> None:

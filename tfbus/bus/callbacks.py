@@ -16,6 +16,7 @@ from typing import Any
 import zenoh
 
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.signals import interrupt_again
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
 from tfbus.wording import printable
 
@@ -113,6 +114,8 @@ class Callbacks:
                     callback(name, payload.to_bytes())
             except Exception:
                 report()
+            except KeyboardInterrupt:
+                interrupt_again()
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
 
@@ -206,7 +209,11 @@ def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = No
 
     def call(event: Any) -> None:
         kept.known = True
-        callback(event)
+        try:
+            callback(event)
+        except KeyboardInterrupt:
+            # Zenoh calls on the thread that declares, too, for what it knows already.
+            interrupt_again()
 
     return zenoh.handlers.Callback(call, drop, indirect=False)
 

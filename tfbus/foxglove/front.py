@@ -1,24 +1,19 @@
-"""The port that clients connect to: which of them the server serves.
-
-A browser lets each page that its user opens connect to this machine, and the header Origin alone
-says which page it is. So a page of another host is refused; programs, Foxglove's application and
-its page are not.
-"""
+"""The port that clients connect to: which of them the server serves."""
 
 import asyncio
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from contextlib import suppress
-from urllib.parse import SplitResult, parse_qs, quote, urlsplit
+from urllib.parse import parse_qs, quote
 
 from tfbus.errors import TfbusError
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.serving import Serving
 from tfbus.runtime import scheduler
-from tfbus.runtime.addresses import is_local, names_to_open, names_to_open_elsewhere
-from tfbus.wording import printable
+from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
+from tfbus.secure.gate import Gate, machine_names
 
 # A client must have sent its request by then, which is at most this long.
 _PATIENCE_S = 10.0
@@ -40,21 +35,8 @@ _PORTS = 20
 _FOXGLOVE = "foxglove.dev"
 
 
-def refusal(origin: str | None, allowed: Collection[str]) -> str:
-    """Why a page of this origin is refused, in a sentence; "" if it is not, or no page."""
-    if origin is None or origin in allowed:
-        return ""
-    parts = _parts(origin.lower())
-    host = parts.hostname or ""
-    if parts.scheme not in ("http", "https", ""):
-        return ""  # as file: and those of applications, which no web page has
-    is_foxglove = parts.scheme == "https" and f".{host}".endswith(f".{_FOXGLOVE}")
-    if is_foxglove or (host and is_local(host)):
-        return ""
-    return (
-        f"a page of {printable(origin, 100)} may not connect: only those of {_FOXGLOVE} and of "
-        f"this machine may, or of an --allow-origin {printable(origin, 100)}"
-    )
+def _is_foxglove(scheme: str, host: str) -> bool:
+    return scheme == "https" and f".{host}".endswith(f".{_FOXGLOVE}")
 
 
 class Front:
@@ -72,7 +54,12 @@ class Front:
     ) -> None:
         self.clients = 0
         self._host, self._wanted_port = serving.host, serving.port
-        self._allowed = serving.origins
+        self._gate = Gate(
+            machine_names(serving.host),
+            serving.origins,
+            _is_foxglove,
+            advice=f"pages of {_FOXGLOVE} and of this machine may, and those of --allow-origin",
+        )
         self._tls, self._token = serving.tls, serving.token
         self._server = server
         # Those that have not sent their request, by their addresses, the first first.
@@ -207,7 +194,7 @@ class Front:
         if headers.get("upgrade", "").lower() != "websocket":
             text = f"Here is tfbus for {self.announcement()}"
             return _response("426 Upgrade Required", text, "Upgrade: websocket\r\n")
-        if reason := refusal(headers.get("origin"), self._allowed):
+        if reason := self._gate.refusal(headers.get("origin"), headers.get("host", "")):
             self._on_refused(reason)
             return _response("403 Forbidden", reason)
         if self.clients >= MOST_CLIENTS:
@@ -293,11 +280,3 @@ def _bound(host: str, port: int) -> list[socket.socket]:
         bound.close()
         raise
     return [bound]
-
-
-def _parts(url: str) -> SplitResult:
-    """The parts of a URL; all empty if it is malformed."""
-    try:
-        return urlsplit(url)
-    except ValueError:
-        return urlsplit("")

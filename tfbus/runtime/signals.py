@@ -346,6 +346,10 @@ class _Handlers:
             self._interrupted_s = now_s
             raise KeyboardInterrupt
 
+    def forget_interrupt(self) -> None:
+        """Raise KeyboardInterrupt at the next signal, however soon it comes."""
+        self._interrupted_s = -math.inf
+
     def restore(self) -> None:
         """The handlers of before."""
         if not scheduler.is_simulated:
@@ -374,6 +378,24 @@ def _handlers() -> _Handlers:
 
 def _in_main_thread() -> bool:
     return scheduler.current_thread() is scheduler.main_thread()
+
+
+def interrupt_again() -> None:
+    """Raise KeyboardInterrupt again soon: this one was raised in a callback that a library runs on
+    the main thread, and the library swallows it.
+    """
+    if scheduler.is_simulated:
+        raise KeyboardInterrupt  # which nothing swallows there
+
+    main = threading.main_thread().ident
+    assert main is not None
+
+    def interrupt(main: int = main) -> None:
+        time.sleep(_POKE_EVERY_S)
+        _handlers().forget_interrupt()
+        signal.pthread_kill(main, signal.SIGINT)
+
+    threading.Thread(target=interrupt, name="signals again", daemon=True).start()
 
 
 def forget_interrupt() -> None:

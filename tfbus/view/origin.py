@@ -1,73 +1,24 @@
-"""Pages and clients that may use the page: browsers that have it from here, and programs.
+"""The guard of the page: which requests viser's server gets, and where the page may be framed."""
 
-A browser lets any web page open a websocket to this machine; only the header Origin says which page
-it was. So Origin must match Host. Host must be an address or one of this machine's own names: the
-owner of any other name can let it point here.
-"""
-
-from collections.abc import Callable, Collection, Iterator, Mapping
+import gzip
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import SplitResult, urlsplit
 
 from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from tfbus.runtime.addresses import address_of, is_local, own_names
+from tfbus.runtime.addresses import own_names
+from tfbus.secure.gate import Gate, machine_names
 from tfbus.view.access import Access
-from tfbus.view.framed import connecting_in_frames, only_framed_here
 
-
-def machine_names(host: str) -> frozenset[str]:
-    """The names under which others may open a view that listens at `host`: that one, and this
-    machine's host name with and without its domain; none if only this machine reaches it.
-    """
-    if is_local(host):
-        return frozenset()
-    return own_names() | {host.lower()}
-
-
-def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
-    """Why a request with these headers is refused, in a sentence; "" if it is served.
-
-    `names` are those of `machine_names`.
-    """
-    host, origin = headers.get("Host", "").lower(), headers.get("Origin")
-    name = _parts(f"//{host}").hostname or ""
-    if not names and not is_local(name):
-        return f"the view is for this machine only: open it as localhost, not as {name!r}"
-    if names and not _is_own(name, names):
-        return (
-            f"the view is not {name or host!r}, a name that anyone could point here: open the IP "
-            "address of its machine, its host name, or that with .local"
-        )
-    if origin is not None and _parts(origin.lower()).netloc != host:
-        return f"a page of {origin!r} may not use the view at {host!r}: open the view directly"
-    return ""
-
-
-def _is_own(name: str, names: Collection[str]) -> bool:
-    """Whether only this machine, or its own network, can let this name point here."""
-    # Names in .local are resolved on the local network only (RFC 6762).
-    return (
-        name in names
-        or f"*.{name.partition('.')[2]}" in names  # as a certificate may have it
-        or is_local(name)
-        or name.endswith(".local")
-        or address_of(name) is not None
-    )
-
-
-def _parts(url: str) -> SplitResult:
-    """The parts of a URL; all empty if it is malformed."""
-    try:
-        return urlsplit(url)
-    except ValueError:
-        return urlsplit("")
+# viser connects while its document has the focus. One in a frame has not, until it is clicked.
+_SCRIPT = b"<script>if(parent!==window)document.hasFocus=()=>true</script>"
+_HEAD = b"<head>"
 
 
 @dataclass
@@ -86,13 +37,16 @@ class Guard:
     stands: bool = False
 
     def __post_init__(self) -> None:
-        self._names = machine_names(self.host)
+        names = machine_names(self.host)
         if self.access is not None:
-            self._names |= own_names() | self.access.tls.names
+            names |= own_names() | self.access.tls.names
+        self._gate = Gate(names, knows_neighbours=not names, advice="open the view directly")
 
     def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
         """The answer to a request, None for a websocket: that of `then`, or why it is refused."""
-        if reason := refusal(request.headers, self._names):
+        host = request.headers.get("Host", "")
+        origin = request.headers.get("Origin")
+        if reason := self._gate.stranger(host) or self._gate.refusal(origin, host):
             self.on_refused(reason)
             return _response(HTTPStatus.FORBIDDEN, f"{reason}\n")
         if self.access is not None:
@@ -134,3 +88,33 @@ def guarding(guard: Guard) -> Iterator[None]:
 
 def _response(status: HTTPStatus, body: str, headers: Collection[tuple[str, str]] = ()) -> Response:
     return Response(status.value, status.phrase, Headers(headers), body.encode())
+
+
+def connecting_in_frames(response: Response) -> Response:
+    """The response; a page of HTML with a script that makes it connect in a frame, too."""
+    headers = response.headers
+    if not headers.get("Content-Type", "").startswith("text/html") or not response.body:
+        return response
+    is_packed = headers.get("Content-Encoding") == "gzip"
+    response.body = _with_script(bytes(response.body), is_packed)
+    if "Content-Length" in headers:
+        del headers["Content-Length"]
+        headers["Content-Length"] = str(len(response.body))
+    return response
+
+
+def only_framed_here(response: Response, *, is_public: bool) -> None:
+    """Let no page of another machine frame it: a click on that one could be one on this.
+
+    A page that others can reach is framed by itself only.
+    """
+    here = "" if is_public else " http://localhost:* http://127.0.0.1:*"
+    response.headers["Content-Security-Policy"] = f"frame-ancestors 'self'{here}"
+
+
+# Several megabytes, the same for all.
+@lru_cache(4)
+def _with_script(body: bytes, is_packed: bool) -> bytes:
+    page = gzip.decompress(body) if is_packed else body
+    page = page.replace(_HEAD, _HEAD + _SCRIPT, 1)
+    return gzip.compress(page, 6) if is_packed else page

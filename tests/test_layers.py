@@ -124,6 +124,73 @@ def test_imports_point_downwards() -> None:
     assert relative == set()
 
 
+# Each star stands on public names, on `frames`, and on the ground; besides, on no
+# package that is not listed here. `cli` opens the doors of the others.
+GROUND = {"errors", "frames", "inspect", "messages", "names", "runtime", "wording"}
+STARS: dict[str, set[str]] = {
+    "view": {
+        "bus",
+        "command",
+        "geometry",
+        "listen",
+        "node",
+        "recording",
+        "robot",
+        "secure",
+        "wire",
+    },
+    "foxglove": {
+        *("bag", "bus", "discover", "geometry", "listen", "node", "recording", "robot", "ros"),
+        *("secure", "wire"),
+    },
+    "bridge": {
+        *("broadcast", "bus", "command", "core", "discover", "geometry", "listen", "node", "ros"),
+        "wire",
+    },
+    "compat": {"buffer", "bus", "core", "discover", "node", "ros", "wire"},
+    "monitor": {"core", "geometry", "listen", "recording", "wire"},
+    "top": {"monitor"},
+    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros"},
+    "bag": {
+        *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
+        "wire",
+    },
+    "launch": {"secure", "wire"},
+    "cli": {
+        *("bag", "buffer", "bus", "command", "compat", "discover", "doctor", "geometry", "launch"),
+        *("monitor", "node", "recording", "ros", "secure", "top", "wire"),
+    },
+}
+
+
+@cache
+def public_names() -> frozenset[str]:
+    """The dotted names, as they are defined, that are public in `tfbus` or `tfbus.inspect`."""
+    doors = [importlib.import_module(door) for door in ("tfbus", "tfbus.inspect")]
+    values = [(name, getattr(door, name)) for door in doors for name in door.__all__]
+    return frozenset(f"{value.__module__}.{name}" for name, value in values)
+
+
+@pytest.mark.parametrize("star", STARS)
+def test_a_star_stands_on_public_names_and_on_frames(star: str) -> None:
+    """It imports nothing else but what the table grants it."""
+    used = {
+        (name.split(".")[1], name)
+        for path in LIBRARY
+        if package_of(path) == star
+        for name in imports(path)
+        if name.startswith("tfbus.") and name not in public_names()
+    }
+    assert {pair for pair in used if pair[0] not in STARS[star] | GROUND | {star}} == set()
+
+
+def test_no_star_imports_another_star() -> None:
+    """But for the command line, the measurements of `monitor`, and the player of recordings."""
+    leaning = {(star, other) for star, granted in STARS.items() for other in granted & STARS.keys()}
+    leaning = {pair for pair in leaning if pair[0] != "cli"}
+    assert leaning <= {("top", "monitor"), ("doctor", "monitor"), ("foxglove", "bag")}
+
+
 @pytest.mark.parametrize(
     "halves",
     [("launch/read", "launch/run"), ("view/model", "view/scene"), ("view/model", "view/panels")],

@@ -332,3 +332,38 @@ def test_a_follower_is_tested_in_a_simulated_network(bus: Bus) -> None:
     process = bus.start_command([sys.executable, example])
     assert process.wait() == 0, process.out
     assert "3 passed" in process.out[-1]
+
+
+@pytest.mark.real
+def test_metrics_of_a_bus_are_scraped(bus: live_bus.Bus) -> None:
+    """metrics_exporter.py has the age, rate and delay of a frame, and that its publisher left."""
+    needs.module("prometheus_client")
+    mast = bus.start_command([sys.executable, str(ROOT / "examples" / "broadcaster.py")])
+    program = str(ROOT / "examples" / "metrics_exporter.py")
+    exporter = bus.start_command([sys.executable, program, "--param", "port=0"])
+    address = exporter.wait_for_line("http://127")
+
+    def scraped() -> dict[str, float]:
+        with urlopen(address) as answer:
+            lines = answer.read().decode().splitlines()
+        rows = (line.rpartition(" ") for line in lines if not line.startswith("#"))
+        return {name: float(value) for name, _, value in rows}
+
+    camera = '{frame="camera",publisher="mast"}'
+    wanted = {f"tfbus_frame_{each}{camera}" for each in ("rate_hertz", "delay_seconds")}
+    eventually(lambda: wanted <= scraped().keys())
+    metrics = scraped()
+    assert metrics[f"tfbus_frame_rate_hertz{camera}"] > 1.0
+    assert f"tfbus_frame_age_seconds{camera}" in metrics
+    assert (metrics["tfbus_conflicts"], metrics["tfbus_refused_total"]) == (0.0, 0.0)
+    assert mast.stop() == 0
+    eventually(lambda: scraped()[f"tfbus_frame_gone{camera}"] == 1.0)
+    assert exporter.stop() == 0, exporter.err
+
+
+@pytest.mark.real
+def test_own_checks_run_in_a_simulated_network(bus: Bus) -> None:
+    """test_own_check.py passes."""
+    process = bus.start_command([sys.executable, str(ROOT / "examples" / "test_own_check.py")])
+    assert process.wait() == 0, process.out
+    assert "1 passed" in process.out[-1]

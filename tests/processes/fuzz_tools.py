@@ -59,7 +59,12 @@ class Tools:
         as_map(report)
         assert len(first_lines(as_lines(report))) <= 501
         graph = graph_of([], {} if described is None else {stream_key("fuzz"): described})
-        tables = frames_table(report), streams_table(report), nodes_table([]), topics_table(graph)
+        tables = (
+            frames_table(report),
+            streams_table(report),
+            nodes_table([]),
+            topics_table(graph.topics, graph.services),
+        )
         for table in tables:
             assert len({row.key for row in table.rows}) == len(table.rows)
             for column in range(len(table.headings)):

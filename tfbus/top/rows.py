@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from tfbus.discover.graph import Graph
-from tfbus.frames.moment import BusMoment
+from tfbus.discover.graph import ServiceInfo, TopicInfo
 from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
@@ -152,14 +151,16 @@ def _held_up(node: NodeDescription) -> Cell:
 
 
 def topics_table(
-    graph: Graph | BusMoment, rates_hz: Mapping[str, float] = MappingProxyType({})
+    topics: Mapping[str, TopicInfo],
+    services: Mapping[str, ServiceInfo],
+    rates_hz: Mapping[str, float] = MappingProxyType({}),
 ) -> Table:
     """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
     `rates_hz` are those of topics by name.
     """
     rows = []
-    for topic in graph.topics.values():
+    for topic in topics.values():
         heard_by = topic.subscribers
         cells = (
             _text(topic.name),
@@ -170,7 +171,7 @@ def topics_table(
             _text("" if heard_by is None else ", ".join(end.node for end in heard_by)),
         )
         rows.append(Row(f"topic {topic.name}", cells))
-    for service in graph.services.values():
+    for service in services.values():
         cells = (
             _text(service.name),
             _text(_SERVICE),

@@ -5,7 +5,6 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from tfbus.discover.graph import Graph
 from tfbus.errors import TransformException
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
@@ -50,13 +49,13 @@ class Source:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
         # Before the first answers there would be those of transforms alone.
-        topics = report.moment if report.moment.nodes else Graph()
+        topics = report.moment.topics if report.moment.nodes else {}
         self._remember(report)
         return {
             "frames": frames_table(report),
             "streams": streams_table(report),
             "nodes": nodes_table(report.moment.nodes),
-            "topics": topics_table(topics, self._rates_hz(report)),
+            "topics": topics_table(topics, report.moment.services, self._rates_hz(report)),
         }
 
     def measure(self, topic: str) -> None:

@@ -18,6 +18,7 @@ from tfbus.bus.handles import (
     ServedWatch,
 )
 from tfbus.bus.neighbours import Neighbours
+from tfbus.bus.network_session import NetworkSession
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
@@ -26,7 +27,6 @@ from tfbus.bus.zenoh_library import (
     bus_errors,
     is_router_missing,
 )
-from tfbus.bus.zenoh_session import ZenohSession
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
@@ -47,7 +47,7 @@ _LAST_ANSWERS_S = 2.0
 _LONGEST_QUERY_S = 1e9
 
 
-class Session(ZenohSession):
+class Session(NetworkSession):
     """A process's place on the bus, until `close()` or the end of its `with`."""
 
     def __init__(

@@ -408,15 +408,17 @@ class Session(NetworkSession):
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
         """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
 
-        A session opens with the first process it finds; this waits for the others.
+        A session opens with the first process it finds; this waits for the others. If endpoints to
+        connect to are given, the first link is waited for, however quiet it is.
         """
         changed = scheduler.Event()
         watch = self.watch_links(changed.set)
-        deadline = scheduler.monotonic() + timeout_s
-        while changed.wait(min(quiet_s, max(deadline - scheduler.monotonic(), 0.0))):
-            changed.clear()
-            if scheduler.monotonic() >= deadline:
+        deadline_s = scheduler.monotonic() + timeout_s
+        while (left_s := deadline_s - scheduler.monotonic()) > 0.0:
+            is_expecting = bool(self.settings.connect) and not self.linked()
+            if not changed.wait(left_s if is_expecting else min(quiet_s, left_s)):
                 break
+            changed.clear()
         watch.close()
 
 

@@ -235,7 +235,7 @@ REAL = {
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
-    "bus/zenoh_session.py": "the end of a process",
+    "bus/network_session.py": "the end of a process",
     "bag/parts_written.py": "dates as names of files",
 }
 

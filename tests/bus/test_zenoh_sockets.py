@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 
 from tests.buses import DEADLINE_S
-from tfbus.bus.zenoh_sockets import Marks, ZenohSockets, with_sockets
+from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets, with_sockets
 
 pytestmark = pytest.mark.real
 
 # A port of its own: other processes of this machine may scout.
 GROUP = ("224.0.0.224", 7559)
-MARKS = Marks(listening=("127.0.0.1",), group=GROUP, ttl=1, interfaces=1)
+MARKS = SocketMarks(listening=("127.0.0.1",), group=GROUP, ttl=1, interfaces=1)
 
 
 @pytest.fixture

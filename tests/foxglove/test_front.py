@@ -205,10 +205,10 @@ def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
 def test_one_that_others_reach_needs_its_token(server: Server) -> None:
     """Over TLS; wrong ones are refused and said, and after 10 from an address all are."""
     needs.module("cryptography")
-    from tfbus.secure.server_access import Token, made_tls
+    from tfbus.secure.server_access import AccessToken, made_tls
 
     reasons: list[str] = []
-    token = Token("correct horse")
+    token = AccessToken("correct horse")
     serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
     front = Front(serving, server, reasons.append)
     context = ssl.create_default_context()
@@ -236,9 +236,9 @@ def test_one_that_others_reach_needs_its_token(server: Server) -> None:
 def test_the_token_is_in_an_address_but_in_no_link(server: Server) -> None:
     """A link would carry it to Foxglove's site; one that was given is not printed."""
     needs.module("cryptography")
-    from tfbus.secure.server_access import Token, made_tls
+    from tfbus.secure.server_access import AccessToken, made_tls
 
-    for token in (Token(), Token("correct horse")):
+    for token in (AccessToken(), AccessToken("correct horse")):
         serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
         front = Front(serving, server, lambda reason: None)
         shown = token.text if token.is_new else "…"

@@ -17,7 +17,7 @@ from tfbus.launch.read.arguments import Scope, show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
 from tfbus.launch.run.program import check_startable, dry_run_line, program_of
-from tfbus.runtime.yaml_file import Place, YamlFileError
+from tfbus.runtime.yaml_file import FilePlace, YamlFileError
 
 
 def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:
@@ -72,7 +72,7 @@ def test_every_key_of_a_node_is_read(tmp_path: Path) -> None:
     assert process == Process(
         name="broadcaster1",
         namespace="robot7",
-        place=Place(str(tmp_path / "robot.yaml"), 5, "nodes[1]"),
+        place=FilePlace(str(tmp_path / "robot.yaml"), 5, "nodes[1]"),
         directory=tmp_path.resolve(),
         node="broadcaster",
         parameters=(("turtlename", "turtle1"), ("rate", "10"), ("offset", '[0.5, "a, b"]')),
@@ -124,21 +124,21 @@ def test_a_node_may_be_a_python_file_beside_the_launch_file(tmp_path: Path) -> N
 def test_substitutions(written: str, meant: str) -> None:
     """Arguments, environment variables and the file's folder stand between `${` and `}`."""
     scope = Scope({"turtle": "turtle1"}, {"HOME": "/home/ada"}, "/files")
-    assert scope.expand(written, Place("f", 1)) == meant
+    assert scope.expand(written, FilePlace("f", 1)) == meant
 
 
 @given(st.text())
 def test_what_comes_in_is_not_substituted_again(value: str) -> None:
     """An argument's value is taken as it is, whatever is in it."""
     scope = Scope({"x": value}, {}, "/files")
-    assert scope.expand("<${x}>", Place("f", 1)) == f"<{value}>"
+    assert scope.expand("<${x}>", FilePlace("f", 1)) == f"<{value}>"
 
 
 @given(st.text())
 def test_any_text_expands_or_is_a_mistake_with_its_place(text: str) -> None:
     """Any text is substituted, or raises an error with its place."""
     try:
-        Scope({}, {}, "/files").expand(text, Place("f", 3, "nodes"))
+        Scope({}, {}, "/files").expand(text, FilePlace("f", 3, "nodes"))
     except YamlFileError as error:
         assert str(error).startswith("f:3: nodes: ")
 

@@ -27,7 +27,7 @@ from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
 from tfbus.launch.run.child import Timeouts
-from tfbus.launch.run.console import Console, Lines, Stream, safe_line
+from tfbus.launch.run.console import Console, Lines, OutputStream, safe_line
 from tfbus.launch.run.program import Program
 from tfbus.launch.run.run import Debounce, adopting_orphans
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
@@ -100,7 +100,7 @@ class Launch(Output):
         super().__init__()
         (out, self._out), (err, self._err) = os.pipe(), os.pipe()
         self.stdout, self.stderr = self.collect(out), self.collect(err)
-        self._console = Console(Stream(self._out), Stream(self._err))
+        self._console = Console(OutputStream(self._out), OutputStream(self._err))
         self._supervisor = Supervisor(
             programs, self._console, presence=presence, guard=guard, timeouts=timeouts
         )
@@ -402,7 +402,7 @@ def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:
     collected.collect(read)
 
     async def run() -> int:
-        console = Console(Stream(out), Stream(err))
+        console = Console(OutputStream(out), OutputStream(err))
         supervisor = Supervisor([shell("a", "exec yes")], console, timeouts=LONG)
         stop = asyncio.get_running_loop().call_soon_threadsafe
         threading.Thread(

@@ -10,7 +10,7 @@ from tests.buses import DEADLINE_S
 from tests.simulated_bus import Bus
 from tfbus import BusError, NodeSettings
 from tfbus.bus.query import Answer
-from tfbus.node import fixed_id
+from tfbus.node import surroundings
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import NodeDescription
 
@@ -60,10 +60,10 @@ def test_a_node_that_is_found_late_is_asked_again(
     config = tmp_path / "id.json5"
     config.write_text(f"{{id: '{_ID}'}}")
     late = LateBus()
-    monkeypatch.setattr(fixed_id, "Session", lambda *_, **__: late)
-    monkeypatch.setattr(fixed_id, "_AGAIN_AFTER_S", 0.0)
-    monkeypatch.setattr(fixed_id, "_FOUND_WITHIN_S", DEADLINE_S)
+    monkeypatch.setattr(surroundings, "Session", lambda *_, **__: late)
+    monkeypatch.setattr(surroundings, "_AGAIN_AFTER_S", 0.0)
+    monkeypatch.setattr(surroundings, "_FOUND_WITHIN_S", DEADLINE_S)
     settings = NodeSettings("second", config=str(config))
     with pytest.raises(BusError, match="'/first' on pc"):
-        fixed_id.check_id_is_free(settings, logging.getLogger(), 60.0)
+        surroundings.check_id_is_free(settings, logging.getLogger(), 60.0)
     assert late.questions == 3

@@ -13,8 +13,8 @@ from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import NodeSettings
 from tfbus.bus.session import Session
-from tfbus.node import silent_endpoints
-from tfbus.node.silent_endpoints import watch_endpoints
+from tfbus.node import surroundings
+from tfbus.node.surroundings import watch_endpoints
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 
@@ -24,7 +24,7 @@ def test_a_node_names_the_endpoint_that_does_not_answer(
     bus: Bus, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """With how many it found without it; an endpoint that answers is not named."""
-    monkeypatch.setattr(silent_endpoints, "_AFTER_S", 0.001)
+    monkeypatch.setattr(surroundings, "_AFTER_S", 0.001)
     said = ""
 
     def is_said() -> re.Match[str] | None:

@@ -5,26 +5,26 @@ from pathlib import Path
 import pytest
 
 from tfbus.errors import SettingsError
-from tfbus.secure.server_access import Token, read_token
+from tfbus.secure.server_access import AccessToken, read_token
 
 
 def test_a_token_is_new_unless_it_is_given() -> None:
     """A new one has 128 random bits; a given one at least 12 characters."""
-    assert len(Token().text) >= 22 and Token().text != Token().text
-    assert Token().is_new and not Token("correct horse").is_new
+    assert len(AccessToken().text) >= 22 and AccessToken().text != AccessToken().text
+    assert AccessToken().is_new and not AccessToken("correct horse").is_new
     with pytest.raises(SettingsError, match="has 5 characters, and needs at least 12"):
-        Token("horse")
+        AccessToken("horse")
 
 
 def test_a_token_is_not_shown_where_it_is_printed() -> None:
     """As in a traceback, or a log of what holds it."""
-    token = Token()
+    token = AccessToken()
     assert token.text not in repr(token)
 
 
 def test_wrong_tokens_are_limited_by_address() -> None:
     """After 10 in a minute not even the right one is taken; other addresses are not disturbed."""
-    token = Token("correct horse")
+    token = AccessToken("correct horse")
     assert [token.judge(f"wrong {turn}", "10.0.0.7") for turn in range(10)] == ["wrong"] * 10
     assert token.judge("correct horse", "10.0.0.7") == "too often"
     assert token.judge("correct horse", "10.0.0.8") == "right"
@@ -32,7 +32,7 @@ def test_wrong_tokens_are_limited_by_address() -> None:
 
 def test_a_machine_has_half_of_an_address_of_ipv6() -> None:
     """It could guess from each of the others."""
-    token = Token("correct horse")
+    token = AccessToken("correct horse")
     for turn in range(10):
         token.judge("wrong", f"fd00::{turn}")
     assert token.judge("wrong", "fd00::ffff%eth0") == "too often"
@@ -41,7 +41,7 @@ def test_a_machine_has_half_of_an_address_of_ipv6() -> None:
 
 def test_any_text_can_be_judged() -> None:
     """Also one that is no Unicode, from an address that is none."""
-    assert Token("correct horse").judge("\udcff", "") == "wrong"
+    assert AccessToken("correct horse").judge("\udcff", "") == "wrong"
 
 
 def test_a_token_in_a_file_is_its_owners_alone(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from tests import needs
-from tfbus.secure.server_access import Token
+from tfbus.secure.server_access import AccessToken
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
@@ -17,7 +17,7 @@ TLS = made_tls("127.0.0.1")
 @pytest.fixture
 def access() -> Access:
     """With a token that was given."""
-    return Access(Token("correct horse"), TLS)
+    return Access(AccessToken("correct horse"), TLS)
 
 
 def cookie(answer: Answer | None) -> str:
@@ -78,7 +78,7 @@ def test_a_cookie_is_found_among_those_of_other_servers(access: Access) -> None:
 def test_two_pages_of_a_machine_have_their_own_cookies(access: Access) -> None:
     """Otherwise each would close the other in the same browser."""
     own = cookie(access.answer("/?token=correct+horse", {}, "10.0.0.7"))
-    other = Access(Token("battery staple"), TLS)
+    other = Access(AccessToken("battery staple"), TLS)
     its = cookie(other.answer("/?token=battery+staple", {}, "10.0.0.7"))
     both = {"Cookie": f"{own}; {its}"}
     assert access.answer("/", both, "10.0.0.7") is other.answer("/", both, "10.0.0.7") is None
@@ -87,5 +87,5 @@ def test_two_pages_of_a_machine_have_their_own_cookies(access: Access) -> None:
 def test_a_token_that_was_given_is_not_in_the_printed_address(access: Access) -> None:
     """One that was made must be."""
     assert access.query == ""
-    token = Token()
+    token = AccessToken()
     assert Access(token, TLS).query == f"/?token={token.text}"

@@ -34,10 +34,10 @@ class Declaration:
             self._declared.undeclare()
 
 
-class Token(Declaration):
+class LivelinessToken(Declaration):
     """A liveliness token; it is in `tokens`, those of its session, until it ends."""
 
-    def __init__(self, declared: zenoh.LivelinessToken, tokens: dict["Token", None]):
+    def __init__(self, declared: zenoh.LivelinessToken, tokens: dict["LivelinessToken", None]):
         super().__init__(declared)
         self._tokens = tokens
         tokens[self] = None

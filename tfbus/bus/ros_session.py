@@ -13,10 +13,10 @@ import zenoh
 from tfbus.bus import forks
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import Declaration, HeardWatch
+from tfbus.bus.network_session import RETRY_S, NetworkSession
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.ros_config import LARGEST, ros_config, where
 from tfbus.bus.zenoh_library import bus_errors, first_sentence, is_router_missing
-from tfbus.bus.zenoh_session import RETRY_S, ZenohSession
 from tfbus.errors import BusError
 from tfbus.runtime import scheduler
 from tfbus.wire.limits import size_text
@@ -79,7 +79,7 @@ class _Part:
             self._declared.close()
 
 
-class RosSession(ZenohSession):
+class RosSession(NetworkSession):
     """A session in ROS's Zenoh network, until `close()`.
 
     It opens in the background, and tries until a router answers; what is declared before that is
@@ -279,7 +279,7 @@ class Publication(_Part):
     last ones of a retained publisher.
     """
 
-    def __init__(self, session: ZenohSession, key: str, retained: int) -> None:
+    def __init__(self, session: NetworkSession, key: str, retained: int) -> None:
         self._session = session
         self._key = key
         self._retained = retained

@@ -18,6 +18,7 @@ from tfbus.bus.handles import (
     ServedWatch,
 )
 from tfbus.bus.neighbours import Neighbours
+from tfbus.bus.network_session import NetworkSession
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
@@ -26,7 +27,6 @@ from tfbus.bus.zenoh_library import (
     bus_errors,
     is_router_missing,
 )
-from tfbus.bus.zenoh_session import ZenohSession
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
@@ -47,7 +47,7 @@ _LAST_ANSWERS_S = 2.0
 _LONGEST_QUERY_S = 1e9
 
 
-class Session(ZenohSession):
+class Session(NetworkSession):
     """A process's place on the bus, until `close()` or the end of its `with`."""
 
     def __init__(
@@ -408,15 +408,17 @@ class Session(ZenohSession):
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
         """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
 
-        A session opens with the first process it finds; this waits for the others.
+        A session opens with the first process it finds; this waits for the others. If endpoints to
+        connect to are given, the first link is waited for, however quiet it is.
         """
         changed = scheduler.Event()
         watch = self.watch_links(changed.set)
-        deadline = scheduler.monotonic() + timeout_s
-        while changed.wait(min(quiet_s, max(deadline - scheduler.monotonic(), 0.0))):
-            changed.clear()
-            if scheduler.monotonic() >= deadline:
+        deadline_s = scheduler.monotonic() + timeout_s
+        while (left_s := deadline_s - scheduler.monotonic()) > 0.0:
+            is_expecting = bool(self.settings.connect) and not self.linked()
+            if not changed.wait(left_s if is_expecting else min(quiet_s, left_s)):
                 break
+            changed.clear()
         watch.close()
 
 

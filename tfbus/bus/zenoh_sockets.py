@@ -33,8 +33,8 @@ class ZenohSockets(NamedTuple):
     answering: socket.socket | None = None
 
 
-class Marks(NamedTuple):
-    """Marks that tell a session's sockets from others that the process opens meanwhile.
+class SocketMarks(NamedTuple):
+    """SocketMarks that tell a session's sockets from others that the process opens meanwhile.
 
     `listening` are the addresses at which it listens on free ports, `group` and `ttl` those of its
     Scouts, and `interfaces` is the number of interfaces that it scouts on.
@@ -56,7 +56,7 @@ class _OpenFile(NamedTuple):
 class _Opening:
     """A session that opens. Its sockets are among the files that are new until it has them all."""
 
-    def __init__(self, marks: Marks) -> None:
+    def __init__(self, marks: SocketMarks) -> None:
         self._marks = marks
         self._before = _files()
         self._new: set[_OpenFile] | None = None
@@ -89,7 +89,7 @@ class _Openings:
         self._lock = scheduler.Lock()
         self._last: _Opening | None = None
 
-    def begin(self, marks: Marks) -> _Opening:
+    def begin(self, marks: SocketMarks) -> _Opening:
         """Begin to open a session."""
         with self._lock:
             while self._last is not None and not self._last.has_its_sockets():
@@ -101,7 +101,7 @@ class _Openings:
 _openings = _Openings()
 
 
-def with_sockets(open_session: Callable[[], T], marks: Marks) -> tuple[T, ZenohSockets]:
+def with_sockets(open_session: Callable[[], T], marks: SocketMarks) -> tuple[T, ZenohSockets]:
     """The session of `open_session()`, and the sockets that it has opened. Several threads may open
     sessions at once: none takes the sockets of another, nor waits until that one is open.
     """
@@ -148,7 +148,7 @@ def _ends(one: socket.socket) -> Ends:
     return here, there
 
 
-def _told_apart(files: set[_OpenFile], marks: Marks) -> ZenohSockets:
+def _told_apart(files: set[_OpenFile], marks: SocketMarks) -> ZenohSockets:
     listening, asking, answering = [], [], None
     for each in _sockets(files):
         address, port = each.getsockname()[:2]

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import click
 
-from tfbus.bus.members import watch_members
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
 from tfbus.discover.presence import watch_nodes
+from tfbus.node.surroundings import watch_members
 from tfbus.runtime.log import open_log
 from tfbus.runtime.log_once import LogOnce
 from tfbus.runtime.signals import StopSignals

@@ -15,7 +15,7 @@ from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
 
 if TYPE_CHECKING:
-    from tfbus.secure.server_access import ServerTls, Token
+    from tfbus.secure.server_access import AccessToken, ServerTls
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -26,7 +26,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 class Public:
     """The key for others to get in: a token, over encrypted connections."""
 
-    token: "Token"
+    token: "AccessToken"
     tls: "ServerTls"
     origin: str = ""
 
@@ -61,13 +61,13 @@ class Listening:
         token, origin = self._token()
         return Public(token, self._tls(settings), origin)
 
-    def _token(self) -> "tuple[Token, str]":
-        from tfbus.secure.server_access import Token, read_token
+    def _token(self) -> "tuple[AccessToken, str]":
+        from tfbus.secure.server_access import AccessToken, read_token
 
         if self.token_file is not None:
             return read_token(self.token_file), str(self.token_file)
         try:
-            return Token(os.environ.get(self.variable, "")), self.variable
+            return AccessToken(os.environ.get(self.variable, "")), self.variable
         except SettingsError as error:
             raise SettingsError(f"{self.variable}: {error}") from error
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tfbus.secure.server_access import ServerTls, Token
+from tfbus.secure.server_access import AccessToken, ServerTls
 
 
 @dataclass(frozen=True)
@@ -17,4 +17,4 @@ class Serving:
     port: int = 8765
     origins: tuple[str, ...] = ()
     tls: ServerTls | None = None
-    token: Token | None = None
+    token: AccessToken | None = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.errors import TfbusError
-from tfbus.runtime.yaml_file import Place
+from tfbus.runtime.yaml_file import FilePlace
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Process:
 
     name: str
     namespace: str
-    place: Place
+    place: FilePlace
     directory: Path
     node: str = ""
     command: tuple[str, ...] = ()

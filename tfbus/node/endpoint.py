@@ -1,8 +1,9 @@
-"""The common part of topics, services and actions of a node: a name, a type, an end."""
+"""The common part of topics, services and actions of a node: checks, a name, a type, an end."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
-from tfbus.wire.codec import type_name
+from tfbus.runtime.arguments import shown
+from tfbus.wire.codec import is_message_type, type_name
 
 
 class Closable(Protocol):
@@ -35,3 +36,36 @@ class Endpoint:
         self.closed = True
         while self._parts:
             self._parts.pop().close()
+
+
+def check_message_type(call: str, message_type: object) -> None:
+    """Raise TypeError if it is no dataclass; `call` is the call as it should be."""
+    if not is_message_type(message_type):
+        raise TypeError(
+            f"{call}: message_type must be a class of messages, a dataclass such as "
+            f"tfbus.messages.Pose, not {shown(message_type)}"
+        )
+
+
+def check_parts(call: str, type_: object, parts: tuple[str, ...]) -> None:
+    """Raise TypeError if it is no class that holds these dataclasses: a type of service or
+    action.
+    """
+    missing = [part for part in parts if not is_message_type(getattr(type_, part, None))]
+    if missing or not isinstance(type_, type):
+        raise TypeError(
+            f"{call}: the type must be a class that holds the dataclasses {' and '.join(parts)}, "
+            f"not {shown(type_)}"
+        )
+
+
+def check_seconds(call: str, seconds: object) -> None:
+    """Raise TypeError if it is no number."""
+    if isinstance(seconds, str) or not hasattr(seconds, "__float__"):
+        raise TypeError(f"{call}: the first argument must be a number, not {shown(seconds)}")
+
+
+def check_part(what: str, part: Any, message: object) -> None:
+    """Raise TypeError if the message is not of the type that the service or action takes."""
+    if not isinstance(message, part):
+        raise TypeError(f"{what} takes {part.__qualname__}, not {shown(message)}")

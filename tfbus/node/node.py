@@ -7,24 +7,25 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfbus.bus import forks
-from tfbus.bus.members import watch_members
-from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, SettingsError, TfbusError
-from tfbus.node.arguments import (
+from tfbus.node.endpoint import (
     check_message_type,
     check_parts,
     check_seconds,
 )
-from tfbus.node.clock_start import ClockStart
-from tfbus.node.duplicate_name import DuplicateNameWatch
-from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
 from tfbus.node.lanes import CALLBACK_THREADS, Lane, Lanes
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
-from tfbus.node.silent_endpoints import watch_endpoints
+from tfbus.node.surroundings import (
+    DuplicateNameWatch,
+    OpenFilesWatch,
+    check_id_is_free,
+    watch_endpoints,
+    watch_members,
+)
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
@@ -38,7 +39,7 @@ from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 if TYPE_CHECKING:
     # They take long to load, and most nodes do not need them.
     from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
-    from tfbus.node.clock_topic import ClockPublisher
+    from tfbus.node.clock_topic import ClockPublisher, ClockStart
 
 M = TypeVar("M")
 
@@ -138,12 +139,13 @@ class Node:
         self._parameters = Parameters(self.name, settings.parameters, session, own, self.log)
         self._info = NodeInfo(self.name, self.full_name, self.started_ns, session, self._parameters)
         self._info.describers.append(self._lanes.describe)
-        clock_topic = self._resolve(CLOCK_TOPIC)
-        self._clock_start = ClockStart(self.clock, clock_topic, self.executor, self.log)
+        self._clock_start: ClockStart | None = None
         if isinstance(self.clock, SimulatedClock):
-            from tfbus.node.clock_topic import ClockSubscription
+            from tfbus.node import clock_topic
 
-            subscription = ClockSubscription(session, self.log, clock_topic, self.clock)
+            topic = self._resolve(CLOCK_TOPIC)
+            self._clock_start = clock_topic.ClockStart(self.clock, topic, self.executor, self.log)
+            subscription = clock_topic.ClockSubscription(session, self.log, topic, self.clock)
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
         session.watch_links(OpenFilesWatch(self.log).look)
@@ -237,7 +239,7 @@ class Node:
             self._parameters.warn_of_undeclared()
             is_open = " (the bus is open; --secure closes it)" if self.session.open_to else ""
             self.log.info("%s%s", text, is_open)
-            self._clock_start.expect()
+            self._expect_clock()
 
     def spin(self) -> None:
         """Log that the node is ready and wait until it is shut down."""
@@ -284,6 +286,11 @@ class Node:
         """
         return self.clock.now_ns()
 
+    def _expect_clock(self) -> None:
+        """Log it unless a simulated clock starts soon."""
+        if self._clock_start is not None:
+            self._clock_start.expect()
+
     def wait_for_clock(self, timeout_s: float | None = None) -> bool:
         """Wait until the clock runs, at most `timeout_s` real seconds (None: for ever).
 
@@ -292,7 +299,7 @@ class Node:
         """
         timeout_s = seconds_to_wait(timeout_s)
         if not self.clock.is_running:
-            self._clock_start.expect()
+            self._expect_clock()
             with Wakeup() as wakeup:
                 self.clock.call_when_running(wakeup.wake)
                 self._signals.wait(timeout_s, wakeup)

@@ -18,7 +18,7 @@ class YamlFileError(TfbusError):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FilePlace:
     """A line (from 1) of a file and the key that stands there, `nodes[0].name`; "" for the file."""
 
     path: str
@@ -40,7 +40,7 @@ class Value:
     obey one rule. Methods raise YamlFileError, at the place of the value, for another kind.
     """
 
-    def __init__(self, node: yaml.Node, place: Place) -> None:
+    def __init__(self, node: yaml.Node, place: FilePlace) -> None:
         self._node = node
         self.place = place
 
@@ -71,7 +71,7 @@ class Value:
             raise self._wrong_kind("a list")
         place = self.place
         return [
-            Value(node, Place(place.path, _line(node), f"{place.key}[{index}]"))
+            Value(node, FilePlace(place.path, _line(node), f"{place.key}[{index}]"))
             for index, node in enumerate(self._node.value)
         ]
 
@@ -83,10 +83,12 @@ class Value:
         for key_node, node in self._node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 line = _line(key_node)
-                raise Place(self.place.path, line, self.place.key).mistake("a key must be a word")
+                raise FilePlace(self.place.path, line, self.place.key).mistake(
+                    "a key must be a word"
+                )
             key = str(key_node.value)
             full_key = ".".join(filter(None, (self.place.key, key)))
-            place = Place(self.place.path, _line(key_node), full_key)
+            place = FilePlace(self.place.path, _line(key_node), full_key)
             if key in entries:
                 earlier = entries[key].place.line
                 raise place.mistake(f"is written twice, first in line {earlier}; keep one")
@@ -115,18 +117,18 @@ def read_yaml_file(path: Path, content: str) -> Value:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         line, reason = yaml_mistake(error)
-        raise Place(str(path), line).mistake(f"is not YAML: {reason}") from error
+        raise FilePlace(str(path), line).mistake(f"is not YAML: {reason}") from error
     except yaml.YAMLError as error:
-        raise Place(str(path), 1).mistake(f"is not YAML: {error}") from error
+        raise FilePlace(str(path), 1).mistake(f"is not YAML: {error}") from error
     except RecursionError:
-        raise Place(str(path), 1).mistake("is nested too deeply") from None
+        raise FilePlace(str(path), 1).mistake("is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise YamlFileError(f"{path} is not a text file in UTF-8") from error
     except OSError as error:
         raise YamlFileError(f"{path} cannot be read: {error.strerror}") from error
     if node is None:
-        raise Place(str(path), 1).mistake(f"is empty; write {content}")
-    return Value(node, Place(str(path), _line(node)))
+        raise FilePlace(str(path), 1).mistake(f"is empty; write {content}")
+    return Value(node, FilePlace(str(path), _line(node)))
 
 
 def yaml_mistake(error: yaml.MarkedYAMLError) -> tuple[int, str]:

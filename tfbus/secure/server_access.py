@@ -119,7 +119,7 @@ _MOST_ADDRESSES = 10_000
 Verdict = Literal["right", "wrong", "too often"]
 
 
-class Token:
+class AccessToken:
     """A secret text, and who has guessed at it; for one thread.
 
     Without a text it is new: 128 random bits. Raises SettingsError for a text that is too short.
@@ -155,7 +155,7 @@ class Token:
         return "wrong"
 
     def __repr__(self) -> str:
-        return "Token(...)"
+        return "AccessToken(...)"
 
 
 def is_same(given: str, secret: str) -> bool:
@@ -163,7 +163,7 @@ def is_same(given: str, secret: str) -> bool:
     return hmac.compare_digest(given.encode(errors="replace"), secret.encode())
 
 
-def read_token(path: Path) -> Token:
+def read_token(path: Path) -> AccessToken:
     """The token in a file: its first line.
 
     Raises SettingsError if there is none, the file cannot be read, or others may read it.
@@ -176,7 +176,7 @@ def read_token(path: Path) -> Token:
     text = lines[0].strip() if lines else ""
     if not text:
         raise SettingsError(f"{path} has no token in its first line")
-    return Token(text)
+    return AccessToken(text)
 
 
 def _network_of(address: str) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 from urllib.parse import parse_qs, quote
 
-from tfbus.secure.server_access import ServerTls, Token, is_same
+from tfbus.secure.server_access import AccessToken, ServerTls, is_same
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -41,7 +41,7 @@ class Answer:
 class Access:
     """The token of a page, and its end of encrypted connections."""
 
-    token: Token
+    token: AccessToken
     tls: ServerTls
     # Cookies know no ports: that of another page on this machine has another name.
     _cookie: str = field(init=False, repr=False)

@@ -497,11 +497,11 @@ def show(
 
 
 def _access(host: str) -> "Access":
-    from tfbus.secure.server_access import Token, made_tls
+    from tfbus.secure.server_access import AccessToken, made_tls
     from tfbus.view.access import Access
 
     try:
-        return Access(Token(), made_tls(host))
+        return Access(AccessToken(), made_tls(host))
     except ImportError as error:
         from tfbus.command import install_command
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from tfbus.launch.description import Argument, LaunchArgumentError
-from tfbus.runtime.yaml_file import Place, Value
+from tfbus.runtime.yaml_file import FilePlace, Value
 from tfbus.wording import did_you_mean
 
 HERE = "here"
@@ -33,7 +33,7 @@ class Scope:
     environment: Mapping[str, str]
     here: str
 
-    def expand(self, text: str, place: Place) -> str:
+    def expand(self, text: str, place: FilePlace) -> str:
         """The text with every substitution made.
 
         Raises YamlFileError for an argument or a variable that does not exist, and for a text of
@@ -55,7 +55,7 @@ class Scope:
             )
         return expanded
 
-    def is_true(self, text: str, place: Place) -> bool:
+    def is_true(self, text: str, place: FilePlace) -> bool:
         """Whether a condition holds: a word for true or false, or `a == b`, `a != b` (as text).
 
         Raises YamlFileError for any other text.
@@ -67,7 +67,7 @@ class Scope:
             return (left == right) is (comparison["sign"] == "==")
         return truth(self.expand(text, place), place)
 
-    def _value(self, inside: str, place: Place) -> str:
+    def _value(self, inside: str, place: FilePlace) -> str:
         if inside == HERE:
             return self.here
         if inside.startswith("env:"):
@@ -83,7 +83,7 @@ class Scope:
             f"no argument {inside!r} under 'arguments:'{did_you_mean(inside, self.arguments)}"
         )
 
-    def _variable(self, name: str, place: Place) -> str:
+    def _variable(self, name: str, place: FilePlace) -> str:
         name, has_default, default = name.partition(":")
         if name in self.environment:
             return self.environment[name]
@@ -95,7 +95,7 @@ class Scope:
         )
 
 
-def truth(text: str, place: Place) -> bool:
+def truth(text: str, place: FilePlace) -> bool:
     """True or False for the words that YAML has for them (and 1 and 0)."""
     try:
         return _TRUTH[text.strip().lower()]

@@ -8,7 +8,7 @@ from math import isfinite
 
 from tfbus.errors import TfbusError
 from tfbus.launch.read.arguments import Scope, truth
-from tfbus.runtime.yaml_file import Place, Value, YamlFileError
+from tfbus.runtime.yaml_file import FilePlace, Value, YamlFileError
 
 CONDITIONS = ("if", "unless")
 
@@ -27,7 +27,7 @@ class Fields:
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
-    def place_of(self, key: str) -> Place:
+    def place_of(self, key: str) -> FilePlace:
         """The place of a field; of a missing one, that of the whole entry."""
         return self._values[key].place if key in self._values else self.place
 
@@ -66,7 +66,7 @@ class Fields:
         """The values of a mapping by name, before substitution; {} if it is missing."""
         return self._values[key].entries() if key in self._values else {}
 
-    def items(self, key: str) -> Iterator[tuple[str, Place]]:
+    def items(self, key: str) -> Iterator[tuple[str, FilePlace]]:
         """A text or several in a list, each with its place."""
         if key in self._values:
             value = self._values[key]
@@ -127,5 +127,5 @@ def _list_item(text: str) -> str:
     return json.dumps(text) if re.search(r"[\[\]{},:#'\"\s]|^$", text) else text
 
 
-def _located(error: TfbusError, place: Place) -> TfbusError:
+def _located(error: TfbusError, place: FilePlace) -> TfbusError:
     return error if isinstance(error, YamlFileError) else place.mistake(str(error))

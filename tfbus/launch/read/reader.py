@@ -14,7 +14,7 @@ from tfbus.launch.description import Argument, LaunchArgumentError, LaunchError,
 from tfbus.launch.read.arguments import Scope, argument_values, declared_arguments, truth
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.find import find_in, find_launch_file
-from tfbus.runtime.yaml_file import Place, Value, read_yaml_file
+from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
 from tfbus.secure.folder import open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
 from tfbus.wording import did_you_mean
@@ -37,7 +37,7 @@ class ProcessEntry:
     process: Process
     is_on: bool
     file_namespace: str
-    after: tuple[tuple[str, Place], ...]
+    after: tuple[tuple[str, FilePlace], ...]
 
 
 def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) -> ProcessEntry:
@@ -223,7 +223,7 @@ class _Total:
     def __init__(self) -> None:
         self.files = self.processes = 0
 
-    def add_file(self, place: Place) -> None:
+    def add_file(self, place: FilePlace) -> None:
         """Add a file. Raises YamlFileError if there are too many."""
         self.files += 1
         if self.files > _MOST_FILES:
@@ -232,7 +232,7 @@ class _Total:
                 "are read: look for files that include each other many times"
             )
 
-    def add_process(self, place: Place) -> None:
+    def add_process(self, place: FilePlace) -> None:
         """Add a process. Raises YamlFileError if there are too many."""
         self.processes += 1
         if self.processes > _MOST_PROCESSES:

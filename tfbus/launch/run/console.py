@@ -76,7 +76,7 @@ def _printable(text: str) -> str:
     return "\t".join(printable(part, len(part)) for part in text.split("\t"))
 
 
-class Stream:
+class OutputStream:
     """A file descriptor to which many threads write whole lines.
 
     `on_gone` is called once, from the writing thread, when its reader is gone; further lines are
@@ -147,13 +147,13 @@ class Stream:
 class Console:
     """Standard output and standard error of a launch."""
 
-    def __init__(self, output: Stream, errors: Stream) -> None:
+    def __init__(self, output: OutputStream, errors: OutputStream) -> None:
         self.output = output
         self.errors = errors
         in_colour = "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
         self._coloured = {stream: stream.is_terminal and in_colour for stream in (output, errors)}
 
-    def relay(self, name: str, source: IO[bytes], stream: Stream) -> None:
+    def relay(self, name: str, source: IO[bytes], stream: OutputStream) -> None:
         """Copy the lines of an unbuffered pipe until it ends, and close the pipe."""
         prefix, styled = self._prefix(name, stream), self._coloured[stream]
         lines = Lines()
@@ -175,7 +175,7 @@ class Console:
         for stream in (self.output, self.errors):
             stream.close(timeout_s)
 
-    def _prefix(self, name: str, stream: Stream) -> bytes:
+    def _prefix(self, name: str, stream: OutputStream) -> bytes:
         if not self._coloured[stream]:
             return f"[{name}] ".encode()
         # Not hash(): a name keeps its colour from run to run.

@@ -18,7 +18,7 @@ from contextlib import suppress
 _POLL_S = 0.02
 
 
-class Guard:
+class GuardProcess:
     """The guard of one launch; a context manager."""
 
     def __init__(self, grace_s: float = 2.0) -> None:
@@ -48,7 +48,7 @@ class Guard:
             self._process.stdin.close()
         self._process.wait()
 
-    def __enter__(self) -> "Guard":
+    def __enter__(self) -> "GuardProcess":
         return self
 
     def __exit__(self, *_: object) -> None:

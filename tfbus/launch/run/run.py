@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 
 from tfbus.launch.run.child import Timeouts
-from tfbus.launch.run.console import Console, Stream
-from tfbus.launch.run.guard import Guard
+from tfbus.launch.run.console import Console, OutputStream
+from tfbus.launch.run.guard import GuardProcess
 from tfbus.launch.run.program import Program
 from tfbus.launch.run.supervisor import Presence, Supervisor
 
@@ -38,7 +38,7 @@ def run_programs(
     Returns the exit code. For the main thread of a process that does nothing else: it handles the
     signals, and leaves Ctrl-C and SIGTERM ignored, as nothing is left to stop.
     """
-    with adopting_orphans(), Guard(timeouts.after_sigterm_s) as guard:
+    with adopting_orphans(), GuardProcess(timeouts.after_sigterm_s) as guard:
         return asyncio.run(_run(programs, presence, timeouts, guard, longest_s))
 
 
@@ -46,11 +46,11 @@ async def _run(
     programs: Sequence[Program],
     presence: Presence | None,
     timeouts: Timeouts,
-    guard: Guard,
+    guard: GuardProcess,
     longest_s: float | None,
 ) -> int:
     loop = asyncio.get_running_loop()
-    console = Console(Stream(1), Stream(2))
+    console = Console(OutputStream(1), OutputStream(2))
     supervisor = Supervisor(programs, console, presence=presence, guard=guard, timeouts=timeouts)
     orphans = Orphans(lambda: supervisor.pids | {guard.pid})
 

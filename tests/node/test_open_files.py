@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from tfbus.bus.open_files import OpenFilesWatch
+from tfbus.node.surroundings import OpenFilesWatch
 
 resource = pytest.importorskip("resource")
 

@@ -16,7 +16,7 @@ import zenoh
 
 from tfbus.bus import forks
 from tfbus.bus.callbacks import Callbacks, direct
-from tfbus.bus.handles import Declaration, Token
+from tfbus.bus.handles import Declaration, LivelinessToken
 from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads, first_sentence
 from tfbus.errors import BusError
 from tfbus.runtime import scheduler
@@ -25,7 +25,7 @@ from tfbus.runtime import scheduler
 RETRY_S = 0.5
 
 
-class ZenohSession:
+class NetworkSession:
     """A session of Zenoh's, until `close()`, the end of its `with`, or that of Python.
 
     A subclass opens it (`_open`), says which errors end that (`_miss`), and ends what it has of
@@ -44,7 +44,7 @@ class ZenohSession:
         self.zenoh: zenoh.Session
         self._is_open = False
         self._closing = scheduler.Event()
-        self._tokens: dict[Token, None] = {}
+        self._tokens: dict[LivelinessToken, None] = {}
 
     def _open(self, open_once: Callable[[], zenoh.Session]) -> None:
         """Open it by `open_once()`, tried again until it opens, or `_miss` raises. Raises BusError
@@ -134,7 +134,7 @@ class ZenohSession:
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
         with self._errors(f"declare {key}"):
-            return Token(self.zenoh.liveliness().declare_token(key), self._tokens)
+            return LivelinessToken(self.zenoh.liveliness().declare_token(key), self._tokens)
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
         """Call `callback(key, alive)` for each token within the key expression that is alive, then

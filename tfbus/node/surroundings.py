@@ -1,0 +1,238 @@
+"""Warnings of a node of its surroundings: another of its name, endpoints that do not answer, few
+open files, members without rights. And its error if another process has its id.
+"""
+
+import logging
+import os
+import sys
+from contextlib import suppress
+
+from tfbus.bus.endpoints import why_unreachable
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import id_in_file
+from tfbus.errors import BusError, DecodeError
+from tfbus.runtime import scheduler
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.timer import Timer
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key
+from tfbus.wording import counted, listed, printable
+
+# After a link to another process has opened, its declarations take a moment to arrive.
+_CHECK_AFTER_S = 0.3
+
+
+class DuplicateNameWatch:
+    """Warns once of each other node of this node's name: requests may reach either of them.
+
+    A node that is there when this one starts was first, whatever the clocks say. Of two nodes that
+    meet later, when two networks join, the one that started later warns.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        full_name: str,
+        started_ns: int,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+    ):
+        self._name = name
+        self._full_name = full_name
+        self._started_ns = started_ns
+        self._session = session
+        self._executor = executor
+        self._log = log
+        self._once = LogOnce(log)
+        self._known = {session.id}
+        self._check: Timer = executor.after(_CHECK_AFTER_S, self._ask)
+        session.watch_links(self._ask_soon)
+        self._ask(at_start=True)
+
+    def _ask_soon(self) -> None:
+        if self._check.cancelled:
+            self._check = self._executor.after(_CHECK_AFTER_S, self._ask)
+
+    def _ask(self, *, at_start: bool = False) -> None:
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is not None:
+                return
+            try:
+                other = decode_message(NodeDescription, answer.payload)
+            except DecodeError as error:
+                self._once.warning(
+                    "answer",
+                    "Ignored another description of node %s: %s",
+                    self._full_name,
+                    printable(str(error), 400),
+                )
+                return
+            self._compare(other, at_start)
+
+        key = node_key(self._name)
+        with suppress(BusError):  # the session may be closed meanwhile, where the node is not
+            self._session.ask_later(key, None, on_answer, lambda: None, timeout_s=1.0, others=True)
+
+    def _compare(self, other: NodeDescription, at_start: bool) -> None:
+        is_second = at_start or (self._started_ns, self._session.id) > (
+            other.started_ns,
+            other.session,
+        )
+        if other.session not in self._known and is_second:
+            self._known.add(other.session)
+            self._log.warning(
+                "There is another node %s, on %s with pid %s: give this one another name "
+                "(--name), or a namespace (--namespace)",
+                self._full_name,
+                other.host,
+                other.pid,
+            )
+
+
+_ANSWER_WITHIN_S = 1.0
+
+# A busy machine finds the others late: while no node answers, the question is repeated.
+_FOUND_WITHIN_S = 2.0
+_AGAIN_AFTER_S = 0.1
+
+
+def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: float) -> None:
+    """Raise BusError if a node on the bus has the id that the configuration file sets.
+
+    A session with an id of its own looks first: one with the same id would take the place of the
+    other, without a word. If no node answers it looks for 2 s, at most `patience_s`. If the
+    file sets no id, there is nothing to do.
+    """
+    taken = id_in_file(settings.config)
+    if taken is None:
+        return
+    with Session(settings, log, patience_s=patience_s, is_second=True) as session:
+        session.settle()
+        for other in _others(session, min(patience_s, _FOUND_WITHIN_S)):
+            if other.session == taken:
+                raise BusError(
+                    f"{settings.config} sets Zenoh's id {taken}, which node "
+                    f"'{printable(other.name)}' on {printable(other.host)} with pid {other.pid} "
+                    "has: remove 'id' from the file, or give each process its own"
+                )
+
+
+def _others(session: Session, within_s: float) -> list[NodeDescription]:
+    """The nodes on the bus, once one of them has answered; empty if none does in time."""
+    deadline = scheduler.monotonic() + within_s
+    while True:
+        answers = session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S)
+        found = [other for other in map(_described, answers) if other is not None]
+        if found or scheduler.monotonic() >= deadline:
+            return found
+        scheduler.sleep(_AGAIN_AFTER_S)
+
+
+def _described(answer: Answer) -> NodeDescription | None:
+    if answer.refusal is None:
+        with suppress(DecodeError):
+            return decode_message(NodeDescription, answer.payload)
+    return None
+
+
+# A router that is started together with the node answers by then.
+_AFTER_S = 5.0
+
+
+def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -> None:
+    """Look once, after some seconds, unless a router is connected by then. A client waits for its
+    router, and says so itself.
+    """
+    endpoints = session.settings.connect
+    if session.settings.mode == "client" or not endpoints:
+        return
+
+    def look() -> None:
+        with suppress(BusError):  # it is closed meanwhile
+            if not session.routers():
+                # A host that is not there takes 2 s, in which callbacks of the node go on.
+                scheduler.Thread(target=ask, name="endpoints", daemon=True).start()
+
+    def ask() -> None:
+        whys = {endpoint: why_unreachable(endpoint) for endpoint in endpoints}
+        if silent := [f"{endpoint} ({why})" for endpoint, why in whys.items() if why]:
+            executor.submit("endpoints", lambda: warn(silent))
+
+    def warn(silent: list[str]) -> None:
+        with suppress(BusError):
+            links = counted(len(session.linked()), "link")
+            log.warning(
+                "Nothing answers at %s: still trying; %s to other processes without it",
+                listed(silent),
+                links,
+            )
+
+    executor.after(_AFTER_S, look)
+
+
+# So few that the next processes may not find room.
+_FEW = 8
+
+
+class OpenFilesWatch:
+    """Warns once if this process comes to its limit of open files.
+
+    Zenoh says nothing if it cannot open another link: the processes beyond are never seen.
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._has_warned = False
+
+    def look(self) -> None:
+        """Compare the open files with the limit, as after a link has opened."""
+        if self._has_warned or sys.platform == "win32":
+            return
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        used = limit  # where it is reached, they cannot be listed either
+        with suppress(OSError):
+            used = len(os.listdir("/dev/fd"))
+        if limit - used < _FEW and limit != resource.RLIM_INFINITY:
+            self._has_warned = True
+            self._log.warning(
+                "%d of %d open files are in use: further processes on the bus may stay unseen. "
+                "Raise the limit (ulimit -n 4096), or use a router (--mode client)",
+                used,
+                limit,
+            )
+
+
+def watch_members(session: Session, log: logging.Logger) -> None:
+    """Log each identity without rights that opens a link, once; nothing on an open bus.
+
+    Its certificate is by the authority, so it gets a link. Zenoh takes nothing from it.
+    """
+    closed = session.settings.closed
+    if closed is None:
+        return
+    once, known = LogOnce(log), closed.rights.identities
+
+    def look() -> None:
+        for name in session.identities().values():
+            identity = known.get(name)
+            if identity is None:
+                why = "its name is not in the rights of this process"
+            elif identity.revoked:
+                why = f"it was revoked on {identity.revoked}"
+            else:
+                continue
+            once.warning(
+                ("no rights", name),
+                "Identity '%s' opened a link, and has no rights: %s. Nothing is taken from it",
+                printable(name, 64),
+                why,
+            )
+
+    session.watch_links(look)

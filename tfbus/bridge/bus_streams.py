@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Collection
 
 from tfbus.bridge.ros_publishers import RosPublishers
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler

@@ -9,7 +9,7 @@ from tfbus.bridge.ros_streams import RosStream, lacks_right, stream_name
 from tfbus.bridge.routes import Routes
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
-from tfbus.listen.reception import lines_of
+from tfbus.listen.stream_facts import lines_of
 from tfbus.runtime import scheduler
 from tfbus.wording import printable
 

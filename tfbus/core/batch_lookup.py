@@ -17,7 +17,7 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tfbus.core.kernel import NO_DATA, Path, Pose, Samples, invert, sclerp
+from tfbus.core.kernel import Path, Pose, Samples, invert, sclerp
 
 if TYPE_CHECKING:
     import numpy as np

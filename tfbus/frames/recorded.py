@@ -19,9 +19,8 @@ from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.recorded_clock import RecordedClock, clock_topic, follows_clock
 from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.listen.info import StreamInfo, stream_info
+from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause

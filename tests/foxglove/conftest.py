@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.foxglove.streams import Streams
-from tfbus.testing.event_loop import SimulatedEventLoop
+from tfbus.testing.primitives import SimulatedEventLoop
 
 
 @pytest.fixture(autouse=True)

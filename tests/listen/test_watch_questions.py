@@ -36,7 +36,7 @@ class Questions:
         self._order = itertools.count()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self.token: Callable[[str, bool], None]
-        self.describe: Callable[[str, bytes], None]
+        self.describe: Callable[..., None]
         self.settings = NodeSettings("listener")
         monkeypatch.setattr(watch, "ask_for_description", self.ask)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
@@ -44,7 +44,7 @@ class Questions:
             cast(Session, self), lambda state: None, executor=cast(Executor, self)
         )
 
-    def subscribe(self, session: Session, key: str, callback: Callable[[str, bytes], None]) -> None:
+    def subscribe(self, session: Session, key: str, callback: Callable[..., None]) -> None:
         self.describe = callback
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> None:
@@ -179,3 +179,22 @@ def test_tokens_without_end_are_asked_about_in_turns(
     asked = len(questions.asked_keys)
     questions.run(2000.0)
     assert len(questions.asked_keys) == asked
+
+
+def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(
+    questions: Questions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An answer waits for the link, where what a publisher sends by itself overtakes it."""
+    asked: list[Callable[[Answer], None]] = []
+    monkeypatch.setattr(watch, "ask_for_description", lambda *args: asked.append(args[3]))
+    former = replace(description(1), session="a")
+    removed = replace(description(2), session="b")
+    listed = replace(removed, frames=(("world", "robot", False),))
+    questions.describe(KEY, encode_message(former), "a")
+    questions.run(1.0)
+    questions.watch.ask_for_epoch("sim", 2)
+    questions.run(1.01)
+    questions.describe(KEY, encode_message(removed), "b")
+    asked[-1](Answer(KEY, encode_message(listed), sender="b"))
+    questions.run(2.0)
+    assert questions.watch.streams()["sim"].description == removed

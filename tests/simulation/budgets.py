@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.listen.listener import TransformListener
 from tfbus.runtime.executor import Executor
+from tfbus.testing.zenoh_session import ZenohSession
 
 if TYPE_CHECKING:
     from tests.simulation.histories import Part
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 FORGOTTEN_WITHIN_S = 20.0
 # So many callbacks may wait for a thread, and so many timers for their time; more with streams.
 MOST_READY, MOST_DUE, MORE_A_STREAM = 50, 50, 3
+# A session declares so much, and waits for the ends of so many queries; more with streams.
+MOST_DECLARED, MOST_ASKED, MORE_ASKED_A_STREAM = 60, 120, 10
 # A node of a history has no more questions under way at once, each of which may wait for a frame.
 MOST_WAITERS = 20
 
@@ -29,6 +32,8 @@ def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
                 yield f"stream {stream} is gone for {FORGOTTEN_WITHIN_S:g} s, and {what}"
     for executor in (part.node.executor, listener._watch._executor):
         yield from _full(executor, MORE_A_STREAM * len(gone_for_s))
+    for session in part.process.sessions:
+        yield from _full_tables(session, len(gone_for_s))
     waiters = len(part.buffer._store.waiters)
     if waiters > MOST_WAITERS:
         yield f"{waiters} lookups wait in a buffer"
@@ -56,3 +61,13 @@ def _full(executor: Executor, more: int) -> Iterator[str]:
         yield f"{ready} callbacks wait for a thread"
     if due > MOST_DUE + more:
         yield f"{due} timers wait"
+
+
+def _full_tables(session: ZenohSession, streams: int) -> Iterator[str]:
+    """The tables of a session that its program lets grow."""
+    declared = sum(map(len, session.declarations.own.values()))
+    if declared > MOST_DECLARED + MORE_A_STREAM * streams:
+        yield f"its session has {declared} declarations"
+    asked = len(session.queries._asked)
+    if asked > MOST_ASKED + MORE_ASKED_A_STREAM * streams:
+        yield f"its session waits for {asked} queries"

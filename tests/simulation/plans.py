@@ -87,7 +87,7 @@ class Plan:
 
     `listeners` has for each its host, how many seconds of history it asks for, and whether a second
     listener of its node reads by interest. `faults` are those of Zenoh, each with its share, as
-    fields of `tfbus.testing.faults.Faults`. `stalls` is the chance of a task at each of its steps
+    fields of `tfbus.testing.fabric.Faults`. `stalls` is the chance of a task at each of its steps
     to get no processor for a while.
     """
 

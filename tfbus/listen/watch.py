@@ -309,9 +309,11 @@ class StreamWatch:
             return
         if len(self._claims) >= _MOST_CLAIMS:
             return
-        key, is_confirmed, answers = state.key, False, 0
+        key, known, is_confirmed, answers = state.key, state.description, False, 0
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
+            nonlocal known
+            known = self._state(key).description
             ask_for_description(self._session, key, turn, on_answer, on_end)
 
         def on_answer(answer: Answer) -> None:
@@ -325,7 +327,11 @@ class StreamWatch:
             description = self._read(key, answer.payload)
             if description is not None and answer.sender == description.session:
                 is_confirmed |= description.epoch == epoch_ns
-                self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
+                state = self._state(key)
+                is_same = state.owner == answer.sender and _epoch_of(state) == description.epoch
+                # One that has come by itself since the question may be newer than the answer.
+                if not is_same or state.description is known:
+                    self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
 
         def forget() -> None:
             self._claims.pop(key, None)
@@ -471,3 +477,7 @@ def _rank(answer: tuple[StreamDescription, str]) -> tuple[bool, int]:
     """Of several answers: one from the session that it names, then the latest."""
     description, sender = answer
     return bool(sender) and sender == description.session, description.epoch
+
+
+def _epoch_of(state: StreamState) -> int | None:
+    return None if state.description is None else state.description.epoch

@@ -6,7 +6,7 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.testing.faults import Faults as Faults
+    from tfbus.testing.fabric import Faults as Faults
     from tfbus.testing.network import Network as Network
     from tfbus.testing.processes import Host as Host
     from tfbus.testing.processes import Process as Process
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tfbus.testing.tasks import SimulationError as SimulationError
 
 _MODULES = {
-    "Faults": "tfbus.testing.faults",
+    "Faults": "tfbus.testing.fabric",
     "Host": "tfbus.testing.processes",
     "Network": "tfbus.testing.network",
     "Process": "tfbus.testing.processes",

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfbus.testing.callers import Handler, guarded
-from tfbus.testing.declarations import TOKEN, Declared
-from tfbus.testing.keys import intersect
-from tfbus.testing.messages import Reply, Sample
+from tfbus.testing.callers import Handler, Reply, Sample, guarded
+from tfbus.testing.declarations import TOKEN, Declared, intersect
 
 if TYPE_CHECKING:
     from tfbus.testing.zenoh_session import ZenohSession

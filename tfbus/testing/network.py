@@ -14,15 +14,12 @@ from typing import Any
 
 from tfbus.bus import zenoh_library
 from tfbus.runtime import scheduler
-from tfbus.testing.environment import without_settings
-from tfbus.testing.fabric import Fabric
-from tfbus.testing.faults import Faults
+from tfbus.testing.fabric import Fabric, Faults
 from tfbus.testing.links import Paths
 from tfbus.testing.of_python import standing_in
-from tfbus.testing.process_table import ProcessTable
-from tfbus.testing.processes import START_NS, Host, Process
+from tfbus.testing.primitives import scheduler_names
+from tfbus.testing.processes import START_NS, Host, Process, ProcessTable
 from tfbus.testing.programs import Program, module_of
-from tfbus.testing.scheduler_names import scheduler_names
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 # How often a condition is looked at while the network runs.
@@ -348,3 +345,16 @@ class _Driver:
         """Nothing is its own."""
 
     leave = enter
+
+
+_PREFIX = "TFBUS_"
+
+
+@contextmanager
+def without_settings() -> Iterator[None]:
+    """Hide TFBUS_MODE, TFBUS_CONNECT and the like until the end of the `with`."""
+    hidden = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith(_PREFIX)}
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)

@@ -3,7 +3,7 @@
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
 in a simulated process these are the simulation's, also if a module has `from time import sleep`.
 Outside of its tasks, and for what a module makes while it is imported, they stay Python's own. A
-call that cannot be simulated is refused (refused.py). `datetime.now()` tells the real time.
+call that cannot be simulated is refused. `datetime.now()` tells the real time.
 """
 
 import _thread
@@ -11,21 +11,55 @@ import asyncio
 import atexit
 import os
 import queue
+import shlex
 import signal
 import socket
+import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Container, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from multiprocessing.process import BaseProcess
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from tfbus.testing import primitives
-from tfbus.testing.refused import refusals
-from tfbus.testing.tasks import Task, Tasks
+from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 if TYPE_CHECKING:
-    from tfbus.testing.process_table import ProcessTable
+    from tfbus.testing.processes import ProcessTable
+
+
+def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
+    """The owner and name of each function that is refused, and what refuses it."""
+    yield socket.socket, "__init__", _socket
+    yield subprocess.Popen, "__init__", _program
+    yield BaseProcess, "start", _fork
+    for name in ("fork", "forkpty", "posix_spawn", "posix_spawnp", "system"):
+        if hasattr(os, name):
+            yield os, name, _fork
+
+
+def _socket(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a socket cannot be simulated: its other end is in real time. Use a topic or a service, or "
+        "give the node an object in its place that the test makes"
+    )
+
+
+def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:
+    words = args if isinstance(args, str | bytes) else shlex.join(map(os.fsdecode, args))
+    raise SimulationError(
+        f"program {os.fsdecode(words)!r} cannot be simulated: it runs in real time. Run its main "
+        "function by network.program(host, main), or give the node its output"
+    )
+
+
+def _fork(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a process of the system cannot be simulated: it runs in real time. Run its main function "
+        "by network.program(host, main)"
+    )
 
 
 # Modules that measure or wait in real time, whoever is running.

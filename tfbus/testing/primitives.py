@@ -1,14 +1,19 @@
-"""Locks, events, conditions, queues and threads of simulated tasks.
+"""Locks, events, queues and event loops of simulated tasks, by the names of runtime/scheduler.py.
 
 Each has the methods of Python's own that tfbus uses, with the same meaning.
 """
 
+import asyncio
 import queue
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from tfbus.testing.tasks import Task, Tasks
+
+if TYPE_CHECKING:
+    from tfbus.testing.processes import Process
 
 
 class Waiting:
@@ -224,3 +229,70 @@ class Queue:
 
     def empty(self) -> bool:
         return not self._items
+
+
+class _Waiting:
+    """Stands in for the files of a loop, of which a simulated process has none."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        self.event = Event(tasks)
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        if timeout is None or timeout > 0:
+            self.event.wait(timeout)
+        self.event.clear()
+        return []
+
+
+class SimulatedEventLoop(asyncio.BaseEventLoop):
+    """An event loop of one simulated task; others may call `call_soon_threadsafe`."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        super().__init__()
+        self._tasks = tasks
+        self._selector = _Waiting(tasks)
+        self._clock_resolution = 1e-9
+
+    def time(self) -> float:
+        """The virtual time, in seconds."""
+        return self._tasks.now_ns / 1e9
+
+    def _process_events(self, event_list: list[Any]) -> None:
+        pass
+
+    def _write_to_self(self) -> None:
+        self._selector.event.set()
+
+
+def scheduler_names(tasks: Tasks) -> dict[str, Any]:
+    """All names that a simulation replaces."""
+
+    def process() -> "Process":
+        return tasks.current.place  # type: ignore[return-value]
+
+    not_a_main_thread = object()
+
+    def main_thread() -> Any:
+        main = process().main
+        return not_a_main_thread if main is None else main.thread
+
+    def sleep(seconds: float) -> None:
+        tasks.wait("the end of a sleep", max(seconds, 0.0))
+
+    return {
+        "monotonic": lambda: tasks.now_ns / 1e9 + 1000.0,
+        "monotonic_ns": lambda: tasks.now_ns + 1000 * 10**9,
+        "time_ns": lambda: process().host.time_ns(),
+        "sleep": sleep,
+        "Lock": partial(Lock, tasks),
+        "RLock": partial(Lock, tasks, reentrant=True),
+        "Event": partial(Event, tasks),
+        "Condition": partial(Condition, tasks),
+        "Queue": partial(Queue, tasks),
+        "SimpleQueue": partial(Queue, tasks),
+        "main_thread": main_thread,
+        "of_process": lambda kind: process().object_of(kind),
+        "getpid": lambda: process().pid,
+        "new_event_loop": lambda: SimulatedEventLoop(tasks),
+        "urandom": lambda size: process().urandom(size),
+    }

@@ -13,8 +13,7 @@ from tfbus.testing.tasks import SimulationError, SimulationOver
 
 if TYPE_CHECKING:
     from tfbus.testing.network import Network
-    from tfbus.testing.process_table import ProcessTable
-    from tfbus.testing.processes import Process
+    from tfbus.testing.processes import Process, ProcessTable
 
 # How often what a program prints is looked at.
 _LOOK_EVERY_S = 0.01

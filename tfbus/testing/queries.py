@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from tfbus.testing.callers import Handler, guarded
-from tfbus.testing.declarations import QUERYABLE, Declared
-from tfbus.testing.keys import intersect
-from tfbus.testing.messages import Payload, Reply, Sample, Source
+from tfbus.testing.callers import Handler, Payload, Reply, Sample, Source, guarded
+from tfbus.testing.declarations import QUERYABLE, Declared, intersect
 from tfbus.testing.routing import Journey, Way
 
 if TYPE_CHECKING:
-    from tfbus.testing.faces import Face
+    from tfbus.testing.links import Face
     from tfbus.testing.zenoh_session import ZenohSession
 
 # Zenoh's own time for a query without one.

@@ -10,10 +10,9 @@ from typing import Any
 
 import zenoh
 
-from tfbus.testing.callers import Handler
+from tfbus.testing.callers import Handler, Reply, Sample, Source
 from tfbus.testing.declarations import Declared
-from tfbus.testing.matching import Publisher
-from tfbus.testing.messages import Reply, Sample, Source
+from tfbus.testing.publications import Publisher
 from tfbus.testing.queries import Query
 from tfbus.testing.tasks import SimulationOver
 from tfbus.testing.zenoh_session import ZenohSession

@@ -19,10 +19,9 @@ from tfbus.runtime.log_once import LogOnce
 from tfbus.view.access import Access
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
-from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.view_state import ViewState
+from tfbus.view.model.view_state import Selections, ViewState
 from tfbus.view.origin import Guard
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel

@@ -12,9 +12,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.view.guest import Guest
 from tfbus.view.model.placement import Placed, newest_common_ns
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.selections import Selections
 from tfbus.view.model.shown_frames import Frames
-from tfbus.view.model.view_state import ViewState
+from tfbus.view.model.view_state import Selections, ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.camera import CameraActions, add_camera_commands
 from tfbus.view.panels.display import DisplayPanel

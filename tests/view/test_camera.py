@@ -13,7 +13,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import Region
 from tfbus.view.model.placement import Placed
-from tfbus.view.model.selections import Selections
+from tfbus.view.model.view_state import Selections
 from tfbus.view.panels.markup import unless_it_left
 from tfbus.view.scene.camera import Cameras, around, region_of
 

@@ -20,14 +20,10 @@ from tfbus import InvalidNameError
 from tfbus.testing.network import Network
 from tfbus.view.meshes import child
 from tfbus.view.meshes.creases import with_creases
-from tfbus.view.meshes.fair_turns import FairTurns
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.loader import MeshLoader, MeshSource
-from tfbus.view.meshes.part import Part, bounds_of
-from tfbus.view.meshes.read import read_mesh
-from tfbus.view.meshes.reader import MeshReader, ReadMesh
-from tfbus.view.meshes.references import References
-from tfbus.view.meshes.request import MeshRequest
+from tfbus.view.meshes.loader import FairTurns, MeshLoader, MeshReader, MeshSource, ReadMesh
+from tfbus.view.meshes.mesh import MeshRequest, Part, bounds_of
+from tfbus.view.meshes.read import References, read_mesh
 
 # A corner of a box: a triangle 1 m wide and 2 m high.
 TRIANGLE = b"""solid corner

@@ -13,10 +13,15 @@ from hypothesis import strategies as st
 from tfbus import Buffer, SettingsError, Transform, TransformStamped
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.view.model.filter import NameFilter, PatternError
 from tfbus.view.model.placement import arrow_points, arrow_rows, newest_common_ns, place, trail
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.settings import ViewSettings, load_settings, save_settings
+from tfbus.view.model.settings import (
+    NameFilter,
+    PatternError,
+    ViewSettings,
+    load_settings,
+    save_settings,
+)
 from tfbus.view.model.shown_frames import FADED, Frames, fading, frames_of
 from tfbus.view.panels import text
 

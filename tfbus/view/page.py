@@ -1,25 +1,27 @@
 """The page that `tfbus view` serves: a scene and a panel, kept up to date by `run`."""
 
+import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
+from tfbus.listen.info import StreamInfo
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log_once import LogOnce
 from tfbus.view.access import Access
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
-from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.view_state import ViewState
+from tfbus.view.model.view_state import Selections, ViewState
 from tfbus.view.origin import Guard
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
@@ -32,8 +34,29 @@ from tfbus.view.scene.marks import SelectedMarks
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import Scene
 from tfbus.view.server import serve, silent_viser
-from tfbus.view.source import Host, Publishers
 from tfbus.wording import printable
+
+
+class Host(Protocol):
+    """The time, the log and the end of the page; a Node is one."""
+
+    @property
+    def log(self) -> logging.Logger:
+        """The log for warnings."""
+
+    def now_ns(self) -> int:
+        """The time that ages are judged by, in nanoseconds since the Unix epoch."""
+
+    def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
+        """Wait, at most until the end of the page; whether it goes on."""
+
+
+class Publishers(Protocol):
+    """The publishers of frames; a TransformListener is one."""
+
+    def streams(self) -> Sequence[StreamInfo]:
+        """The streams of all of them."""
+
 
 # The panel is for reading, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25

@@ -15,7 +15,7 @@ from typing import IO, Any
 import msgpack
 
 from tfbus.runtime.limited_process import limit_this_process
-from tfbus.view.meshes.limits import MOST_BYTES, MOST_MEMORY
+from tfbus.view.meshes.mesh import MOST_BYTES, MOST_MEMORY
 
 HEADER = struct.Struct(">I")
 
@@ -43,9 +43,8 @@ def receive(pipe: IO[bytes]) -> dict[str, Any] | None:
 
 def _answer(values: dict[str, Any]) -> dict[str, Any]:
     from tfbus.view.meshes.guard import MeshError
-    from tfbus.view.meshes.read import read_mesh
-    from tfbus.view.meshes.references import References
-    from tfbus.view.meshes.request import MeshRequest
+    from tfbus.view.meshes.mesh import MeshRequest
+    from tfbus.view.meshes.read import References, read_mesh
 
     request = MeshRequest.from_map(values)
     try:

@@ -7,7 +7,7 @@ from typing import Any
 from xml.parsers import expat
 
 from tfbus.errors import TfbusError
-from tfbus.view.meshes.limits import LONGEST_SIDE_PX, MOST_BYTES, MOST_PIXELS, MOST_TRIANGLES
+from tfbus.view.meshes.mesh import LONGEST_SIDE_PX, MOST_BYTES, MOST_PIXELS, MOST_TRIANGLES
 
 # A corner has at most this many numbers in a glTF file.
 _MOST_COUNT = 3 * MOST_TRIANGLES

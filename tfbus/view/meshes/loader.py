@@ -1,18 +1,179 @@
-"""Loads mesh files on two threads, each file once, while the page goes on."""
+"""Loads mesh files on two threads, each file once, in processes of their own."""
 
 import math
+import os
+import subprocess
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Hashable
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from tfbus.errors import TfbusError
-from tfbus.view.meshes.fair_turns import FairTurns
+from tfbus.runtime.limited_process import command_of
+from tfbus.view.meshes.child import receive, send
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.limits import KINDS, LONGEST_S, MOST_BYTES
-from tfbus.view.meshes.reader import MeshReader, ReadMesh
-from tfbus.view.meshes.request import MeshRequest
+from tfbus.view.meshes.mesh import KINDS, LONGEST_S, MOST_BYTES, MeshRequest, Part
+
+T = TypeVar("T")
+
+_MOST_REMEMBERED = 1_000
+
+
+class FairTurns(Generic[T]):
+    """Items that wait, each of a sender: the next is of the sender that has used the least time.
+
+    A sender that comes anew, or again, begins where the last turn was: neither is past idleness a
+    credit, nor does another name make one younger. Not safe from several threads at once.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[Hashable, deque[T]] = {}
+        self._used_s: dict[Hashable, float] = {}
+        self._turn_s = 0.0
+
+    def add(self, sender: Hashable, item: T) -> None:
+        """Add an item at the end of its sender's."""
+        if sender not in self._waiting:
+            self._waiting[sender] = deque()
+            self._used_s[sender] = max(self._used_s.get(sender, 0.0), self._turn_s)
+        self._waiting[sender].append(item)
+
+    def next(self) -> tuple[Hashable, T] | None:
+        """Take the next item, with its sender; None if none waits."""
+        if not self._waiting:
+            return None
+        sender = min(self._waiting, key=self._used_s.__getitem__)
+        self._turn_s = self._used_s[sender]
+        items = self._waiting[sender]
+        item = items.popleft()
+        if not items:
+            del self._waiting[sender]
+        return sender, item
+
+    def use(self, sender: Hashable, seconds: float) -> None:
+        """A sender has used this time."""
+        self._used_s[sender] = max(self._used_s.get(sender, 0.0), self._turn_s) + seconds
+        if len(self._used_s) > _MOST_REMEMBERED:
+            self._used_s = {
+                each: used
+                for each, used in self._used_s.items()
+                if each in self._waiting or used > self._turn_s
+            }
+
+    def keep(self, is_wanted: Callable[[T], bool]) -> None:
+        """Forget the other items."""
+        kept = {each: deque(filter(is_wanted, items)) for each, items in self._waiting.items()}
+        self._waiting = {each: items for each, items in kept.items() if items}
+
+    def clear(self) -> None:
+        """Forget all items."""
+        self._waiting.clear()
+
+
+@dataclass(frozen=True)
+class ReadMesh:
+    """The parts of a mesh file; `refused` says of the files that it names and that could not be had
+    why.
+    """
+
+    parts: tuple[Part, ...]
+    refused: dict[str, str] = field(default_factory=dict)
+
+
+class MeshReader:
+    """Reads mesh files in a process that starts with the first one, until `close`.
+
+    For one thread; `close` is for any.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_closed = False
+
+    def read(self, request: MeshRequest, within_s: float = LONGEST_S) -> ReadMesh:
+        """Read a file. Raises MeshError, also if it takes longer."""
+        answer = self._answer(self._process_now(), request, within_s)
+        if answer is None:
+            raise MeshError(f"reading it took more than {within_s:.0f} s, or too much memory")
+        if "error" in answer:
+            raise MeshError(answer["error"])
+        return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
+
+    def start(self) -> None:
+        """Start the process, and wait until it can read. Raises MeshError if it cannot."""
+        self._process_now()
+
+    def _answer(
+        self, process: "subprocess.Popen[bytes]", request: MeshRequest | None, within_s: float
+    ) -> dict[str, Any] | None:
+        """The answer of the process, without a request that it is ready; None if it does not, and
+        is ended.
+        """
+        late = threading.Timer(within_s, process.kill)
+        late.daemon = True
+        late.start()
+        answer: dict[str, Any] | None
+        try:
+            assert process.stdin is not None and process.stdout is not None
+            if request is not None:
+                send(process.stdin, request.as_map())
+            answer = receive(process.stdout)
+        except (OSError, ValueError):  # the pipes of a process that `close` has ended
+            answer = None
+        finally:
+            late.cancel()
+        if answer is None:
+            self.rest()
+            if self._is_closed:
+                raise MeshError("the page has ended")
+        return answer
+
+    def rest(self) -> None:
+        """End the process; a later file starts another."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            _end(process)
+
+    def close(self) -> None:
+        """End the process, also in the middle of a file. Twice is fine."""
+        self._is_closed = True
+        self.rest()
+
+    def _process_now(self) -> "subprocess.Popen[bytes]":
+        with self._lock:
+            if self._is_closed:
+                raise MeshError("the page has ended")
+            if self._process is not None:
+                return self._process
+            process = self._process = subprocess.Popen(
+                command_of("tfbus.view.meshes.child"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                # Threads for matrices would count as memory.
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+                # Ctrl-C ends it by its input.
+                start_new_session=True,
+            )
+        if self._answer(process, None, LONGEST_S) is None:
+            raise MeshError("the process that reads meshes does not start")
+        return process
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(OSError):  # what was not yet written
+                pipe.close()
+    process.wait()
+
 
 # A mesh of another machine may bring this many materials and pictures.
 _MOST_BESIDE = 16

@@ -1,7 +1,8 @@
 """The choices of users, as one frozen value, and as a YAML file."""
 
+import re
 from dataclasses import asdict, dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,45 @@ import yaml
 from tfbus.errors import SettingsError
 from tfbus.runtime.whole_file import replacing
 from tfbus.runtime.yaml_file import yaml_mistake
-from tfbus.view.model.filter import NameFilter
 from tfbus.wording import did_you_mean
+
+
+class PatternError(SettingsError):
+    """A malformed regular expression; the message says what is wrong and where."""
+
+
+@dataclass(frozen=True)
+class NameFilter:
+    """Takes names that `only` matches and `never` does not, anywhere in the name.
+
+    An empty `only` matches every name, an empty `never` none. Raises PatternError for a malformed
+    regular expression.
+    """
+
+    only: str = ""
+    never: str = ""
+
+    def __post_init__(self) -> None:
+        for pattern in (self.only, self.never):
+            _compiled(pattern)
+
+    def takes(self, name: str) -> bool:
+        """Whether a frame of this name is shown."""
+        if self.never and _compiled(self.never).search(name):
+            return False
+        return not self.only or bool(_compiled(self.only).search(name))
+
+
+@lru_cache(maxsize=64)
+def _compiled(pattern: str) -> re.Pattern[str]:
+    try:
+        return re.compile(pattern)
+    except re.error as error:
+        place = "" if error.pos is None else f" at character {error.pos + 1}"
+        raise PatternError(
+            f"{pattern!r} is not a regular expression: {error.msg}{place}; "
+            r"escape a point as \. and a bracket as \("
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from typing import Any
 import viser
 
 from tfbus.errors import SettingsError
-from tfbus.view.model.filter import NameFilter, PatternError
-from tfbus.view.model.selections import Selections
-from tfbus.view.model.settings import RANGES, save_settings
-from tfbus.view.model.view_state import ViewState
+from tfbus.view.model.settings import RANGES, NameFilter, PatternError, save_settings
+from tfbus.view.model.view_state import Selections, ViewState
 from tfbus.view.panels.markup import Html
 
 _BOXES = {

@@ -1,30 +1,111 @@
 """The panel next to the scene: its headline, the time, and a tab for each kind of question."""
 
+import shlex
 from collections.abc import Callable, Sequence
+from html import escape
 from pathlib import Path
+from typing import Any
 
 import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.view.guest import Guest
 from tfbus.view.model.placement import Placed, newest_common_ns
-from tfbus.view.model.selections import Selections
+from tfbus.view.model.playback import Playback
 from tfbus.view.model.shown_frames import Frames
-from tfbus.view.model.view_state import ViewState
+from tfbus.view.model.view_state import Selections, ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.camera import CameraActions, add_camera_commands
 from tfbus.view.panels.display import DisplayPanel
+from tfbus.view.panels.frame_dropdown import FrameDropdown
 from tfbus.view.panels.markup import Channel, Html
-from tfbus.view.panels.measure import MeasurePanel
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
 from tfbus.view.panels.player_markup import STYLE as PLAYER_STYLE
 from tfbus.view.panels.robots import RobotsPanel, progress_text
-from tfbus.view.panels.time import TimePanel
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import TreePanel
 from tfbus.view.replay import Replay
 from tfbus.view.scene.robots import RobotScenes
+
+
+class MeasurePanel:
+    """Shows where one frame is, seen from another, as `tfbus echo` prints it."""
+
+    def __init__(self, gui: viser.GuiApi, view: ViewState) -> None:
+        self._view = view
+        self._from = FrameDropdown(
+            gui, "Seen from", "choose a frame", lambda name: view.change(measure_from=name)
+        )
+        self._to = FrameDropdown(
+            gui, "Frame", "choose a frame", lambda name: view.change(measure_to=name)
+        )
+        self._answer = Html(gui.add_html(""))
+
+    def refresh(self, frames: Frames, buffer: Buffer) -> None:
+        """Show the answer at the time shown."""
+        settings = self._view.settings
+        names = sorted(frames.by_name)
+        self._from.show(names, settings.measure_from)
+        self._to.show(names, settings.measure_to)
+        if not settings.measure_from or not settings.measure_to:
+            self._answer.show(
+                '<div class="tf tf-dim">Choose two frames to see how far apart they are.</div>'
+            )
+            return
+        summary, block = text.between(
+            buffer, settings.measure_from, settings.measure_to, self._view.playback.stamp_ns
+        )
+        if not summary:
+            self._answer.show(f'<div class="tf tf-alarm">{escape(block)}</div>')
+            return
+        title = shlex.join(["tfbus", "echo", settings.measure_from, settings.measure_to])
+        self._answer.show(
+            f'<div class="tf"><b>{escape(summary)}</b>{text.numbers(title, "tf-echo", block)}</div>'
+        )
+
+
+class TimePanel:
+    """`newest_ns()` is the time to hold on a pause."""
+
+    def __init__(
+        self, gui: viser.GuiApi, view: ViewState, history_s: float, newest_ns: Callable[[], int]
+    ) -> None:
+        self._view = view
+        self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+        # The value of viser's handles can be set, which mypy does not see.
+        self._ago: Any = gui.add_slider(
+            "Seconds ago",
+            -history_s,
+            0.0,
+            0.01,
+            0.0,
+            hint="Drag to the left to see the past, as far back as --history.",
+        )
+        self._shown = view.playback
+
+        @self._button.on_click
+        def _(event: Any) -> None:
+            if view.playback.follows:
+                view.play(lambda playback: playback.pause(newest_ns()))
+            else:
+                view.play(lambda playback: Playback())
+
+        @self._ago.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:
+                view.play(lambda playback: playback.scrub(newest_ns(), -self._ago.value))
+
+    def refresh(self) -> None:
+        """Follow the playback when a browser has changed it."""
+        playback = self._view.playback
+        if playback == self._shown:
+            return
+        self._shown = playback
+        self._button.label = "Pause" if playback.follows else "Follow"
+        self._button.icon = viser.Icon.PLAYER_PAUSE if playback.follows else viser.Icon.PLAYER_PLAY
+        if self._ago.value != -playback.ago_s:
+            self._ago.value = -playback.ago_s
 
 
 class Panel:

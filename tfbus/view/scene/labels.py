@@ -11,9 +11,9 @@ import numpy as np
 import viser
 
 from tfbus.view.model.placement import Floats, Placed
-from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import FAULTS, ViewFrame
+from tfbus.view.model.view_state import Selections
 from tfbus.view.scene.camera import Window
 from tfbus.wording import listed
 

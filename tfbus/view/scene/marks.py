@@ -6,8 +6,8 @@ import numpy as np
 import viser
 
 from tfbus.view.model.placement import Placed
-from tfbus.view.model.selections import Selections
 from tfbus.view.model.shown_frames import FAULTS, Frames
+from tfbus.view.model.view_state import Selections
 from tfbus.view.scene.axes import NO_POSITIONS, NO_QUATERNIONS, place
 from tfbus.view.scene.shapes import octahedron
 

@@ -9,7 +9,7 @@ import viser
 
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
-from tfbus.view.meshes.part import Color, Part, bounds_of
+from tfbus.view.meshes.mesh import Color, Part, bounds_of
 from tfbus.view.model.placement import Floats, Placed
 from tfbus.view.model.shown_robot import ShownRobot
 

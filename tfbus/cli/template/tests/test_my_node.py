@@ -2,8 +2,9 @@
 
 import math
 
-import tfbus
 from my_robot.my_node import pose_at, start
+
+import tfbus
 
 
 def test_the_robot_stays_on_its_circle() -> None:

@@ -19,6 +19,7 @@ import tfbus
 import tfbus.buffer.files
 import tfbus.buffer.formats
 import tfbus.buffer.trajectories
+import tfbus.inspect
 import tfbus.messages
 import tfbus.testing
 import tfbus.view
@@ -83,6 +84,7 @@ _INNER = {
     "ServiceName": "candidates convert shell_complete",
     "Number": "convert",
     "Recording": "of_reader",
+    "BusMoment": "since",
     "Network": "tasks",
     "Process": "at_exit call_at_exit enter forget_at_exit go_on handler leave object_of receive"
     " set_handler urandom",
@@ -107,6 +109,13 @@ guide](../guide/testing.md).
 """
 
 
+_INSPECT = """\
+The bus at one moment, live or recorded, and its changes. See [the
+guide](../guide/tools.md#in-python). `Endpoint`, `NodeDescription`, `ServiceInfo`, `StreamInfo` and
+`TopicInfo` are there for annotations; `tfbus node info --json` has the fields of a node.
+"""
+
+
 @dataclass(frozen=True)
 class Member:
     """A method, property or field, and what it says of itself."""
@@ -126,14 +135,23 @@ def page() -> str:
         if names:
             parts += [f"## {title}\n", *(_entry(name, getattr(tfbus, name)) for name in names)]
     parts += ["## What these hand out\n", "Made by the methods above, not by constructors.\n"]
+    returned = _returned()
     parts += [
         _entry(value.__name__, value, made=False)
-        for value in sorted(_returned(), key=lambda value: value.__name__)
+        for value in sorted(returned, key=lambda value: value.__name__)
     ]
     parts += ["## tfbus.testing\n", _TESTING]
     for name in tfbus.testing.__all__:
         value = getattr(tfbus.testing, name)
         parts.append(_entry(name, value, made=name in ("Network", "Faults")))
+    parts += ["## tfbus.inspect\n", _INSPECT]
+    for value in (tfbus.inspect.Watch, tfbus.inspect.Recorded):
+        parts.append(_entry(value.__name__, value))
+    for name in ("BusMoment", "FrameStatus", "Problem", "BusChange"):
+        value = getattr(tfbus.inspect, name)
+        members = ", ".join(f"`{member.signature}`" for member in _members(value))
+        parts += [f"### {name}\n", _paragraphs(_docstring(value))]
+        parts += [f"- {members}\n"] if members else []
     parts += ["## tfbus.view\n", _VIEW]
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
     for module in (tfbus.buffer.files, tfbus.buffer.formats, tfbus.buffer.trajectories):
@@ -303,7 +321,7 @@ def _function(node: ast.AST, owner: str) -> Member:
     returned = _plain(node.returns)
     returns = f" -> {returned}" if returned not in ("", "None") else ""
     text = ast.get_docstring(node) or ""
-    if "property" in kinds:
+    if kinds & {"property", "cached_property"}:
         return Member(node.name, f"{node.name}{returns.replace(' ->', ':')}", text)
     prefix = f"{owner}." if kinds & {"staticmethod", "classmethod"} else ""
     if prefix and returned in (owner, "Self"):

@@ -110,6 +110,19 @@ BUFFER = {
     "formats": "as_dot as_html as_svg as_text as_yaml show",
     "trajectories": "insert insert_csv insert_tum samples trajectory",
 }
+INSPECT = [
+    "BusChange",
+    "BusMoment",
+    "Endpoint",
+    "FrameStatus",
+    "NodeDescription",
+    "Problem",
+    "Recorded",
+    "ServiceInfo",
+    "StreamInfo",
+    "TopicInfo",
+    "Watch",
+]
 
 # The modules with ROS's names, and those that each has.
 COMPAT = {
@@ -258,6 +271,14 @@ def test_every_public_name_is_there() -> None:
         value = getattr(tfbus, name)
         assert value.__name__ == name
         assert inspect.getdoc(value), name
+
+
+def test_the_names_of_inspect_are_these() -> None:
+    """Each is there and says what it is, without an import of its own; the stdlib's is another."""
+    module = tfbus.inspect
+    assert sorted(module.__all__) == INSPECT
+    assert all(inspect.getdoc(getattr(module, name)) for name in INSPECT)
+    assert inspect.__name__ == "inspect"
 
 
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from tfbus.frames.moment import BusMoment as BusMoment
     from tfbus.frames.moment import FrameStatus as FrameStatus
     from tfbus.frames.recorded_moments import Recorded as Recorded
-    from tfbus.frames.snapshot import FrameTree as FrameTree
     from tfbus.frames.snapshot import Problem as Problem
     from tfbus.frames.watch import Watch as Watch
     from tfbus.listen.info import StreamInfo as StreamInfo
@@ -26,7 +25,6 @@ _MODULE_OF = {
     "FrameStatus": "tfbus.frames.moment",
     "Problem": "tfbus.frames.snapshot",
     "BusChange": "tfbus.frames.changes",
-    "FrameTree": "tfbus.frames.snapshot",
     "StreamInfo": "tfbus.listen.info",
     "NodeDescription": "tfbus.wire.descriptions",
     "TopicInfo": "tfbus.discover.graph",

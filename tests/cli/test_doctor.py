@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -116,3 +117,56 @@ def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
     code, found = examined(bus, "--for", "1", "--sim-time")
     assert (code, found["clock"]["verdict"]) == (0, "ok")
     assert "its time is simulated: use --sim-time" in bus.run("frames").stdout
+
+
+def test_a_watch_prints_findings_when_they_begin_and_end(bus: Bus) -> None:
+    """A publisher that leaves is found, and the finding ends when it is back; Ctrl-C ends it."""
+    sim = bus.node("sim")
+    keep_sending(sim, "world", "base")
+    doctor = bus.start("doctor", "--watch", "--for", "1", "--only", "gone", "--only", "stale")
+    doctor.wait_for_line("2 ok: nothing is wrong")
+    sim.close()
+    doctor.wait_for_line("warn +gone")
+    doctor.wait_for_line("Fix: start it again")
+    keep_sending(bus.node("sim"), "world", "base")
+    doctor.wait_for_line("ended +gone")
+    assert doctor.stop() == 0
+
+
+def test_a_watch_exits_at_the_first_failure(bus: Bus) -> None:
+    """With --exit-on-fail, as JSON lines; warnings do not end it."""
+    keep_sending(bus.node("sim"), "world", "base")
+    send_static(bus.node("elsewhere"), "map", "dock")
+    doctor = bus.start(
+        *("doctor", "--watch", "--for", "1", "--json", "--exit-on-fail"),
+        *("--only", "conflicts", "--only", "disconnected"),
+    )
+    doctor.wait_for_line('"check": "disconnected"')
+    keep_sending(bus.node("rival"), "world", "base")
+    assert doctor.wait(timeout_s=DEADLINE_S) == 1
+    last = json.loads(doctor.stdout.splitlines()[-1])
+    assert (last["event"], last["check"], last["verdict"]) == ("begun", "conflicts", "fail")
+
+
+@pytest.mark.real
+def test_a_watch_calls_a_command(bus: Bus, tmp_path: Path) -> None:
+    """With the finding in its environment; its own failure is a warning."""
+    told = tmp_path / "told"
+    send_static(bus.node("mount"), "base", "camera")
+    send_static(bus.node("other"), "base", "camera")
+    command = f'echo "$TFBUS_CHECK: $TFBUS_EVIDENCE" > {told}; exit 3'
+    options = ("--watch", "--for", "0.5", "--only", "conflicts", "--on-fail", command)
+    doctor = bus.start("doctor", *options)
+    doctor.wait_for_line("fail +conflicts")
+    assert eventually(lambda: told.exists() and told.read_text()).startswith("conflicts: 'camera'")
+    eventually(lambda: any("exited with 3" in line for line in doctor.err))
+    assert doctor.stop() == 0
+
+
+@pytest.mark.parametrize(
+    "options", [("--exit-on-fail",), ("--on-fail", "true"), ("--watch", "--bag", __file__)]
+)
+def test_options_of_a_watch_need_one(bus: Bus, options: tuple[str, ...]) -> None:
+    """A usage error; a recording is not watched."""
+    done = bus.run("doctor", *options)
+    assert done.returncode == 2 and "--watch" in done.stderr

@@ -1,7 +1,7 @@
 """The bus at one moment, by a listener or by a recording at a log time; every tool takes it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Protocol
@@ -12,7 +12,7 @@ from tfbus.discover.graph import Graph, ServiceInfo, TopicInfo, graph_of
 from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.frames.state import Fault, State, faults, silent_s, state
 from tfbus.listen.info import StreamInfo
-from tfbus.runtime.structs import replace
+from tfbus.runtime import structs
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import namespace_of_node, stream_key
 
@@ -54,15 +54,13 @@ class BusMoment:
     """The bus at one moment, with the same contents whether it is live or recorded.
 
     `at_ns` is the moment, by the system's clock or as a log time, in ns since the Unix epoch, and
-    `start_ns` the beginning of the recording, 0 of a live bus.
-    `nodes` are the descriptions of the nodes; `unanswered` the full names of others, which are
-    there and did not describe themselves in time. `rejected` counts rejected transforms by reason,
-    `dropped` the messages that the listener dropped. `tree` is the tree of frames, as the listener
-    in `namespace` has it, and `elsewhere` are descriptions of streams by their keys, also of those
-    that it does not read.
+    `start_ns` the beginning of the recording, 0 of a live bus. `nodes` are the descriptions of
+    nodes, `unanswered` the full names of others, which did not answer in time. `rejected` counts
+    rejected transforms by reason, `dropped` messages that the listener dropped.
     """
 
     at_ns: int
+    # As the listener in `namespace` has it; `elsewhere` are streams by their keys, also others.
     tree: FrameTree
     nodes: tuple[NodeDescription, ...] = ()
     unanswered: tuple[str, ...] = ()
@@ -132,7 +130,7 @@ class BusMoment:
         """The same moment, with the counts of lost and refused transforms since an earlier one."""
         then = before.streams
         streams = {
-            name: replace(
+            name: structs.replace(
                 stream,
                 missed=stream.missed - then[name].missed,
                 rejected=stream.rejected - then[name].rejected,

@@ -1,10 +1,12 @@
 """Files that are replaced whole."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tfbus import Buffer, Trajectory
+from tfbus.buffer.files import save
 from tfbus.runtime.whole_file import replacing
 
 
@@ -12,7 +14,7 @@ def test_an_error_names_the_file_that_was_given(tmp_path: Path) -> None:
     """Not the one that is written beside it."""
     missing = tmp_path / "none" / "t.csv"
     drive = Trajectory("map", "base", [1], [[0, 0, 0]])
-    for write in (drive.write_csv, drive.write_tum, Buffer().save):
+    for write in (drive.write_csv, drive.write_tum, partial(save, Buffer())):
         with pytest.raises(FileNotFoundError) as caught:
             write(missing)
         assert str(caught.value) == f"[Errno 2] No such file or directory: {str(missing)!r}"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.recording.items import Item, RecordedStream, TransformItem
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, encode_transforms

@@ -36,7 +36,7 @@ from tfbus.bag.replayed_stream import ReplayedStream
 from tfbus.bag.stream_epochs import StreamEpochs
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.messages import (
     Clock,

@@ -36,7 +36,7 @@ from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription

@@ -1,18 +1,31 @@
 """A stream as tests receive it, and a buffer to look into."""
 
 import logging
+from typing import Any
 
 from tests.builders import S, payload, x_of
 from tfbus import Buffer, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.stream_facts import Listening
 from tfbus.wire.transforms import TransformReader
+
+
+class Takeovers(Listening):
+    """Notes which stream's other process counts from which epoch on."""
+
+    def __init__(self, noted: list[tuple[str, int]]) -> None:
+        super().__init__(logging.getLogger("test"))
+        self._noted = noted
+
+    def on_takeover(self, stream: str, epoch_ns: int) -> None:
+        self._noted.append((stream, epoch_ns))
 
 
 class Received:
     """A stream as it is received into a buffer of its own."""
 
-    def __init__(self) -> None:
-        self.buffer = Buffer()
+    def __init__(self, buffer: Any = None) -> None:
+        self.buffer = Buffer() if buffer is None else buffer
         self.time_s = 0.0
         self.now_ns = 9 * S
         self.taken_over: list[tuple[str, int]] = []
@@ -22,7 +35,7 @@ class Received:
             logging.getLogger("test"),
             lambda: self.now_ns,
             TransformReader(),
-            on_takeover=lambda name, epoch_ns: self.taken_over.append((name, epoch_ns)),
+            around=Takeovers(self.taken_over),
             now_s=lambda: self.time_s,
         )
         self.key = DynamicReception(self.stream)
@@ -33,7 +46,7 @@ class Received:
         self.key.receive(payload(transforms, epoch_ns, seq))
 
     def send_static(self, *transforms: TransformStamped, epoch_ns: int = 1) -> None:
-        self.stream.receive_static(payload(transforms, epoch_ns))
+        self.stream.statics.receive(payload(transforms, epoch_ns))
 
     def describe(self, *children: str, epoch_ns: int = 1) -> None:
         self.stream.describe(epoch_ns, frozenset(children))

@@ -11,7 +11,7 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
 from tfbus.listen.budget import Budget
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 
 
 @pytest.fixture

@@ -1,18 +1,32 @@
 """Frames that several streams send, as a listener receives them, step by step."""
 
 import logging
-from collections.abc import Collection
-from functools import partial
+from typing import Any
 
 import pytest
 
 from tests.builders import S, at, payload
-from tfbus import Buffer, TransformBatch
+from tfbus import Buffer
 from tfbus.listen.claims import Rule
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.stream_facts import Listening
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformReader
+
+
+class Deciding(Listening):
+    """Decides at once by the conflicts of both streams."""
+
+    def __init__(self, received: "Received") -> None:
+        super().__init__(logging.getLogger("test"))
+        self._received = received
+
+    def claimed_by_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
+        return self._received.conflicts.claimed_by_others(stream, children)
+
+    def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
+        self._received.conflicts.restore(stream, frames)
 
 
 class Received:
@@ -28,8 +42,7 @@ class Received:
                 log,
                 lambda: 0,
                 TransformReader(),
-                self.restore,
-                claimed_by_others=partial(self.claimed_by_others, name),
+                around=Deciding(self),
             )
             for name in "ab"
         }
@@ -39,7 +52,7 @@ class Received:
 
     def send_static(self, stream: str, **x_of: float) -> None:
         self._sent += 1
-        self.streams[stream].receive_static(self._payload(stream, self._sent, x_of))
+        self.streams[stream].statics.receive(self._payload(stream, self._sent, x_of))
 
     def send(self, stream: str, **x_of: float) -> None:
         key = DynamicReception(self.streams[stream])
@@ -55,12 +68,6 @@ class Received:
         epoch = self.epochs[stream]
         self.streams[stream].describe(epoch, frozenset(children), frozenset(children))
         self.conflicts.judge(stream, StreamDescription(1, f"/{stream}", epoch, rows))
-
-    def restore(self, name: str, frames: frozenset[str]) -> None:
-        self.conflicts.restore(name, frames)
-
-    def claimed_by_others(self, name: str, frames: Collection[str]) -> frozenset[str]:
-        return self.conflicts.claimed_by_others(name, frames)
 
     def lose(self, stream: str) -> None:
         """The token of the stream is lost."""
@@ -128,12 +135,10 @@ def test_a_frame_that_is_rejected_while_it_is_sent_is_not_kept(rule: Rule, is_st
     class LateBuffer(Buffer):
         """Takes transforms of "b" only after "a" has got priority."""
 
-        def set_transforms(
-            self, batch: TransformBatch, *, static: bool = False, authority: str = ""
-        ) -> int:
-            if authority == "b" and not received.streams["b"].excluded:
+        def set_transforms(self, batch: Any, **how: Any) -> int:
+            if how["authority"] == "b" and not received.streams["b"].contest.excluded:
                 received.describe("b", "camera")
-            return super().set_transforms(batch, static=static, authority=authority)
+            return super().set_transforms(batch, **how)
 
     received = Received(rule, LateBuffer())
     received.send_static("a", camera=1.0)
@@ -214,11 +219,9 @@ def test_a_frame_that_is_listed_while_it_is_sent_is_not_lost(rule: Rule) -> None
     """The lists of both streams come while the frame goes into the buffer."""
 
     class BusyBuffer(Buffer):
-        def set_transforms(
-            self, batch: TransformBatch, *, static: bool = False, authority: str = ""
-        ) -> int:
-            stored = super().set_transforms(batch, static=static, authority=authority)
-            if authority == "a" and not lists:
+        def set_transforms(self, batch: Any, **how: Any) -> int:
+            stored = super().set_transforms(batch, **how)
+            if how["authority"] == "a" and not lists:
                 lists.append("both")
                 received.describe("b", "camera")
                 received.describe("a", "camera")

@@ -4,14 +4,15 @@ import logging
 
 from tests.builders import S, at, payload, x_of
 from tfbus import Buffer
-from tfbus.listen.held import DisputedMessages, Receive
+from tfbus.listen.epochs import PendingMessages, Receive
 from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.stream_facts import Listening
 from tfbus.wire.transforms import TransformReader
 
 
 def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
     """Those of other epochs of the stream are thrown away, those of other streams stay."""
-    held = DisputedMessages()
+    held = PendingMessages()
     received: list[bytes] = []
     for stream, epoch_ns, data in (
         ("a", 2, b"1"),
@@ -19,7 +20,7 @@ def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
         ("b", 2, b"3"),
         ("a", 2, b"4"),
     ):
-        held.keep(stream, epoch_ns, received.append, data)
+        held.add(stream, epoch_ns, received.append, data)
     held.release("a", 2)
     assert received == [b"1", b"4"]
     held.release("a", 3)
@@ -29,10 +30,10 @@ def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
 
 def test_the_oldest_go_first_where_there_are_too_many() -> None:
     """Of a flood only the last are kept."""
-    held = DisputedMessages(most_bytes=5_000)
+    held = PendingMessages(most_bytes=5_000)
     received: list[bytes] = []
     for number in range(100):
-        held.keep("a", 1, received.append, bytes([number]) * 700)
+        held.add("a", 1, received.append, bytes([number]) * 700)
     held.release("a", 1)
     assert [data[0] for data in received] == [95, 96, 97, 98, 99]
 
@@ -40,21 +41,23 @@ def test_the_oldest_go_first_where_there_are_too_many() -> None:
 def test_a_message_whose_epoch_is_confirmed_while_it_is_being_kept_is_received() -> None:
     """The confirmation comes between the verdict and the keeping, on another thread."""
 
-    class ConfirmedMeanwhile(DisputedMessages):
-        def keep(self, name: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
+    class ConfirmedMeanwhile(PendingMessages):
+        def add(self, name: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
             stream.describe(epoch_ns, frozenset({"robot"}), frozenset({"post"}), confirmed=True)
-            super().keep(name, epoch_ns, receive, payload)
+            super().add(name, epoch_ns, receive, payload)
 
     buffer = Buffer()
+    around = Listening(logging.getLogger("test"))
+    around.pending = ConfirmedMeanwhile()
     stream = StreamReception(
         "sim",
         buffer,
         logging.getLogger("test"),
         lambda: 9 * S,
         TransformReader(),
-        held=ConfirmedMeanwhile(),
+        around=around,
     )
     stream.describe(1, frozenset({"robot"}), frozenset({"post"}), confirmed=True)
-    stream.receive_static(payload([at(2, "post")], 2))
+    stream.statics.receive(payload([at(2, "post")], 2))
     DynamicReception(stream).receive(payload([at(4, "robot", S)], 3))
     assert (x_of(buffer, "world", "post"), x_of(buffer, "world", "robot")) == (2, 4)

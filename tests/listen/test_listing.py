@@ -2,8 +2,8 @@
 
 import pytest
 
-from tfbus.listen import listing
-from tfbus.listen.listing import Listing, Publisher
+from tfbus.listen import stream_facts
+from tfbus.listen.stream_facts import Listing, Publisher
 
 SAME, OTHER = ("/sim", 7, "ab12"), ("/sim", 8, "cd34")
 
@@ -42,7 +42,7 @@ def test_removed_frames_are_those_of_the_epoch() -> None:
 
 def test_removed_frames_are_not_remembered_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of more names than the limit only the last are remembered."""
-    monkeypatch.setattr(listing, "_MOST_REMOVED", 2)
+    monkeypatch.setattr(stream_facts, "_MOST_REMOVED", 2)
     listed = Listing()
     for children in ("abcd", "bcd", "cd", "d"):
         replace(listed, 1, children)

@@ -1,6 +1,7 @@
 """Receiving one stream: epochs, misses, removals and marks, message by message."""
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from tests.listen.received import Received
 from tfbus import Buffer
 from tfbus.listen.claims import Resolution
 from tfbus.listen.reception import StreamReception
+from tfbus.listen.stream_facts import Listening
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transforms import TransformReader
 
@@ -395,11 +397,11 @@ def test_kept_messages_may_be_faster_than_the_list_of_frames(received: Received)
 
 def test_frames_of_a_publisher_with_priority_are_left_out(received: Received) -> None:
     """Rows of rejected frames are counted, and not taken."""
-    received.stream.exclude(Resolution(set(), {"arm"}))
+    received.stream.contest.exclude(Resolution(set(), {"arm"}))
     received.send(at(1, "robot"), at(2, "arm"))
     assert received.buffer.frames() == ["robot", "world"]
     assert received.stream.counts.excluded == 1
-    received.stream.exclude(Resolution({"arm"}, set()))
+    received.stream.contest.exclude(Resolution({"arm"}, set()))
     received.send(at(1, "robot", 2 * S), at(2, "arm", 2 * S))
     assert received.x_of("arm") == 2
     assert received.stream.counts.excluded == 1
@@ -408,7 +410,7 @@ def test_frames_of_a_publisher_with_priority_are_left_out(received: Received) ->
 def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
     """Bytes that are no message are counted, whatever the key."""
     received.key.receive(b"nonsense")
-    received.stream.receive_static(b"nonsense")
+    received.stream.statics.receive(b"nonsense")
     received.stream.receive_kept(b"")
     assert received.stream.counts.rejected == 3
     assert received.buffer.frames() == []
@@ -419,7 +421,8 @@ def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
 ) -> None:
     """They fill the log of strangers; a stream that its publisher has confirmed has another."""
     log = logging.getLogger("test")
-    once, of_strangers = LogOnce(log, most=10), LogOnce(log, most=10)
+    around = Listening(log)
+    around.once, around.once_of_unconfirmed = LogOnce(log, most=10), LogOnce(log, most=10)
 
     def stream(name: str) -> StreamReception:
         return StreamReception(
@@ -428,8 +431,7 @@ def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
             log,
             lambda: 9 * S,
             TransformReader(),
-            once=once,
-            once_of_strangers=of_strangers,
+            around=around,
         )
 
     for number in range(1000):
@@ -447,19 +449,19 @@ def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
 def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> None:
     """A stream that is not gone lacks statics that have not come, or may have changed."""
     stream = received.stream
-    assert not stream.lacks_statics()
+    assert not stream.statics.are_lacking()
     stream.describe(1, frozenset({"robot", "post", "lamp"}), frozenset({"post", "lamp"}))
-    assert stream.lacks_statics()
+    assert stream.statics.are_lacking()
     received.send_static(at(1, "post"))
-    assert stream.lacks_statics()
+    assert stream.statics.are_lacking()
     received.send_static(at(1, "post"), at(2, "lamp"))
-    assert not stream.lacks_statics()
+    assert not stream.statics.are_lacking()
     stream.vanish()
-    assert not stream.lacks_statics()
+    assert not stream.statics.are_lacking()
     stream.appear()
-    assert stream.lacks_statics()
+    assert stream.statics.are_lacking()
     received.send_static(at(1, "post"), at(2, "lamp"))
-    assert not stream.lacks_statics()
+    assert not stream.statics.are_lacking()
 
 
 def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
@@ -482,7 +484,7 @@ def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
 def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:
     """By their numbers, an older set that was asked for is not taken for the last."""
     for x, seq in ((2, 2), (1, 1)):
-        received.stream.receive_static(payload([at(x, "post")], seq=seq))
+        received.stream.statics.receive(payload([at(x, "post")], seq=seq))
     assert received.x_of("post") == 2
 
 
@@ -510,3 +512,47 @@ def test_refused_statics_are_taken_when_what_is_in_the_way_ends(
         buffer.remove_sent(["world"], "wrong")
     assert received.x_of("base") == 2.0
     assert buffer.frame("world").parent is None
+
+
+class MeanwhileBuffer(Buffer):
+    """Lets something happen between the judgement of the first rows and their way into it."""
+
+    happens: Callable[[], None] | None = None
+
+    def set_transforms(self, batch: Any, **how: Any) -> int:
+        """As of any buffer."""
+        happens, self.happens = self.happens, None
+        if happens is not None:
+            happens()
+        return super().set_transforms(batch, **how)
+
+
+def test_rows_of_an_epoch_that_ends_under_way_are_not_stored() -> None:
+    """Neither alone nor behind those of the next epoch; the message counts as outdated."""
+    received = Received(MeanwhileBuffer())
+    received.send(at(1, "robot"), epoch_ns=1)
+    received.buffer.happens = lambda: received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    received.send(at(3, "robot", 3 * S), at(3, "arm", 3 * S), epoch_ns=1)
+    assert (received.x_of("robot"), received.x_of("arm")) == (2, None)
+    assert received.buffer.sent_by("sim") == {"robot": 1}
+    counts = received.stream.counts
+    assert (counts.messages, counts.outdated) == (2, 1)
+
+
+def test_a_kept_frame_that_is_removed_under_way_is_not_stored() -> None:
+    """Its list without the frame comes while the message is judged."""
+    received = Received(MeanwhileBuffer())
+    received.describe("robot", "arm")
+    received.buffer.happens = lambda: received.describe("robot")
+    received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")], 1))
+    assert (received.x_of("robot"), received.x_of("arm")) == (1, None)
+    assert received.stream.counts.messages == 1
+
+
+def test_a_set_of_statics_is_stored_though_an_epoch_ends_under_way() -> None:
+    """Static transforms hold in all epochs."""
+    received = Received(MeanwhileBuffer())
+    received.send(at(1, "robot"), epoch_ns=1)
+    received.buffer.happens = lambda: received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    received.send_static(at(3, "post"), epoch_ns=1)
+    assert (received.x_of("robot"), received.x_of("post")) == (2, 3)

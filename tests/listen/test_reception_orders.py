@@ -62,7 +62,7 @@ class Orders(RuleBasedStateMachine):
     @rule(children=CHILDREN, epoch=EPOCHS)
     def send_static(self, children: frozenset[str], epoch: int) -> None:
         before = self.stream.counts.outdated
-        self.stream.receive_static(sent(frozenset(c.upper() for c in children), epoch, 0))
+        self.stream.statics.receive(sent(frozenset(c.upper() for c in children), epoch, 0))
         if self.stream.counts.outdated == before:
             for child in children:
                 found = self.buffer.lookup_transform("world", child.upper())
@@ -99,7 +99,7 @@ class Orders(RuleBasedStateMachine):
         gone = {info.name for info in self.buffer.all_frames() if info.gone}
         held = set(self.buffer.sent_by("sim"))
         epoch, listed = self.listed
-        if self.stream.epochs.gone:
+        if self.stream.facts.epochs.gone:
             assert gone == held
         elif epoch == self.stream.epoch_ns:
             assert gone.isdisjoint(listed)

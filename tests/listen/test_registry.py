@@ -7,9 +7,9 @@ import pytest
 from tests.builders import description, live_stream
 from tfbus import Buffer
 from tfbus.listen import registry
+from tfbus.listen.info import StreamState
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.listen.registry import Registry
-from tfbus.listen.stream_state import StreamState
 from tfbus.wire.transforms import TransformReader
 
 

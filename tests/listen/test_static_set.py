@@ -3,7 +3,7 @@
 import pytest
 
 from tests.builders import at, message
-from tfbus.listen.static_set import StaticSet, children_of
+from tfbus.listen.stream_facts import StaticSet
 from tfbus.wire.transforms import TransformMessage
 
 
@@ -22,7 +22,7 @@ def statics() -> StaticSet:
 
 
 def held(statics: StaticSet) -> set[str]:
-    return set() if statics.batch is None else set(children_of(statics.batch))
+    return set() if statics.batch is None else set(statics.batch.children())
 
 
 def test_a_message_is_the_whole_set(statics: StaticSet) -> None:

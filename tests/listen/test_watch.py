@@ -21,7 +21,7 @@ from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
 from tfbus.listen import watch
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription

@@ -26,9 +26,8 @@ from tests.builders import description
 from tests.processes.fuzz_tools import Tools
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
-from tfbus.listen.info import StreamInfo, stream_info
-from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamInfo, StreamState, stream_info
+from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import stream_key
@@ -241,7 +240,7 @@ class Target:
         self.stream = StreamReception(
             "fuzz", self.buffer, self.log, time.time_ns, TransformReader()
         )
-        self.keys = [DynamicReception(self.stream), StaticReception(self.stream)]
+        self.keys = [DynamicReception(self.stream), self.stream.statics]
         self.described: StreamDescription | None = None
         self.tools = Tools(self.buffer, self._infos)
         self.reasons: Counter[str] = Counter()

@@ -13,7 +13,7 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.graph import TopicInfo, graph_of
 from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import InvalidNameError
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import MOST_GONE, StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node

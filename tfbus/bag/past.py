@@ -8,7 +8,7 @@ from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.recording.items import TransformItem
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor

@@ -13,7 +13,7 @@ from tfbus.errors import RightsError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
-from tfbus.listen.reception import lines_of
+from tfbus.listen.stream_facts import lines_of
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler

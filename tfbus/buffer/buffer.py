@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
+from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
@@ -200,10 +201,12 @@ class Buffer:
         *,
         static: bool = False,
         authority: str = "",
+        permit: Permit | None = None,
     ) -> int:
         """Store the rows of a batch, or several TransformStamped; returns how many were stored.
 
-        A row that cannot be stored is counted in `rejected`, by its reason.
+        A row that cannot be stored is counted in `rejected`, by its reason. With a `permit`, which
+        another thread may take back, rows are stored only while it is valid.
         """
         columns = batch if isinstance(batch, Columns) else _columns(batch)
         if type(authority) is not str:
@@ -211,10 +214,12 @@ class Buffer:
         lock = self._store.lock
         if not lock.enter():
             lock.leave()
-            lock.later(self.set_transforms, columns, static=static, authority=authority)
+            lock.later(
+                self.set_transforms, columns, static=static, authority=authority, permit=permit
+            )
             return len(columns)
         try:
-            stored = self._store.inserter.insert(columns, static, authority)
+            stored = self._store.inserter.insert(columns, static, authority, permit)
         finally:
             lock.leave()
         tree = self._store.tree

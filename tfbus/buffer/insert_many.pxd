@@ -11,6 +11,10 @@ cdef long long LONGEST_NS
 cdef double QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
 @cython.final
+cdef class Permit:
+    cdef public bint is_valid
+
+@cython.final
 cdef class Table:
     cdef tuple frames
     cdef bytes edges
@@ -31,7 +35,8 @@ cdef class BatchInserter:
 
     @cython.locals(
         table=Table, stored=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t, slow=Py_ssize_t)
-    cdef Py_ssize_t insert(self, Columns columns, bint static, str authority) except -1
+    cdef Py_ssize_t insert(
+        self, Columns columns, bint static, str authority, Permit permit) except -1
     @cython.locals(at=Py_ssize_t)
     cdef Py_ssize_t _append(self, Table table, Columns columns, Py_ssize_t start) except -1
     @cython.locals(stamp_ns=cython.longlong, pose=pose_t, edge=edge_t, parent=str, child=str,

@@ -33,6 +33,18 @@ _LEAST_ROWS = 4
 _ROWS_AT_A_TIME = 256
 
 
+class Permit:
+    """The permission to store rows, until somebody takes it back.
+
+    Rows that are judged before they are stored, such as those of a stream's message, may be judged
+    otherwise meanwhile: `is_valid` is looked at with the buffer's lock held. Take a permit back
+    before removing from the buffer: nothing that was judged with it comes behind.
+    """
+
+    def __init__(self) -> None:
+        self.is_valid = True
+
+
 class Table:
     """The edges of the rows of a batch, found once for all batches of an authority with the same
     ones: `children` are the histories, row by row, and `samples` theirs.
@@ -79,8 +91,12 @@ class BatchInserter:
         # By authority the edges of its last batch.
         self._tables: dict[str, Table] = {}
 
-    def insert(self, columns: Columns, static: bool, authority: str) -> int:
-        """Store the rows of a batch; how many were stored."""
+    def insert(self, columns: Columns, static: bool, authority: str, permit: Permit | None) -> int:
+        """Store the rows of a batch, while there is a permit if one is given; how many were
+        stored.
+        """
+        if permit is not None and not permit.is_valid:
+            return 0
         table = None if static else self._table(columns, authority)
         stored = at = slow = 0
         while at < columns.count:
@@ -98,6 +114,8 @@ class BatchInserter:
                     with cython.nogil:
                         pass
                     self._lock.let_others()
+                    if permit is not None and not permit.is_valid:
+                        return stored
         return stored
 
     def _append(self, table: Table, columns: Columns, start: int) -> int:

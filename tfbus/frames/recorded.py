@@ -26,9 +26,8 @@ from tfbus.frames.clocks import (
 from tfbus.frames.moment import BusMoment, key_of_stream
 from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.listen.info import StreamInfo, stream_info
+from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause

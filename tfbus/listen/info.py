@@ -1,14 +1,93 @@
-"""The report of a listener on one stream."""
+"""Streams as values: what their tokens and descriptions show, what was counted, and the report."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tfbus.runtime.structs import Struct, replace
+from tfbus.runtime.structs import Struct, fields_of, replace
+from tfbus.wire.descriptions import StreamDescription
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
-    from tfbus.listen.stream_state import StreamState
+
+# The weight of one message in the mean delay.
+_SMOOTHING = 0.1
+
+
+class StreamState(Struct):
+    """A stream as its token and its description show it now.
+
+    `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
+    is whether its publisher is there. `description` is the last it has sent, None before the
+    first. `key` is that of its token and its description. `confirmed` is whether the description
+    came from the session that it names, since the token did. `displaced` is the session
+    that was there before others took over with later epochs, "" for none; `held` is whether it has
+    come back since, as it lives.
+    """
+
+    name: str
+    alive: bool = False
+    description: StreamDescription | None = None
+    key: str = ""
+    confirmed: bool = False
+    displaced: str = ""
+    held: bool = False
+
+    @property
+    def owner(self) -> str:
+        """The session that is known to publish it; "" for none."""
+        return self.description.session if self.confirmed and self.description else ""
+
+
+class Counts:
+    """The counts of one stream, under the names that they have in `StreamInfo`, which says what
+    they are.
+
+    Not safe by itself: hold the stream's lock to change it. Any thread may read it.
+    """
+
+    # A `Struct` would take three times as long to count.
+    def __init__(self) -> None:
+        self.messages = self.transforms = self.bytes = self.missed = 0
+        self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
+        self.last_heard_ns: int | None = None
+        self.delay_s: float | None = None
+        self.last_delay_s: float | None = None
+        self.kept_delay_s: float | None = None
+
+    def add(self, transforms: int, size: int, heard_ns: int) -> None:
+        """Count one message of `transforms` rows and `size` bytes, which came at `heard_ns`."""
+        self.messages += 1
+        self.transforms += transforms
+        self.bytes += size
+        self.last_heard_ns = heard_ns
+
+    def add_delay(self, delay_s: float) -> None:
+        """Take the delay of one message, also into the mean."""
+        self.last_delay_s = delay_s
+        former_s = delay_s if self.delay_s is None else self.delay_s
+        self.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+
+    def add_kept(self, transforms: int, size: int, delay_s: float | None) -> None:
+        """Count a message that the stream had kept, and how old it was when it came if that is
+        known.
+        """
+        self.messages += 1
+        self.transforms += transforms
+        self.bytes += size
+        former_s = self.kept_delay_s
+        if delay_s is not None:
+            self.kept_delay_s = delay_s if former_s is None else min(former_s, delay_s)
+
+    def as_map(self) -> dict[str, Any]:
+        """All of them by name."""
+        # `vars` would make the dict of this object, and each count slower from then on.
+        names = [each.name for each in fields_of(StreamInfo)]
+        return {name: getattr(self, name) for name in names if hasattr(self, name)}
+
+    def forget_delays(self) -> None:
+        """Forget the delays: a new epoch may be by another clock."""
+        self.delay_s = self.last_delay_s = self.kept_delay_s = None
 
 
 class StreamInfo(Struct):

@@ -14,7 +14,7 @@ from tfbus.buffer.explain import unknown_frame
 from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce

@@ -2,8 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
@@ -23,21 +22,20 @@ from tfbus.listen.budget import (
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
-from tfbus.listen.held import DisputedMessages
 from tfbus.listen.history import AskedHistory
+from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
 from tfbus.listen.reception import (
     DynamicReception,
     StaticReception,
     StreamReception,
-    lines_of,
 )
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.listen.still_sending import StillSending
+from tfbus.listen.stream_facts import Listening
 from tfbus.listen.stream_rights import StreamRights
-from tfbus.listen.stream_state import StreamState
 from tfbus.listen.unlisted import UnlistedFrames
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
@@ -51,9 +49,6 @@ from tfbus.runtime.structs import replace
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
-
-if TYPE_CHECKING:
-    from tfbus.listen.info import StreamInfo
 
 # What a listener reads.
 Reads = Literal["everything", "needed"]
@@ -121,12 +116,9 @@ class TransformListener:
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
         self._rights = StreamRights.of(node.settings)
-        # Kinds with names of streams may crowd each other out, so these have logs of their own.
+        # Kinds with names of streams may crowd each other out, so these have a log of their own.
         self._refusals = LogOnce(node.log)
-        self._once_of_strangers = LogOnce(node.log)
-        self._once = LogOnce(node.log)
-        self._lines = lines_of(node.log)
-        self._held = DisputedMessages()
+        self._around = _Around(self)
         self._budget = Budget()
         self._registry = Registry(self._make_reception, self._forget_strangers, self._on_forgotten)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
@@ -178,7 +170,7 @@ class TransformListener:
             self._watch.close()
             self._reading.close()
             for stream in self._registry.streams().values():
-                stream.reception.close()
+                stream.reception.statics.close()
             self._recovery.close()
             self._history.close()
             self._executor.close()
@@ -231,10 +223,8 @@ class TransformListener:
         """How many messages of others, such as ROS 2, came between those of streams."""
         return self._foreign
 
-    def streams(self) -> "list[StreamInfo]":
+    def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
-        from tfbus.listen.info import stream_info  # a process is to start soon
-
         states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
         receptions = {name: it.reception for name, it in self._registry.streams().items()}
         infos = [
@@ -292,7 +282,7 @@ class TransformListener:
         size = (
             STREAM_BYTES
             + KEY_BYTES * len(stream.keys)
-            + JUDGED_BYTES * stream.reception.judged_rows
+            + JUDGED_BYTES * stream.reception.contest.judged_rows
             + FRAME_BYTES * frames
             + ROW_BYTES * (0 if described is None else len(described.frames))
         )
@@ -323,7 +313,7 @@ class TransformListener:
             return
         self.buffer.remove_sent(self.buffer.sent_by(name), name)
         state = stream.state
-        self._lines.warning(
+        self._around.lines.warning(
             ("memory", "" if state is None else state.owner),
             "Forgot stream %s and its frames: what its process sends takes too much memory",
             repr(name) if state is None else _name(state),
@@ -345,40 +335,18 @@ class TransformListener:
             self._log,
             self._node.clock.now_ns,
             self._names.reader(key),
-            self._on_overlap,
-            self._on_takeover,
-            on_dispute=self._on_dispute,
-            on_growth=self._weigh,
-            on_unlisted=self._unlisted.hear,
-            on_message_while_gone=self._on_message_while_gone,
-            claimed_by_others=partial(self._conflicts.claimed_by_others, name),
-            held=self._held,
-            once=self._once,
-            once_of_strangers=self._once_of_strangers,
-            lines=self._lines,
+            around=self._around,
         )
         if self._rights is not None:
-            reception.frame_rights = self._rights.frames(
+            reception.rights = self._rights.frames(
                 key, reception.refuse_frame, is_fleet=self._is_fleet
             )
         return reception
-
-    def _on_message_while_gone(self, name: str) -> None:
-        self._still_sending.note_message(name)
-
-    def _on_dispute(self, name: str, epoch_ns: int) -> None:
-        self._watch.ask_for_epoch(name, epoch_ns)
-
-    def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
-        self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
 
     def _drop_unlisted(self, name: str, silent: frozenset[str]) -> None:
         reception = self._registry.reception(name)
         if reception is not None:
             reception.drop_unlisted(silent)
-
-    def _on_takeover(self, name: str, epoch_ns: int) -> None:
-        self._executor.submit("streams", lambda: self._ask_for_description(name, epoch_ns))
 
     def _ask_for_description(self, name: str, epoch_ns: int) -> None:
         """Another process publishes the stream now: the last description is not its own."""
@@ -435,12 +403,12 @@ class TransformListener:
             stream.reception.arrive()
             if stream.lost_s is not None:
                 stream.lost_s = None
-                self._lines.info(("back", state.name), "Stream %s is back", _name(state))
+                self._around.lines.info(("back", state.name), "Stream %s is back", _name(state))
 
     def _warn_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
         if frames and self._node.ok:
-            self._lines.warning(
+            self._around.lines.warning(
                 ("gone", state.name),
                 "Stream %s is gone; its last transforms stay, marked as gone: %s",
                 _name(state),
@@ -506,8 +474,39 @@ class TransformListener:
         self._registry.forget_key(key)
         if is_static(key):
             self._recovery.leave(name)
-            stream.reception.forget_statics()
+            stream.reception.statics.forget()
         self.buffer.remove_sent(frames, name)
+
+
+class _Around(Listening):
+    """A listener, as the receptions of its streams see it."""
+
+    def __init__(self, listener: TransformListener) -> None:
+        super().__init__(listener._log)
+        self._listener = listener
+
+    def claimed_by_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
+        return self._listener._conflicts.claimed_by_others(stream, children)
+
+    def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
+        conflicts = self._listener._conflicts
+        self._listener._executor.submit("conflicts", lambda: conflicts.restore(stream, frames))
+
+    def on_unlisted(self, stream: str, frames: frozenset[str]) -> None:
+        self._listener._unlisted.hear(stream, frames)
+
+    def on_takeover(self, stream: str, epoch_ns: int) -> None:
+        ask = self._listener._ask_for_description
+        self._listener._executor.submit("streams", lambda: ask(stream, epoch_ns))
+
+    def on_dispute(self, stream: str, epoch_ns: int) -> None:
+        self._listener._watch.ask_for_epoch(stream, epoch_ns)
+
+    def on_growth(self, stream: str) -> None:
+        self._listener._weigh(stream)
+
+    def on_message_while_gone(self, stream: str) -> None:
+        self._listener._still_sending.note_message(stream)
 
 
 def _name(state: StreamState) -> str:

@@ -1,6 +1,6 @@
 """How the frames of each stream are called here, and the reader of its messages."""
 
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.runtime.structs import replace
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.insert_many import Permit
 from tfbus.errors import TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
@@ -34,6 +35,7 @@ class PassingBuffer(Buffer):
         *,
         static: bool = False,
         authority: str = "",
+        permit: Permit | None = None,
     ) -> int:
         """As of any buffer."""
         if isinstance(batch, TransformBatch):
@@ -42,7 +44,7 @@ class PassingBuffer(Buffer):
             batch = Columns.of_transforms(batch)
         if self._leaves_out(authority):
             return batch.count
-        taken = super().set_transforms(batch, static=static, authority=authority)
+        taken = super().set_transforms(batch, static=static, authority=authority, permit=permit)
         if taken == batch.count:
             self._on_rows(batch, static, authority)
         elif taken:

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Container
 
+from tfbus.listen.info import StreamState
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import MOST_GONE
 from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
@@ -87,11 +87,12 @@ class Registry:
 
     def meet(self, key: str) -> DynamicReception | StaticReception:
         """The receiver of the messages of a key, made if it is new."""
-        made = StaticReception if is_static(key) else DynamicReception
         stream = self.stream(key)
         stream.keys.add(key)
+        reception = stream.reception
+        made = reception.statics if is_static(key) else DynamicReception(reception)
         # Two threads may come here at once: both get the same one.
-        return self.receptions.setdefault(key, made(stream.reception))
+        return self.receptions.setdefault(key, made)
 
     def forget_key(self, key: str) -> None:
         """Make room: forget a key on which no messages are expected."""
@@ -106,7 +107,7 @@ class Registry:
         if stream is not None:
             for key in list(stream.keys):
                 self.receptions.pop(key, None)
-            stream.reception.forget_statics()
+            stream.reception.statics.forget()
         return stream
 
     def forget_removed(self, described: StreamState) -> None:

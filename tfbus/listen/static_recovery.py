@@ -38,7 +38,7 @@ class StaticRecovery:
 
     def check(self, key: str, stream: StreamReception) -> None:
         """Ask while the stream of this token lacks static transforms, until it is gone."""
-        if stream.lacks_statics():
+        if stream.statics.are_lacking():
             self._executor.submit(_WHAT, lambda: self._begin(key, stream))
 
     def leave(self, stream: str) -> None:
@@ -60,7 +60,7 @@ class StaticRecovery:
 
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None and not asking.is_over:
-                stream.receive_static(answer.payload)
+                stream.statics.receive(answer.payload)
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
             ask_for_statics(self._session, key, turn, on_answer, on_end)
@@ -74,7 +74,7 @@ class StaticRecovery:
             _WHAT,
             _PAUSES,
             ask=ask,
-            is_settled=lambda: not stream.lacks_statics(),
+            is_settled=lambda: not stream.statics.are_lacking(),
             on_unanswered=lambda turn: self._warn(stream.name, turn + 1),
             on_over=on_over,
         )

@@ -8,7 +8,7 @@ Which frames are in a message, and which node a description names, only the rece
 from collections.abc import Callable
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.runtime.structs import replace
 from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
@@ -20,7 +20,8 @@ _MOST_NAMES = 10_000
 
 
 class FrameRights:
-    """The child frames that may come on one stream: those of these patterns.
+    """The second stage of a stream's reception, on a closed bus: drops rows of frames that its
+    publishers may not have, which are those of other names than these patterns.
 
     Frames are called here with `prefix` in front. `refuse(frame)` is called for each that may not
     come.
@@ -33,13 +34,20 @@ class FrameRights:
         self._prefix = prefix
         self._refuse = refuse
         self._allowed: set[str] = set()
+        # Rows whose frames all may come.
+        self._clean = FoundOfRows(_MOST_NAMES)
 
     def allowed_of(self, rows: Columns) -> Columns:
         """The transforms whose child frame may come."""
+        if self._clean.get(rows):
+            return rows
         refused = frozenset(child for child in rows.children() if not self._allows(child))
+        if not refused:
+            self._clean.put(rows, True)
+            return rows
         for child in refused:
             self._refuse(child)
-        return rows.without(refused) if refused else rows
+        return rows.without(refused)
 
     def _allows(self, frame: str) -> bool:
         if frame in self._allowed:

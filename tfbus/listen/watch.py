@@ -10,9 +10,9 @@ from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.epochs import is_from_future
+from tfbus.listen.info import StreamState
 from tfbus.listen.mailbox import Letter, Mailbox
 from tfbus.listen.stream_rights import StreamRights
-from tfbus.listen.stream_state import StreamState
 from tfbus.listen.two_ways import ask_for_description
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor

@@ -1,27 +1,23 @@
-"""Marks the frames of one stream in the buffer as gone, or not."""
+"""The last stage of a stream's reception: marks frames in the buffer as gone, or not."""
 
-from tfbus.buffer.buffer import Buffer
-from tfbus.listen.epochs import Epochs
-from tfbus.listen.listing import Listing
-from tfbus.listen.static_set import StaticSet, children_of
+from tfbus.geometry.columns import Columns
+from tfbus.listen.stream_facts import StreamFacts
 
 
 class Marks:
     """The marks of the frames of one stream, by its epochs, its statics and its list of frames.
 
-    Safe from any thread; `update` and `restore` are not to be called with the stream's lock held.
+    Safe from any thread; `update` and `settle` are not to be called with the stream's lock held.
     """
 
-    def __init__(
-        self, stream: str, buffer: Buffer, epochs: Epochs, statics: StaticSet, listing: Listing
-    ) -> None:
+    def __init__(self, facts: StreamFacts) -> None:
         # Frames of a former epoch, which the present one has not sent so far.
         self.left_behind: frozenset[str] = frozenset()
-        self._stream = stream
-        self._buffer = buffer
-        self._epochs = epochs
-        self._statics = statics
-        self._listing = listing
+        self._stream = facts.name
+        self._buffer = facts.buffer
+        self._epochs = facts.epochs
+        self._static_set = facts.static_set
+        self._listing = facts.listing
         # Counts changes of epochs and lists.
         self._turns = 0
         # How many epochs have begun while samples of former ones were not yet dropped.
@@ -65,20 +61,25 @@ class Marks:
                 self._buffer.mark_gone(self.left_behind, True, self._stream)
             self._buffer.mark_gone(held.keys() - self.left_behind, False, self._stream)
 
-    def restore(self, children: frozenset[str]) -> None:
-        """Frames that were left behind, and are sent again, are not gone."""
-        found = self.left_behind & children
-        self.left_behind -= found
-        self._buffer.mark_gone(found, False, self._stream)
+    def settle(self, rows: Columns) -> None:
+        """Mark the frames of rows that are in the buffer now: frames that were left behind, and are
+        sent again, are not gone.
+        """
+        if self._epochs.gone:
+            self.update()
+        elif self.left_behind and not self.left_behind.isdisjoint(rows.frames):
+            found = self.left_behind & rows.children()
+            self.left_behind -= found
+            self._buffer.mark_gone(found, False, self._stream)
 
     def _find_left_behind(self, held: dict[str, int]) -> frozenset[str]:
         current: set[str] = set()
-        present_ns, statics = self._epochs.present_ns, self._statics
+        present_ns, statics = self._epochs.present_ns, self._static_set
         if self._listing.epoch_ns == present_ns:
             current |= self._listing.children
         elif self._epochs.was_gone:
             return frozenset(held)
         if statics.batch is not None and statics.epoch_ns == present_ns:
-            current |= children_of(statics.batch)
+            current |= statics.batch.children()
         former = {frame for frame, samples in held.items() if self._begun or not samples}
         return frozenset(former - current)

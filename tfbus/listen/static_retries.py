@@ -1,4 +1,4 @@
-"""Static transforms that the buffer refused, and that may fit later: they are not sent again."""
+"""Retries static transforms that the buffer refused, and that may fit later."""
 
 from collections.abc import Callable, Collection
 from contextlib import suppress
@@ -12,7 +12,7 @@ from tfbus.runtime import scheduler
 _InTheWay = dict[str, frozenset[str]]
 
 
-class RefusedStatics:
+class StaticRetries:
     """Calls `retry` when an edge that was in the way of refused static transforms is gone.
 
     Safe from any thread.

@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Collection, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
@@ -22,14 +22,19 @@ _LISTED_WITHIN_S = 1.0
 _MOST_JUDGED_ROWS = 10_000
 
 
-class _Judged(NamedTuple):
+class _Judged:
     """A finding about the frames of rows: none is excluded while the stream lists `listed`, and
     others have priority for `excluded`. `unlisted` are the child frames that it does not list.
     """
 
-    listed: frozenset[str]
-    excluded: frozenset[str]
-    unlisted: frozenset[str]
+    __slots__ = ("excluded", "listed", "unlisted")
+
+    def __init__(
+        self, listed: frozenset[str], excluded: frozenset[str], unlisted: frozenset[str]
+    ) -> None:
+        self.listed = listed
+        self.excluded = excluded
+        self.unlisted = unlisted
 
 
 class Contest:
@@ -42,6 +47,7 @@ class Contest:
     def __init__(self, facts: StreamFacts, around: Listening, now_s: Callable[[], float]) -> None:
         self.excluded: frozenset[str] = frozenset()
         self._facts = facts
+        self._listing = facts.listing
         self._around = around
         self._now_s = now_s
         # What was found of the frames of its messages, mostly the same from one to the next.
@@ -56,9 +62,9 @@ class Contest:
         """How many rows it has found something of, and keeps that."""
         return self._judged.count
 
-    def uncontested(self, rows: Columns, epoch_ns: int, *, static: bool) -> Columns:
+    def uncontested(self, rows: Columns, epoch_ns: int, static: bool) -> Columns:
         """The rows of frames that the stream may have, by what others list now."""
-        listing = self._facts.listing
+        listing = self._listing
         judged: _Judged | None = self._judged.get(rows)
         if (
             judged is None

@@ -42,7 +42,7 @@ class Insertion:
         self._stream = facts.name
         self._rejected = facts.buffer.rejected
 
-    def insert(self, rows: Columns, permit: Permit, *, static: bool) -> bool | None:
+    def insert(self, rows: Columns, static: bool, permit: Permit) -> bool | None:
         """Store the rows; whether none was refused. None if the permit was taken back before all
         were stored.
         """
@@ -111,18 +111,16 @@ class StreamReception:
 
     # Messages
 
-    def store(
-        self, rows: Columns, epoch_ns: int, permit: Permit, *, static: bool = False
-    ) -> bool | None:
+    def store(self, rows: Columns, epoch_ns: int, static: bool, permit: Permit) -> bool | None:
         """Take the rows of an admitted message through the other stages; whether none was refused.
         None if the permit, which was there when it was admitted, has been taken back before all
         were stored: then admit it again.
         """
         if self.rights is not None:
             rows = self.rights.allowed_of(rows)
-        rows = self.contest.uncontested(rows, epoch_ns, static=static)
-        are_taken = self.insertion.insert(rows, permit, static=static)
-        if are_taken is not None:
+        rows = self.contest.uncontested(rows, epoch_ns, static)
+        are_taken = self.insertion.insert(rows, static, permit)
+        if self.marks.left_behind or self.facts.epochs.gone:
             self.marks.settle(rows)
         return are_taken
 
@@ -149,7 +147,7 @@ class StreamReception:
             with facts.lock:
                 removed = facts.listing.removed_in(message.epoch_ns)
             left = rows.without(removed) if removed else rows
-            are_taken = self.store(left, message.epoch_ns, permit)
+            are_taken = self.store(left, message.epoch_ns, False, permit)
         stamp_ns, now_ns = rows.last_stamp_ns(), self.now_ns()
         # 0 while a simulated time is not known.
         delay_s = (now_ns - stamp_ns) / 1e9 if stamp_ns is not None and now_ns else None
@@ -323,31 +321,25 @@ class DynamicReception:
                 epoch_ns, live=True, receive=receive, payload=payload
             ):
                 return
-            are_taken = stream.store(rows, epoch_ns, permit)
-        stamp_ns = rows.last_stamp_ns()
+            are_taken = stream.store(rows, epoch_ns, False, permit)
+        stamp_ns, now_ns = rows.last_stamp_ns(), stream.now_ns()
+        seq, counts = message.seq, facts.counts
+        # 0 while a simulated time is not known.
+        delay_s = (now_ns - stamp_ns) / 1e9 if stamp_ns is not None and now_ns else None
         with facts.lock:
-            counts = facts.counts
-            counts.add(rows.count, len(payload), heard_ns)
-            if message.seq is not None:
-                self._count_missed(epoch_ns, message.seq)
-            # 0 while a simulated time is not known.
-            if stamp_ns is not None and (now_ns := stream.now_ns()):
-                counts.add_delay((now_ns - stamp_ns) / 1e9)
-            grows = counts.transforms >= stream.grows_at
-        if grows:
+            counts.add(rows.count, len(payload), heard_ns, delay_s)
+            if seq is not None:
+                if epoch_ns != self._epoch_ns:
+                    # Messages sent before the first one received do not count as missed.
+                    self._epoch_ns, self._next_seq = epoch_ns, seq + 1
+                elif seq >= self._next_seq:
+                    counts.missed += seq - self._next_seq
+                    self._next_seq = seq + 1
+        if counts.transforms >= stream.grows_at:
             stream.grows_at = counts.transforms + _GROWS_AFTER
             stream.around.on_growth(stream.name)
         if epochs.gone:
             stream.around.on_message_while_gone(stream.name)
-
-    def _count_missed(self, epoch_ns: int, seq: int) -> None:
-        next_seq = self._next_seq
-        if epoch_ns != self._epoch_ns:
-            # Messages sent before the first one received do not count as missed.
-            self._epoch_ns, self._next_seq = epoch_ns, seq + 1
-        elif seq >= next_seq:
-            self.stream.facts.counts.missed += seq - next_seq
-            self._next_seq = seq + 1
 
 
 class StaticReception:
@@ -449,7 +441,7 @@ class StaticReception:
             are_taken = None
             while are_taken is None:
                 permit = self._facts.permit
-                are_taken = self.stream.store(rows, epoch_ns, permit, static=True)
+                are_taken = self.stream.store(rows, epoch_ns, True, permit)
             if are_taken:
                 self._retries.forget(rows.children())
                 return

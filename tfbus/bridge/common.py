@@ -9,7 +9,7 @@ from typing import Literal
 from tfbus.bridge.legs import Leg
 from tfbus.bridge.options import BridgeOptions, FrameNames
 from tfbus.geometry.columns import Columns
-from tfbus.listen.stream_state import StreamState
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler

@@ -8,8 +8,8 @@ import pytest
 
 from tests.buses import DEADLINE_S
 from tfbus import InvalidArgumentException, Node
-from tfbus.broadcast import node_streams
-from tfbus.broadcast.node_streams import NodeStreams, stream_of_node
+from tfbus.broadcast import stream as stream_module
+from tfbus.broadcast.stream import NodeStreams, stream_of_node
 
 
 def node(name: str) -> Node:
@@ -32,7 +32,7 @@ def test_a_stream_that_begins_anew_takes_the_place_of_the_former(
         def close(self) -> None:
             closed.append(self)
 
-    monkeypatch.setattr(node_streams, "Stream", Stream)
+    monkeypatch.setattr(stream_module, "Stream", Stream)
     robot = node("robot")
     former, streams = stream_of_node(robot), NodeStreams.of(robot)
     again = streams.reopen(robot, "robot", ("gid",))
@@ -61,7 +61,7 @@ def test_nodes_do_not_wait_for_the_streams_of_others(monkeypatch: pytest.MonkeyP
         made.append(name)
         return object()
 
-    monkeypatch.setattr(node_streams, "Stream", stream)
+    monkeypatch.setattr(stream_module, "Stream", stream)
     slow = node("slow")
     threads = [threading.Thread(target=stream_of_node, args=(slow,)) for _ in range(2)]
     for thread in threads:

@@ -27,13 +27,11 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.broadcast import newest_stamps
+from tfbus.broadcast import sender
 from tfbus.broadcast.announcer import FrameAnnouncer
-from tfbus.broadcast.keys import RowsOfKey
-from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
-from tfbus.broadcast.node_streams import NodeStreams
-from tfbus.broadcast.options import StreamOptions
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.keys import RowsOfKey, StreamOptions
+from tfbus.broadcast.sender import MOST_BACK_NS, NewestStamps, TransformSender
+from tfbus.broadcast.stream import NodeStreams
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
@@ -286,7 +284,7 @@ def test_newest_stamps_are_those_of_a_dictionary(
     """Of each frame the newest stamp is known, also where a send has a frame twice; one by one and
     by numpy.
     """
-    with patch.object(newest_stamps, "_MANY", many):
+    with patch.object(sender, "_MANY", many):
         judge_as_a_dictionary(sends)
 
 

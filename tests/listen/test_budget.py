@@ -10,8 +10,8 @@ from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
-from tfbus.listen.budget import Budget
 from tfbus.listen.info import StreamState
+from tfbus.listen.registry import Budget
 
 
 @pytest.fixture
@@ -22,18 +22,18 @@ def small() -> Budget:
 def test_the_oldest_of_a_peer_that_takes_too_much_goes(small: Budget) -> None:
     """Its own streams make room, and none of another peer."""
     assert small.note("honest", "h", 10) == []
-    assert [small.note(f"s{number}", "greedy", 25) for number in range(4)] == [
+    assert [small.note(f"s{number}", "largest", 25) for number in range(4)] == [
         [],
         [],
         ["s0"],
         ["s1"],
     ]
     assert small.bytes == 60
-    assert small.note("s9", "greedy", 1000) == ["s2", "s3", "s9"]
+    assert small.note("s9", "largest", 1000) == ["s2", "s3", "s9"]
     assert small.bytes == 10
 
 
-def test_where_all_take_too_much_the_greediest_gives(small: Budget) -> None:
+def test_where_all_take_too_much_the_largest_gives(small: Budget) -> None:
     """However it is divided, those who take little keep what they have."""
     small.note("honest", "h", 10)
     small.note("a", "first", 50)
@@ -49,7 +49,7 @@ def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None
     assert (small.bytes, small.peer_of("a")) == (6, "second")
     small.forget("a")
     small.forget("unknown")
-    assert (small.bytes, small.peer_of("a"), small.oldest_of_the_greediest()) == (0, None, None)
+    assert (small.bytes, small.peer_of("a"), small.oldest_of_the_largest()) == (0, None, None)
 
 
 @pytest.fixture

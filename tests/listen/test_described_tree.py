@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.builders import Row, description
-from tfbus.listen.described_tree import DescribedTree, described_edges
+from tfbus.listen.interest import DescribedTree, described_edges
 from tfbus.wire.fleet import FrameNames
 
 

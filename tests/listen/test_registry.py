@@ -83,7 +83,7 @@ def test_strangers_are_forgotten_where_there_are_many(
     read.read_keys.add("tf/r")
     met.registry.stream("tf/new").reception.counts.last_heard_ns = 10**30
     assert met.crowded == 1
-    met.registry.forget_strangers({"k"})
+    met.registry.forget_unconfirmed({"k"})
     assert met.registry.streams().keys() == {"k", "r", "new"}
     assert silent not in met.registry.streams().values()
     assert met.forgotten == ["g", "s"]
@@ -106,5 +106,5 @@ def test_a_stream_is_forgotten_with_all_its_keys(met: Met) -> None:
 def test_a_few_strangers_are_kept(met: Met) -> None:
     """Where there are few streams none is forgotten."""
     met.registry.stream("tf/a")
-    met.registry.forget_strangers(set())
+    met.registry.forget_unconfirmed(set())
     assert met.registry.get("a") is not None

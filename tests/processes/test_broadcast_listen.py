@@ -21,7 +21,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-from tfbus.listen.budget import Budget
+from tfbus.listen.registry import Budget
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 

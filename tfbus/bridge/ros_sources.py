@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 from tfbus.bridge.common import Common
 from tfbus.bridge.routes import RateLimit, Routes
-from tfbus.broadcast.node_streams import NodeStreams
-from tfbus.broadcast.options import StreamOptions
+from tfbus.broadcast.keys import StreamOptions
 from tfbus.broadcast.sender import TransformSender
-from tfbus.broadcast.stream import Stream
+from tfbus.broadcast.stream import NodeStreams, Stream
 from tfbus.errors import RightsError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from tfbus.broadcast.node_streams import stream_of_node
-from tfbus.broadcast.options import StreamOptions
+from tfbus.broadcast.keys import StreamOptions
+from tfbus.broadcast.stream import stream_of_node
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped

@@ -1,16 +1,50 @@
-"""The keys on which a stream sends its dynamic transforms: one for all, or one for each frame."""
+"""How a stream sends dynamic transforms: options, and one key for all or one for each frame."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import index
 from struct import pack
-from typing import Protocol
+from typing import Protocol, SupportsFloat, SupportsIndex
 
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.core.packed import ONE_EDGE, POSE_SIZE, STAMP_SIZE
+from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.wire.keys import escape
 from tfbus.wire.transforms import TransformEncoder
+
+
+@dataclass(frozen=True)
+class StreamOptions:
+    """How a stream sends its dynamic transforms; all its broadcasters have the same options.
+
+    With `split` each frame has a key of its own. Of two publishers of one frame, listeners with
+    `conflicts="priority"` accept the one of higher `priority`, a 32-bit integer. Messages of the
+    last `history_s` seconds are kept for listeners that join later. Raises
+    InvalidArgumentException if one is invalid.
+    """
+
+    split: bool = False
+    priority: int = 0
+    history_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        history_s: object = self.history_s
+        if not isinstance(history_s, SupportsFloat) or not 0.0 <= float(history_s) < math.inf:
+            raise InvalidArgumentException(
+                f"history_s must be a number of seconds, 0 or more, not {self.history_s!r}"
+            )
+        priority: object = self.priority
+        if not isinstance(priority, SupportsIndex) or not -(2**31) <= index(priority) < 2**31:
+            raise InvalidArgumentException(
+                f"priority must be a 32-bit integer, not {self.priority!r}"
+            )
+        object.__setattr__(self, "priority", index(priority))
+
+    def __str__(self) -> str:
+        return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}"
 
 
 class StreamKey:

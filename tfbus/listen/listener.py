@@ -11,14 +11,6 @@ from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
-from tfbus.listen.budget import (
-    FRAME_BYTES,
-    JUDGED_BYTES,
-    KEY_BYTES,
-    ROW_BYTES,
-    STREAM_BYTES,
-    Budget,
-)
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
@@ -31,12 +23,21 @@ from tfbus.listen.reception import (
     StaticReception,
     StreamReception,
 )
-from tfbus.listen.registry import Registry, Stream, is_static
-from tfbus.listen.static_recovery import StaticRecovery
-from tfbus.listen.still_sending import StillSending
+from tfbus.listen.registry import (
+    FRAME_BYTES,
+    JUDGED_BYTES,
+    KEY_BYTES,
+    ROW_BYTES,
+    STREAM_BYTES,
+    Budget,
+    Registry,
+    Stream,
+    is_static,
+)
+from tfbus.listen.retained_queries import StaticRecovery
+from tfbus.listen.still_sending import StillSending, UnlistedFrames
 from tfbus.listen.stream_facts import Listening
 from tfbus.listen.stream_rights import StreamRights
-from tfbus.listen.unlisted import UnlistedFrames
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
@@ -120,7 +121,9 @@ class TransformListener:
         self._refusals = LogOnce(node.log)
         self._around = _Around(self)
         self._budget = Budget()
-        self._registry = Registry(self._make_reception, self._forget_strangers, self._on_forgotten)
+        self._registry = Registry(
+            self._make_reception, self._forget_unconfirmed, self._on_forgotten
+        )
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
         self._reads_everything = reads == "everything"
         self._executor = Executor(f"{node.full_name} streams", node.log)
@@ -149,7 +152,7 @@ class TransformListener:
             executor=self._executor,
         )
         self._still_sending = StillSending(self._registry, self._watch, self._executor)
-        self._executor.every(_TIDY_EVERY_S, self._forget_strangers)
+        self._executor.every(_TIDY_EVERY_S, self._forget_unconfirmed)
         self._forget_close = node.session.at_close(self.close)
 
     def __enter__(self) -> "TransformListener":
@@ -297,13 +300,13 @@ class TransformListener:
 
     def _makes_room(self, name: str) -> bool:
         """Whether a stream of another peer, which takes more, goes for this one."""
-        greedy = self._budget.oldest_of_the_greediest()
+        largest = self._budget.oldest_of_the_largest()
         stream = self._registry.get(name)
         owner = "" if stream is None or stream.state is None else stream.state.owner
-        if greedy is None or greedy == name or self._budget.peer_of(greedy) == owner:
+        if largest is None or largest == name or self._budget.peer_of(largest) == owner:
             return False
-        self._budget.forget(greedy)
-        self._give_up(greedy)
+        self._budget.forget(largest)
+        self._give_up(largest)
         return not self._registry.is_full
 
     def _give_up(self, name: str) -> None:
@@ -355,9 +358,9 @@ class TransformListener:
             stream.state = replace(stream.state, description=None)
             self._watch.ask_again(stream.state.key, epoch_ns)
 
-    def _forget_strangers(self) -> None:
+    def _forget_unconfirmed(self) -> None:
         self._executor.submit(
-            "streams", lambda: self._registry.forget_strangers(self._watch.streams()), limit=1
+            "streams", lambda: self._registry.forget_unconfirmed(self._watch.streams()), limit=1
         )
 
     def _on_jump_back(self, now_ns: int) -> None:
@@ -506,7 +509,7 @@ class _Around(Listening):
         self._listener._weigh(stream)
 
     def on_message_while_gone(self, stream: str) -> None:
-        self._listener._still_sending.note_message(stream)
+        self._listener._still_sending.hear_message(stream)
 
 
 def _name(state: StreamState) -> str:

@@ -1,4 +1,7 @@
-"""The state of each stream at a listener, and what receives the messages of each key."""
+"""The streams that a listener knows, the receivers of their keys, and the memory they may take.
+
+The sizes are estimates: what the parts of a stream were measured to take.
+"""
 
 from collections.abc import Callable, Container
 
@@ -8,6 +11,91 @@ from tfbus.listen.watch import MOST_GONE
 from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
 from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
+
+# What the session of one process publishes may take as much, and all streams together. Streams that
+# do not say whose they are count as those of one process.
+MOST_BYTES_A_PEER = 256 * 2**20
+MOST_BYTES = 1024 * 2**20
+
+# A stream, each of its keys, each row of a message that is remembered, each frame in the buffer
+# without its dynamic samples, and each row of its description.
+STREAM_BYTES = 4000
+KEY_BYTES = 300
+JUDGED_BYTES = 150
+FRAME_BYTES = 1000
+ROW_BYTES = 700
+
+
+class Budget:
+    """The sizes of streams, by the peer that publishes each; safe from any thread."""
+
+    def __init__(
+        self, most_bytes: int = MOST_BYTES, most_bytes_a_peer: int = MOST_BYTES_A_PEER
+    ) -> None:
+        self._most_bytes = most_bytes
+        self._most_bytes_a_peer = most_bytes_a_peer
+        self._lock = scheduler.Lock()
+        # The sizes of each peer's streams, the oldest first, and their sums.
+        self._sizes: dict[str, dict[str, int]] = {}
+        self._sums: dict[str, int] = {}
+        self._peers: dict[str, str] = {}
+        self._bytes = 0
+
+    @property
+    def bytes(self) -> int:
+        """How much all streams take."""
+        return self._bytes
+
+    def note(self, stream: str, peer: str, size: int) -> list[str]:
+        """Note how much a stream of this peer takes now; returns the streams that have to go.
+
+        They are the oldest of this peer if it takes more than its part; then, if all together
+        take too much, the oldest of the one that takes most. They count no longer.
+        """
+        with self._lock:
+            former = self._peers.get(stream)
+            if former is not None and former != peer:
+                self._remove(stream)
+            sizes = self._sizes.setdefault(peer, {})
+            more = size - sizes.get(stream, 0)
+            sizes[stream] = size
+            self._peers[stream] = peer
+            self._sums[peer] = self._sums.get(peer, 0) + more
+            self._bytes += more
+            gone = []
+            while self._sums.get(peer, 0) > self._most_bytes_a_peer:
+                gone.append(self._remove(next(iter(self._sizes[peer]))))
+            while self._bytes > self._most_bytes:
+                gone.append(self._remove(next(iter(self._sizes[self._largest()]))))
+            return gone
+
+    def forget(self, stream: str) -> None:
+        """The stream is forgotten; unknown ones are fine."""
+        with self._lock:
+            if stream in self._peers:
+                self._remove(stream)
+
+    def oldest_of_the_largest(self) -> str | None:
+        """The oldest stream of the peer that takes most; None for no streams."""
+        with self._lock:
+            return next(iter(self._sizes[self._largest()])) if self._sums else None
+
+    def peer_of(self, stream: str) -> str | None:
+        """The peer of a stream; None if it is not known."""
+        return self._peers.get(stream)
+
+    def _largest(self) -> str:
+        return max(self._sums, key=self._sums.__getitem__)
+
+    def _remove(self, stream: str) -> str:
+        peer = self._peers.pop(stream)
+        size = self._sizes[peer].pop(stream)
+        self._sums[peer] -= size
+        self._bytes -= size
+        if not self._sizes[peer]:
+            del self._sizes[peer], self._sums[peer]
+        return stream
+
 
 # Keys come from the bus: dynamic transforms are taken on at most this many.
 MOST_KEYS = 200_000
@@ -39,7 +127,7 @@ class Registry:
     """The streams and keys that a listener has met; safe from any thread.
 
     `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream if
-    it is time for `forget_strangers`, which calls `on_forgotten(name)` for each.
+    it is time for `forget_unconfirmed`, which calls `on_forgotten(name)` for each.
     """
 
     def __init__(
@@ -124,7 +212,7 @@ class Registry:
                 self.forget_key(key)
             stream.split_keys = keys
 
-    def forget_strangers(self, known: Container[str]) -> None:
+    def forget_unconfirmed(self, known: Container[str]) -> None:
         """Make room if there are many: forget streams that are not `known`, if they had a token,
         or are silent.
         """
@@ -134,8 +222,8 @@ class Registry:
         for name, stream in list(self._streams.items()):
             heard_ns = stream.reception.counts.last_heard_ns or stream.met_ns
             is_silent = heard_ns < silent_since_ns
-            is_stranger = name not in known and not stream.read_keys
-            if is_stranger and (stream.state is not None or is_silent):
+            is_unknown = name not in known and not stream.read_keys
+            if is_unknown and (stream.state is not None or is_silent):
                 self.forget(name)
                 self._on_forgotten(name)
         self._crowded_from = len(self._streams) + MOST_GONE

@@ -1,12 +1,62 @@
-"""Brings streams back that count as gone and still send.
+"""Checks by messages what tokens and descriptions leave open.
 
-A token may be lost with its link while messages come by another one (eclipse-zenoh/zenoh#2806).
+Streams that count as gone and still send come back: a token may be lost with its link while
+messages come by another one (eclipse-zenoh/zenoh#2806).
+
+Frames that a publisher has sent, does not list, and sends no more are dropped: it has removed them.
+A list that comes after a message of a frame, and does not have it, may be older than the message or
+newer than the end of the frame. Only time tells: a publisher lists a frame within a second of its
+first message.
 """
+
+from collections.abc import Callable, Iterable
 
 from tfbus.listen.registry import Registry
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+
+# A frame that is neither listed nor sent for so long has been removed.
+SILENT_S = 2.0
+
+
+class UnlistedFrames:
+    """Frames of streams that do not list them, and when each was last sent; safe from any thread.
+
+    `drop(stream, frames)` is called on the executor's thread for those that are silent.
+    """
+
+    def __init__(self, executor: Executor, drop: Callable[[str, frozenset[str]], object]) -> None:
+        self._executor = executor
+        self._drop = drop
+        self._lock = scheduler.Lock()
+        self._heard_s: dict[str, dict[str, float]] = {}
+
+    def hear(self, stream: str, frames: Iterable[str]) -> None:
+        """A stream that does not list these frames has sent them."""
+        now_s = scheduler.monotonic()
+        with self._lock:
+            is_new = stream not in self._heard_s
+            self._heard_s.setdefault(stream, {}).update(dict.fromkeys(frames, now_s))
+        if is_new:
+            self._look_later(stream)
+
+    def _look_later(self, stream: str) -> None:
+        self._executor.after(SILENT_S, lambda: self._look(stream))
+
+    def _look(self, stream: str) -> None:
+        since_s = scheduler.monotonic() - SILENT_S
+        with self._lock:
+            heard_s = self._heard_s.pop(stream)
+            silent = frozenset(frame for frame, at_s in heard_s.items() if at_s <= since_s)
+            for frame in silent:
+                del heard_s[frame]
+            if heard_s:
+                self._heard_s[stream] = heard_s
+        if heard_s:
+            self._look_later(stream)
+        self._drop(stream, silent)
+
 
 # A stream that sends for so long after its token was lost is not gone. What is under way when a
 # process is killed comes before that.
@@ -29,7 +79,7 @@ class StillSending:
         self._back: dict[str, int] = {}
         self._is_looking = False
 
-    def note_message(self, name: str) -> None:
+    def hear_message(self, name: str) -> None:
         """Bring a stream back of which a message has come though it is gone. From any thread."""
         stream = self._registry.get(name)
         lost_s = None if stream is None else stream.lost_s

@@ -10,10 +10,10 @@ from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.epochs import is_from_future
+from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.info import StreamState
-from tfbus.listen.mailbox import Letter, Mailbox
+from tfbus.listen.retained_queries import ask_for_description
 from tfbus.listen.stream_rights import StreamRights
-from tfbus.listen.two_ways import ask_for_description
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -98,7 +98,7 @@ class StreamWatch:
         self._claims: dict[str, AskUntil] = {}
         # The questions whether the owner of a stream still answers, likewise.
         self._challenges: dict[str, AskUntil] = {}
-        self._mailbox = Mailbox()
+        self._received = FairQueue()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
@@ -162,20 +162,20 @@ class StreamWatch:
             self._do(lambda: self._note_token(key, alive))
 
     def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
-        if self._is_name(key) and self._mailbox.put(Letter(key, payload, sender)):
-            self._do(self._open_letter)
+        if self._is_name(key) and self._received.enqueue(Received(key, payload, sender)):
+            self._do(self._read_next)
 
-    def _open_letter(self) -> None:
-        """Read one letter: what comes meanwhile, such as a token, waits only for this one."""
-        letter = self._mailbox.take()
-        if letter is None:
+    def _read_next(self) -> None:
+        """Read one description: what comes meanwhile, such as a token, waits only for this one."""
+        received = self._received.dequeue()
+        if received is None:
             return
         try:
-            if description := self._read(letter.key, letter.payload):
-                self._take_description(letter.key, description, letter.sender)
+            if description := self._read(received.key, received.payload):
+                self._take_description(received.key, description, received.sender)
         finally:
-            if self._mailbox.has_more():
-                self._do(self._open_letter)
+            if self._received.has_more():
+                self._do(self._read_next)
 
     def _is_name(self, key: str) -> bool:
         name = stream_of(key)

@@ -473,12 +473,12 @@ def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
     stream, frames = received.stream, frozenset({"post"})
     received.send_static(at(1, "post"))
     stream.describe(1, frames, frames, ("/sim", 1, "a"), confirmed=True)
-    assert not stream.lacks_statics()
+    assert not stream.statics.are_lacking()
     stream.describe(2, frames, frames, ("/sim", 2, "b"), confirmed=True)
     received.send_static(at(1, "post"))
-    assert stream.lacks_statics()
+    assert stream.statics.are_lacking()
     received.send_static(at(2, "post"), epoch_ns=2)
-    assert (stream.lacks_statics(), received.x_of("post")) == (False, 2)
+    assert (stream.statics.are_lacking(), received.x_of("post")) == (False, 2)
 
 
 def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:

@@ -14,8 +14,8 @@ ROOT = Path(__file__).parents[1]
 
 # Lowest first. A package imports packages of lower storeys, and none of its own storey.
 STOREYS = [
-    {"errors", "messages", "wording"},
-    {"names"},
+    {"messages", "wording"},
+    {"errors", "names"},
     {"runtime"},
     {"core"},
     {"geometry"},

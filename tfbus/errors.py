@@ -23,8 +23,8 @@
       UrdfError                       a URDF or xacro file cannot be read, or is not one
       RightsError                     the identity may not do that on a closed bus
 
-The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
-what to do; the facts are fields.
+The names of the transform errors are tf2's. Each message says in one sentence what is wrong, the
+`fact`, and what to do, the `advice`; it is made when it is printed. What it names are fields.
 
 If Python has an error of the same meaning, the class derives from it too, so that `except` of
 either catches it:
@@ -37,27 +37,97 @@ either catches it:
 LookupException is no KeyError, whose `str` is the repr of its message.
 """
 
+from collections.abc import Collection
 from typing import Any
+
+from tfbus.wording import listed, near_names
 
 
 class TfbusError(Exception):
-    """Root of all errors that tfbus raises on purpose."""
+    """Root of all errors that tfbus raises on purpose.
+
+    `fact` is what is wrong, and `advice` what to do, "" if the fact says it already: the message is
+    the one, a semicolon, and the other.
+    """
+
+    advice: str = ""
+
+    def __init__(self, fact: str = "", *, advice: str = "") -> None:
+        super().__init__(fact)
+        if advice:
+            self.advice = advice
+
+    @property
+    def fact(self) -> str:
+        """The message without the advice."""
+        return super().__str__()
+
+    def __str__(self) -> str:
+        return "; ".join(filter(None, (self.fact, self.advice)))
 
 
 class TransformException(TfbusError):
-    """Root of the errors of transforms and the buffer."""
+    """Root of the errors of transforms and the buffer.
+
+    `waiting` is the advice to wait, "" if that does not help; it stands before `advice` in the
+    message: `wait about 0.1 s (timeout_s), or query the latest`.
+    """
+
+    waiting: str = ""
+
+    def __init__(self, fact: str = "", *, advice: str = "", waiting: str = "") -> None:
+        super().__init__(fact, advice=advice)
+        if waiting:
+            self.waiting = waiting
+
+    def __str__(self) -> str:
+        remedies = ", or ".join(filter(None, (self.waiting, self.advice)))
+        return "; ".join(filter(None, (self.fact, remedies)))
 
 
 class LookupException(TransformException, LookupError):
     """A frame is unknown to the buffer.
 
-    `frame` is the unknown name; `nearest` are up to three similar names that are known.
+    `frame` is the unknown name; `nearest` are up to three similar names that are `known`. They are
+    sought, and the advice is made of them, when they are asked for.
     """
 
-    def __init__(self, message: str, *, frame: str = "", nearest: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
+    def __init__(
+        self,
+        fact: str = "",
+        *,
+        frame: str = "",
+        nearest: tuple[str, ...] | None = None,
+        known: Collection[str] | None = None,
+        **words: str,
+    ) -> None:
+        super().__init__(fact, **words)
         self.frame = frame
-        self.nearest = nearest
+        self.known = known
+        self._nearest = nearest
+
+    @property
+    def nearest(self) -> tuple[str, ...]:
+        """Up to three known names that are spelt most like the unknown one, best first."""
+        if self._nearest is None:
+            self._nearest = near_names(self.frame, self.known or ())
+        return self._nearest
+
+    @property
+    def advice(self) -> str:
+        """The names that may be meant, or what was given as advice."""
+        given = vars(self).get("advice", "")
+        if given or self.known is None:
+            return str(given)
+        if self.nearest:
+            return f"did you mean {' or '.join(map(repr, self.nearest))}?"
+        if self.known:
+            return f"available: {listed(sorted(self.known))}"
+        return "no frame is known so far"
+
+    @advice.setter
+    def advice(self, advice: str) -> None:
+        vars(self)["advice"] = advice
 
 
 class ConnectivityException(TransformException):
@@ -68,14 +138,15 @@ class ConnectivityException(TransformException):
 
     def __init__(
         self,
-        message: str,
+        fact: str = "",
         *,
         target_frame: str = "",
         source_frame: str = "",
         target_root: str = "",
         source_root: str = "",
+        **words: str,
     ) -> None:
-        super().__init__(message)
+        super().__init__(fact, **words)
         self.target_frame = target_frame
         self.source_frame = source_frame
         self.target_root = target_root
@@ -93,7 +164,7 @@ class ExtrapolationException(TransformException):
 
     def __init__(
         self,
-        message: str,
+        fact: str = "",
         *,
         frame_id: str = "",
         child_frame_id: str = "",
@@ -102,8 +173,9 @@ class ExtrapolationException(TransformException):
         newest_ns: int | None = None,
         authority: str = "",
         retry_after_s: float | None = None,
+        **words: str,
     ) -> None:
-        super().__init__(message)
+        super().__init__(fact, **words)
         self.frame_id = frame_id
         self.child_frame_id = child_frame_id
         self.requested_ns = requested_ns
@@ -141,14 +213,14 @@ class GapException(ExtrapolationException):
 
     def __init__(
         self,
-        message: str,
+        fact: str = "",
         *,
         before_ns: int = 0,
         after_ns: int = 0,
         max_gap_s: float | None = None,
         **facts: Any,
     ) -> None:
-        super().__init__(message, **facts)
+        super().__init__(fact, **facts)
         self.before_ns = before_ns
         self.after_ns = after_ns
         self.max_gap_s = max_gap_s
@@ -164,15 +236,16 @@ class StaleException(TransformException):
 
     def __init__(
         self,
-        message: str,
+        fact: str = "",
         *,
         frame_id: str = "",
         child_frame_id: str = "",
         authority: str = "",
         age_s: float | None = None,
         gone: bool = False,
+        **words: str,
     ) -> None:
-        super().__init__(message)
+        super().__init__(fact, **words)
         self.frame_id = frame_id
         self.child_frame_id = child_frame_id
         self.authority = authority
@@ -193,24 +266,36 @@ class LoopException(InvalidArgumentException):
 
     def __init__(
         self,
-        message: str,
+        fact: str = "",
         *,
         path: tuple[str, ...] = (),
         authority: str = "",
         other_authority: str = "",
+        **words: str,
     ) -> None:
-        super().__init__(message)
+        super().__init__(fact, **words)
         self.path = path
         self.authority = authority
         self.other_authority = other_authority
 
 
 class TimeoutException(TransformException, TimeoutError):
-    """The transform did not become available in time; `reason` is the error without a wait."""
+    """The transform did not become available in time; `reason` is the error without a wait.
 
-    def __init__(self, message: str, *, reason: TransformException | None = None) -> None:
-        super().__init__(message)
+    The message is the fact, and the one of the reason, without its advice to wait.
+    """
+
+    def __init__(
+        self, fact: str = "", *, reason: TransformException | None = None, **words: str
+    ) -> None:
+        super().__init__(fact, **words)
         self.reason = reason
+
+    def __str__(self) -> str:
+        if self.reason is None:
+            return super().__str__()
+        advice = self.advice or self.reason.advice
+        return "; ".join(filter(None, (f"{self.fact}: {self.reason.fact}", advice)))
 
 
 class DecodeError(TfbusError, ValueError):

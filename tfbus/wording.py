@@ -6,6 +6,11 @@ from collections.abc import Collection, Iterable
 # Of a longer list only the first are named.
 _NAMED = 8
 
+# Counting letters takes a microsecond a name, comparing whole names ten and more: of more names
+# only the likely ones are.
+_MOST_COUNTED = 1000
+_MOST_COMPARED = 64
+
 
 def counted(count: int, noun: str) -> str:
     """A number of things: `1 frame`, `2 frames`."""
@@ -118,10 +123,36 @@ def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
 
 
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
-    """The known names that are spelt most like this one, best first; () if none is near."""
-    from difflib import get_close_matches  # slow to import, and few names are wrong
+    """The known names that are spelt most like this one, best first; () if none is near.
 
+    Of many names only those are compared that begin and end like it.
+    """
+    # Slow to import, and few names are wrong.
+    from bisect import bisect
+    from difflib import get_close_matches
+    from heapq import nlargest
+
+    if len(known) > _MOST_COUNTED:
+        ends = (name[:1], name[-1:])
+        alike = sorted(
+            other
+            for other in known
+            if abs(len(other) - len(name)) < 3 and (other[:1], other[-1:]) == ends
+        )
+        # The neighbours of a name begin like it.
+        place = max(bisect(alike, name) - _MOST_COUNTED // 2, 0)
+        known = alike[place : place + _MOST_COUNTED]
+    if len(known) > _MOST_COMPARED:
+        known = nlargest(_MOST_COMPARED, known, lambda other: _letters_of_ends(name, other))
     return tuple(get_close_matches(name, known, n=most))
+
+
+def _letters_of_ends(one: str, other: str) -> int:
+    """How many letters two names have in common at their beginnings and ends."""
+    shorter = min(len(one), len(other))
+    begin = next((i for i in range(shorter) if one[i] != other[i]), shorter)
+    left = shorter - begin
+    return begin + next((i for i in range(left) if one[-1 - i] != other[-1 - i]), left)
 
 
 def stamp_text(stamp_ns: int) -> str:

@@ -471,7 +471,9 @@ class Buffer:
                 answer, target_frame, source_frame, stamp_ns
             ):
                 return answer
-        return self._lookup(target_frame, source_frame, stamp_ns, timeout_s, None, None, False)
+        question = (target_frame, source_frame, stamp_ns)
+        answered: TransformStamped = Lookup(self._store, (question,)).wait(timeout_s)[0]
+        return answered
 
     def _lookup(
         self,
@@ -963,6 +965,7 @@ def _too_few_for_twist(
 ) -> TransformException:
     return ExtrapolationException(
         f"no velocity of {frame!r} relative to {reference_frame!r}: fewer than two samples within "
-        f"{window_s:g} s; widen window_s, or wait",
+        f"{window_s:g} s",
+        advice="widen window_s, or wait",
         requested_ns=stamp_ns,
     )

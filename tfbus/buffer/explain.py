@@ -1,9 +1,7 @@
-"""Why a lookup has no answer: the error for it, with the facts and the remedy in one sentence."""
+"""Why a lookup has no answer: the error for it, with the facts, and the remedy."""
 
 import math
-import re
-from collections.abc import Iterable
-from itertools import islice
+from collections.abc import Collection, Iterable
 from typing import SupportsFloat, TypeVar
 
 from tfbus.buffer.tree import Tree
@@ -24,30 +22,17 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.runtime.callback_thread import here
-from tfbus.runtime.stamps import other_clock, other_unit, unit_hint
+from tfbus.runtime.stamps import Mistake, other_clock, other_unit, unit_hint
 from tfbus.runtime.structs import Struct
-from tfbus.wording import duration, listed, near_names, stamp_text
+from tfbus.wording import duration, stamp_text
 
 _Kind = TypeVar("_Kind", bound=ExtrapolationException)
 
-# The end of a sentence: the advice to wait, and what else helps.
-_WAIT = r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$"
-
-# The same where it names the argument of a lookup that waits, which others do not have.
-_WAIT_ARGUMENT = r"; wait (about \S+ s) \(timeout_s\)(, or .+)?$"
-_LATER_MANY = r"; ask again in \1, or only for stamps that are known (lookup_known_transforms)"
-
-# What an error advises to query.
-_LATER, _LATEST = "query a later time", "query the latest (stamp_ns=None)"
-
-# What an error of a lookup may end with: to wait, for another time, or a longer cache.
-_ADVICE = re.compile(r"; (?:wait|query|ask|keep)\b[^;]*$")
+# What an error advises to query; tools that have options for it say those instead.
+LATER, LATEST = "query a later time", "query the latest (stamp_ns=None)"
 
 # Of the frames of a loop an error names the first, and the first again.
 _MOST_CHAINED = 6
-
-# Comparing takes microseconds a name; of more names only the likely ones are compared.
-_MOST_COMPARED = 1000
 
 
 class Freshness(Struct):
@@ -75,7 +60,8 @@ class Freshness(Struct):
         edges = [edge for path in paths if path is not None for edge in path.edges()]
         gone = next((edge for edge in edges if edge.gone), None)
         if self.living and gone is not None:
-            return _stale(gone, _age_s(gone, now_ns), "its publisher is gone; start it again")
+            age_s = _age_s(gone, now_ns)
+            return _stale(gone, age_s, "its publisher is gone", advice="start it again")
         if self.max_age_s is None:
             return None
         aged = [(age_s, edge) for edge in edges if (age_s := _age_s(edge, now_ns)) is not None]
@@ -84,10 +70,13 @@ class Freshness(Struct):
             return None
         allowed = f"max_age_s allows {self.max_age_s:g} s"
         if oldest.gone:
-            return _stale(oldest, age_s, f"{allowed}, and its publisher is gone; start it again")
-        remedy = other_clock(now_ns, now_ns - round(age_s * 1e9))
-        remedy = remedy or "wait for the next (timeout_s), or allow more"
-        return _stale(oldest, age_s, f"{allowed}; {remedy}")
+            why = f"{allowed}, and its publisher is gone"
+            return _stale(oldest, age_s, why, advice="start it again")
+        if clock := other_clock(now_ns, now_ns - round(age_s * 1e9)):
+            return _stale(oldest, age_s, f"{allowed}; {clock.fact}", advice=clock.advice)
+        return _stale(
+            oldest, age_s, allowed, advice="allow more", waiting="wait for the next (timeout_s)"
+        )
 
 
 def check_seconds(
@@ -117,46 +106,28 @@ def may_come(error: TransformException) -> bool:
     return True
 
 
-def after_waiting(error: TransformException) -> str:
-    """The sentence of an error without its advice to wait, for a lookup that did."""
-    return re.sub(_WAIT, lambda found: f"; {found[1]}" if found[1] else "", str(error))
-
-
-def why_timed_out(error: TransformException) -> str:
-    """The same, which in a callback that holds up what it waits for advises how not to."""
+def advice_after(error: TransformException) -> str:
+    """The advice after a wait that ended with this error: in a callback that holds up what it waits
+    for, how not to; "" if it is that of the error itself.
+    """
     held_up = here.held_up(getattr(error, "authority", ""))
     if not held_up:
-        return after_waiting(error)
+        return ""
     return (
-        f"{without_advice(str(error))}; this node sends it itself, and its {held_up} waits for "
-        "this callback to return: await buffer.wait_for_transform(...) in an async def, or give "
-        "this callback a callback_group"
+        f"this node sends it itself, and its {held_up} waits for this callback to return: await "
+        "buffer.wait_for_transform(...) in an async def, or give this callback a callback_group"
     )
-
-
-def after_waiting_with(error: TransformException, *, later: str, latest: str) -> str:
-    """The same, with these pieces of advice in the place of those to query a later time, and the
-    latest.
-    """
-    said = after_waiting(error)
-    for advice, other in ((_LATER, later), (_LATEST, latest)):
-        if said.endswith(f"; {advice}"):
-            return said.removesuffix(advice) + other
-    return said
-
-
-def without_advice(sentence: str) -> str:
-    """The sentence of an error of a lookup without the advice at its end."""
-    return _ADVICE.sub("", sentence)
 
 
 def without_waiting(error: TransformException) -> TransformException:
     """The error, for a buffer that gets no further data: it does not advise to wait, nor to start a
     publisher that was gone.
     """
-    error.args = (after_waiting(error).removesuffix("; start it again"),)
+    error.waiting = ""
     if isinstance(error, ExtrapolationException):
         error.retry_after_s = None
+    if isinstance(error, StaleException) and error.gone:
+        error.advice = ""
     return error
 
 
@@ -164,30 +135,16 @@ def without_timeout(error: TransformException, *, many: bool = False) -> Transfo
     """The error, for a call that has no `timeout_s`: it advises to ask again later; with `many`
     stamps also to leave out those without an answer, if it would have one ask for the latest.
     """
-    later = _LATER_MANY if many else r"; ask again in \1\2"
-    error.args = (re.sub(_WAIT_ARGUMENT, later, str(error)),)
+    if isinstance(error, ExtrapolationException) and error.retry_after_s is not None:
+        error.waiting = f"ask again in about {error.retry_after_s:.3g} s"
+        if many:
+            error.advice = "only for stamps that are known (lookup_known_transforms)"
     return error
 
 
-def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
+def unknown_frame(frame: str, known: Collection[str]) -> LookupException:
     """The error for an unknown frame, with the known names that look like it."""
-    names = sorted(known)
-    compared = names
-    if len(names) > _MOST_COMPARED:
-        alike = (
-            name
-            for name in names
-            if abs(len(name) - len(frame)) < 3 and (name[:1], name[-1:]) == (frame[:1], frame[-1:])
-        )
-        compared = list(islice(alike, _MOST_COMPARED))
-    nearest = near_names(frame, compared)
-    if nearest:
-        hint = f"did you mean {' or '.join(map(repr, nearest))}?"
-    elif names:
-        hint = f"available: {listed(names)}"
-    else:
-        hint = "no frame is known so far"
-    return LookupException(f"there is no frame {frame!r}; {hint}", frame=frame, nearest=nearest)
+    return LookupException(f"there is no frame {frame!r}", frame=frame, known=known)
 
 
 def why_not(
@@ -208,25 +165,30 @@ def why_not(
         # The path was another then: only the edges where it broke off count.
         ends = [tree.walk_end(frame, stamp_ns, sampling) for frame in (source_frame, target_frame)]
         edges = [end for end in ends if end.parent is not None]
-    errors = [
-        _no_data(history, stamp_ns, sampling) or _gap(history, stamp_ns, asked_ns, sampling)
-        for history in edges
-    ]
-    missing = [error for error in errors if error is not None]
-    if missing:
+    missing: TransformException | None = None
+    for history in edges:
+        if missing is not None and _is_to_come(history, stamp_ns, sampling):
+            continue
+        error = _no_data(history, stamp_ns, sampling) or _gap(history, stamp_ns, asked_ns, sampling)
         # What waiting cannot help says more than what it may.
-        return next((error for error in missing if not may_come(error)), missing[0])
+        if error is not None and not may_come(error):
+            return error
+        missing = missing or error
+    if missing is not None:
+        return missing
     if stamp_ns is not None and path.is_mixed():
-        why = "a frame between them had another parent then"
+        why, advice = "a frame between them had another parent then", ""
         loops = [tree.loop_above(end, stamp_ns, sampling) for end in (source_frame, target_frame)]
         if loop := loops[0] or loops[1]:
             why = (
                 f"{_chained([loop[0], *reversed(loop)])} was a loop then, as each keeps its parent "
-                "until its next sample; query an earlier or a later time"
+                "until its next sample"
             )
+            advice = "query an earlier or a later time"
         return ConnectivityException(
             f"{target_frame!r} and {source_frame!r} were not connected at {stamp_text(stamp_ns)} "
             f"s: {why}",
+            advice=advice,
             target_frame=target_frame,
             source_frame=source_frame,
         )
@@ -234,6 +196,14 @@ def why_not(
         return None
     gaps = (_gap(history, path.latest(), None, sampling) for history in edges)
     return _out_of_step(edges) or next((error for error in gaps if error is not None), None)
+
+
+def _is_to_come(history: History, stamp_ns: int | None, sampling: Sampling) -> bool:
+    """Whether waiting helps for sure, if this edge has no data for a time."""
+    if sampling.max_gap_s is not None:
+        return False
+    span = None if history.static else history.stamp_span()
+    return stamp_ns is None or span is None or stamp_ns > span[1]
 
 
 def _chained(frames: list[str]) -> str:
@@ -255,24 +225,33 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
     if oldest <= newest:
         return None
     unit = _confused_units(oldest, newest)
-    if not unit and other_clock(oldest, newest):
-        away = (
-            f"its stamps and those of {ahead.name!r} are of different clocks; if one of the two is "
-            "simulated, pass --sim-time to the publishers of both"
+    if unit:
+        return _error(ExtrapolationException, late, None, unit)
+    if other_clock(oldest, newest):
+        return _error(
+            ExtrapolationException,
+            late,
+            None,
+            f"its stamps and those of {ahead.name!r} are of different clocks",
+            advice="if one of the two is simulated, pass --sim-time to the publishers of both",
         )
-        return _error(ExtrapolationException, late, None, away)
-    away = unit or (
+    return _error(
+        ExtrapolationException,
+        late,
+        None,
         f"its newest sample is {_far(newest - oldest)} than the oldest of {ahead.name!r}, so they "
-        "have no common time; wait for newer ones, or keep more (cache_time_s)"
+        "have no common time",
+        advice="keep more (cache_time_s)",
+        waiting="wait for newer ones",
     )
-    return _error(ExtrapolationException, late, None, away)
 
 
 def _not_connected(tree: Tree, target_frame: str, source_frame: str) -> ConnectivityException:
     roots = [tree.chain(tree.frames[frame])[-1].name for frame in (target_frame, source_frame)]
     return ConnectivityException(
         f"{target_frame!r} and {source_frame!r} are not connected: their roots are {roots[0]!r} "
-        f"and {roots[1]!r}; a transform between the two trees is missing",
+        f"and {roots[1]!r}",
+        advice="a transform between the two trees is missing",
         target_frame=target_frame,
         source_frame=source_frame,
         target_root=roots[0],
@@ -287,7 +266,9 @@ def _no_data(
         return None
     span = history.stamp_span()
     if span is None:
-        return _error(NoDataException, history, stamp_ns, "it has no sample; wait for one")
+        return _error(
+            NoDataException, history, stamp_ns, "it has no sample", waiting="wait for one"
+        )
     if stamp_ns is None:
         return None
     oldest, newest = span
@@ -300,24 +281,41 @@ def _no_data(
         if reason := history.interruption(stamp_ns):
             return _error(ExtrapolationException, history, stamp_ns, reason)
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
-    confused = _confused_units(stamp_ns, newest) or other_clock(stamp_ns, newest)
-    if confused and stamp_ns == 0:
-        confused = "the stamp 0 is the year 1970, not the latest as in tf2; omit it for the latest"
+    kind: type[ExtrapolationException] = FutureExtrapolationException
     if history.count() == 1:
-        remedy = "wait for another" if stamp_ns > newest else _LATER
-        away = confused or f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
-        return _error(SingleSampleException, history, stamp_ns, away)
-    if stamp_ns < oldest:
-        away = confused or f"its oldest sample is {_far(oldest - stamp_ns)}; {_LATER}"
-        return _error(PastExtrapolationException, history, stamp_ns, away)
-    if confused:
-        return _error(FutureExtrapolationException, history, stamp_ns, confused)
+        kind = SingleSampleException
+    elif stamp_ns < oldest:
+        kind = PastExtrapolationException
+    if mistake := _mistake_of(stamp_ns, newest):
+        return _error(kind, history, stamp_ns, mistake.fact, advice=mistake.advice)
+    if kind is SingleSampleException:
+        away = f"its only sample is {_far(newest - stamp_ns)}"
+        if stamp_ns > newest:
+            return _error(kind, history, stamp_ns, away, waiting="wait for another")
+        return _error(kind, history, stamp_ns, away, advice=LATER)
+    if kind is PastExtrapolationException:
+        away = f"its oldest sample is {_far(oldest - stamp_ns)}"
+        return _error(kind, history, stamp_ns, away, advice=LATER)
     wait_s = _retry_after_s(history.count(), oldest, newest, stamp_ns)
-    away = (
-        f"its newest sample is {_far(newest - stamp_ns)}; wait about {wait_s:.3g} s (timeout_s), "
-        f"or {_LATEST}"
+    return _error(
+        kind,
+        history,
+        stamp_ns,
+        f"its newest sample is {_far(newest - stamp_ns)}",
+        advice=LATEST,
+        waiting=f"wait about {wait_s:.3g} s (timeout_s)",
+        retry_after_s=wait_s,
     )
-    return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
+
+
+def _mistake_of(stamp_ns: int, newest: int) -> Mistake | None:
+    """The mistake if a stamp is of another unit, or another clock, than the newest sample's."""
+    unit = _confused_units(stamp_ns, newest)
+    mistake = Mistake(unit, "") if unit else other_clock(stamp_ns, newest)
+    if mistake is not None and stamp_ns == 0:
+        fact = "the stamp 0 is the year 1970, not the latest as in tf2"
+        return Mistake(fact, "omit it for the latest")
+    return mistake
 
 
 def _gap(
@@ -331,14 +329,16 @@ def _gap(
     around = history.around(stamp_ns)
     if around is None or around[1] - around[0] <= round(sampling.max_gap_s * 1e9):
         return None
-    other = "wait for newer ones" if asked_ns is None else "query another time"
+    is_latest = asked_ns is None
     error = _error(
         GapException,
         history,
         asked_ns,
         f"its samples at {stamp_text(around[0])} and {stamp_text(around[1])} s are "
         f"{duration((around[1] - around[0]) / 1e9)} apart, and max_gap_s allows "
-        f"{sampling.max_gap_s:g} s; {other}, or allow more",
+        f"{sampling.max_gap_s:g} s",
+        advice="allow more" if is_latest else "query another time, or allow more",
+        waiting="wait for newer ones" if is_latest else "",
     )
     error.before_ns, error.after_ns = around
     error.max_gap_s = sampling.max_gap_s
@@ -362,7 +362,8 @@ def _too_far(history: History, stamp_ns: int) -> ExtrapolationException | None:
         ExtrapolationException,
         history,
         stamp_ns,
-        "no sample is within the tolerance; widen it, or interpolate",
+        "no sample is within the tolerance",
+        advice="widen it, or interpolate",
     )
 
 
@@ -371,6 +372,9 @@ def _error(
     history: History,
     stamp_ns: int | None,
     why: str,
+    *,
+    advice: str = "",
+    waiting: str = "",
     retry_after_s: float | None = None,
 ) -> _Kind:
     parent = history.parent.name if history.parent is not None else ""
@@ -379,6 +383,8 @@ def _error(
     sent = f", sent by {history.authority!r}{when and ','}" if history.authority else ""
     return kind(
         f"no data for {parent!r} -> {history.name!r}{sent}{when}: {why}",
+        advice=advice,
+        waiting=waiting,
         frame_id=parent,
         child_frame_id=history.name,
         requested_ns=stamp_ns,
@@ -401,12 +407,16 @@ def _age_s(edge: History, now_ns: int) -> float | None:
     return None if span is None else (now_ns - span[1]) / 1e9
 
 
-def _stale(edge: History, age_s: float | None, why: str) -> StaleException:
+def _stale(
+    edge: History, age_s: float | None, why: str, *, advice: str, waiting: str = ""
+) -> StaleException:
     parent = edge.parent.name if edge.parent is not None else ""
     sent = f", sent by {edge.authority!r}," if edge.authority else ""
     what = "static" if age_s is None else f"{age_s:.3f} s old"
     return StaleException(
         f"{parent!r} -> {edge.name!r}{sent} is {what}: {why}",
+        advice=advice,
+        waiting=waiting,
         frame_id=parent,
         child_frame_id=edge.name,
         authority=edge.authority,

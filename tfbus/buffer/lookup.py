@@ -9,11 +9,11 @@ from contextlib import suppress
 
 from tfbus.buffer.explain import (
     Freshness,
+    advice_after,
     check_seconds,
     may_come,
     unknown_frame,
     why_not,
-    why_timed_out,
     without_waiting,
 )
 from tfbus.buffer.store import Store
@@ -33,9 +33,6 @@ from tfbus.errors import (
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.runtime.callback_thread import Bell
 from tfbus.runtime.clock import Limit, limit_by
-
-# A frame that is unknown, and the names of those that are known.
-_Unknown = tuple[str, list[str]]
 
 
 class Lookup:
@@ -61,10 +58,10 @@ class Lookup:
         """The answers of this moment; None if one is missing or not fresh."""
         now_ns = self._now_ns()
         with self._store.lock:
-            answers = self._answers(self._questions, self._fresh, now_ns)
+            answers = self._ask(now_ns)
         if self._store.tree.unreported:
             self._store.report_questions()
-        return answers
+        return answers if isinstance(answers, list) else None
 
     def wait(self, timeout_s: float) -> list[TransformStamped]:
         """The answers, as soon as there are some. Raises why there are none: at once if waiting
@@ -72,9 +69,11 @@ class Lookup:
         """
         if timeout_s != 0.0:
             check_seconds(timeout_s, "timeout_s", least=-math.inf)
-        answers = self._answers_now() if timeout_s <= 0.0 else self.answers()
-        if answers is not None:
+        answers = self._answers_or_error() if timeout_s <= 0.0 else self.answers()
+        if isinstance(answers, list):
             return answers
+        if answers is not None:
+            raise answers
         if self._store.lock.is_mine():
             # A thread that holds the lock would wait for itself.
             raise self.error()
@@ -137,19 +136,20 @@ class Lookup:
         self._check_arguments()
         now_ns = self._now_ns()
         with self._store.lock:
-            reason = self._reason(now_ns)
+            failed = self._ask(now_ns)
+            reason = self._why_not(self._questions[-1] if isinstance(failed, list) else failed)
         return self._explained(reason)
 
-    def _answers_now(self) -> list[TransformStamped]:
-        """The answers of this moment. Raises why there are none at the same moment."""
+    def _answers_or_error(self) -> list[TransformStamped] | TransformException:
+        """The answers of this moment, or why there are none at the same moment."""
         self._check_arguments()
         now_ns = self._now_ns()
         with self._store.lock:
-            answers = self._answers(self._questions, self._fresh, now_ns)
-            reason = None if answers is not None else self._reason(now_ns)
-        if reason is not None:
-            raise self._explained(reason)
-        assert answers is not None
+            answers = self._ask(now_ns)
+            reason = None if isinstance(answers, list) else self._why_not(answers)
+        if not isinstance(answers, list):
+            assert reason is not None
+            return self._explained(reason)
         if self._store.tree.unreported:
             self._store.report_questions()
         return answers
@@ -162,13 +162,11 @@ class Lookup:
             if stamp_ns is not None:
                 check_stamp(stamp_ns)
 
-    def _explained(self, reason: TransformException | _Unknown) -> TransformException:
-        """The reason as an error, or the better one of a watcher; without the lock, as watchers may
-        do anything, and the comparison of many names takes long.
+    def _explained(self, reason: TransformException) -> TransformException:
+        """The reason, or the better one of a watcher; without the lock, as watchers may do
+        anything.
         """
         store = self._store
-        if isinstance(reason, tuple):
-            reason = unknown_frame(*reason)
         if store.tree.unreported:
             store.report_questions()
         store.expired_lookups.note(reason)
@@ -184,33 +182,38 @@ class Lookup:
 
     # With the lock held
 
-    def _answers(
-        self, questions: tuple[Question, ...], fresh: Freshness | None, now_ns: int
-    ) -> list[TransformStamped] | None:
+    def _ask(self, now_ns: int) -> list[TransformStamped] | Question | StaleException:
+        """The answers; if there are none, the first question without, or why they are stale."""
         answers = []
-        for target_frame, source_frame, stamp_ns in questions:
+        for question in self._questions:
+            target_frame, source_frame, stamp_ns = question
             answer = self._store.tree.answer(target_frame, source_frame, stamp_ns, self._sampling)
             if answer is None:
-                return None
+                return question
             answers.append(answer)
-        if fresh is not None and self._why_stale(now_ns) is not None:
-            return None
+        if self._fresh is not None:
+            pairs = [question[:2] for question in self._questions]
+            stale = self._fresh.why_stale(self._store.tree, pairs, now_ns)
+            if stale is not None:
+                return stale
         return answers
 
-    def _reason(self, now_ns: int) -> TransformException | _Unknown:
-        """Why there are no answers."""
+    def _why_not(self, failed: Question | StaleException) -> TransformException:
+        """The error of a question without an answer."""
+        if isinstance(failed, StaleException):
+            return failed
         # All names first, as tf2 does: a time is of no use to a frame that is unknown.
         for _, frame in self._names():
             if frame not in self._store.tree.frames:
-                return frame, list(self._store.tree.frames)
-        for question in self._questions[:-1]:
-            if self._answers((question,), None, now_ns) is None:
-                return self._why_not(question)
-        if self._fresh is not None and self._answers(self._questions, None, now_ns) is not None:
-            stale = self._why_stale(now_ns)
-            if stale is not None:
-                return stale
-        return self._why_not(self._questions[-1])
+                return unknown_frame(frame, list(self._store.tree.frames))
+        target_frame, source_frame, stamp_ns = failed
+        error = why_not(self._store.tree, target_frame, source_frame, stamp_ns, self._sampling)
+        return error or ExtrapolationException(
+            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be "
+            "now",
+            advice="query it again",
+            requested_ns=stamp_ns,
+        )
 
     def _answers_or_watch(
         self, waiter: Waiter, limit: Limit, timeout_s: float
@@ -225,20 +228,18 @@ class Lookup:
             # It comes in parts: between the oldest and the newest there may still be a gap.
             return None
         self.watch(waiter)
-        answers = self.answers()
-        if answers is not None:
-            return answers
-        reason = self.error()
+        reason = self._answers_or_error()
+        if isinstance(reason, list):
+            return reason
         if not may_come(reason):
             waiter.past_of = _past_of(reason)
             if waiter.past_of not in expected:
                 raise reason
         if limit.passed:
-            why = why_timed_out(reason)
             ended = f"timed out after {timeout_s:g} s"
             if limit.cut_short:
                 ended = "the node closes, which ends the lookup"
-            raise TimeoutException(f"{ended}: {why}", reason=reason) from reason
+            raise TimeoutException(ended, reason=reason, advice=advice_after(reason)) from reason
         return None
 
     def _names(self) -> list[tuple[str, str]]:
@@ -246,22 +247,6 @@ class Lookup:
         first, last = self._questions[0], self._questions[-1]
         names = [("target_frame", last[0]), ("source_frame", first[1])]
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
-
-    def _why_stale(self, now_ns: int) -> StaleException | None:
-        """Why the answers are not fresh enough."""
-        assert self._fresh is not None
-        pairs = [question[:2] for question in self._questions]
-        return self._fresh.why_stale(self._store.tree, pairs, now_ns)
-
-    def _why_not(self, question: Question) -> TransformException:
-        """The error of a question between two known frames."""
-        target_frame, source_frame, stamp_ns = question
-        error = why_not(self._store.tree, target_frame, source_frame, stamp_ns, self._sampling)
-        return error or ExtrapolationException(
-            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be "
-            "now: query it again",
-            requested_ns=stamp_ns,
-        )
 
 
 def _past_of(reason: TransformException) -> str | None:

@@ -7,7 +7,6 @@ the `tfbus.Buffer` underneath.
 from typing import Any
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import after_waiting
 from tfbus.buffer.formats import as_dot, as_yaml
 from tfbus.compat.fields import message_of, stamped_of
 from tfbus.compat.rclpy.duration import Duration, seconds_of
@@ -259,13 +258,16 @@ class BufferCore:
 def in_ros_words(error: TransformException) -> TransformException:
     """The error as tf2 raises it: after waiting the reason, and the text in ROS's words."""
     if isinstance(error, TimeoutException) and error.reason is not None:
-        waited = str(error).partition(":")[0]
-        error = error.reason
-        error.args = (f"{after_waiting(error)} ({waited})",)
-    text = str(error)
+        timeout, error = error, error.reason
+        error.waiting, error.advice = "", timeout.advice or error.advice
+        if error.advice:
+            error.advice += f" ({timeout.fact})"
+        else:
+            error.args = (f"{error.fact} ({timeout.fact})",)
+    error.args = (_BEGINNINGS.get(type(error), "") + error.fact,)
     for ours, in_ros in _IN_ROS_WORDS:
-        text = text.replace(ours, in_ros)
-    error.args = (_BEGINNINGS.get(type(error), "") + text,)
+        error.waiting = error.waiting.replace(ours, in_ros)
+        error.advice = error.advice.replace(ours, in_ros)
     return error
 
 

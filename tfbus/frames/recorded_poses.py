@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from tfbus.buffer.explain import after_waiting_with
+from tfbus.buffer.explain import LATER, LATEST
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.core.sampling import TF2, Sampling
@@ -133,15 +133,10 @@ class _explained:
         if isinstance(error, ExtrapolationException):
             gone = frames.said_gone(error.authority)
             is_after = gone and isinstance(error, FutureExtrapolationException)
-            raise TfbusError(
-                after_waiting_with(
-                    error,
-                    later="give a later --at",
-                    latest=f"{gone}; give an earlier --at"
-                    if is_after
-                    else "give an earlier --at, or none",
-                )
-            ) from error
+            advice = {LATER: "give a later --at", LATEST: "give an earlier --at, or none"}
+            if is_after:
+                advice[LATEST] = f"{gone}; give an earlier --at"
+            raise TfbusError(error.fact, advice=advice.get(error.advice, error.advice)) from error
 
 
 def recorded_transforms(

@@ -583,13 +583,13 @@ class Recording(Closing):
         """
         if error.requested_ns is None or error.newest_ns is None:
             return
-        advice = other_clock(error.requested_ns, error.newest_ns)
-        if advice and advice in str(error):
+        mistake = other_clock(error.requested_ns, error.newest_ns)
+        if mistake is not None and error.advice == mistake.advice:
             first_ns = self._samples().first_ns or 0
             better = f"stamps are nanoseconds since 1970, here from {first_ns} on"
             if not other_clock(self.start_ns, first_ns):
                 better += "; recording.start_ns + 5 * 10**9 is 5 s after its beginning"
-            error.args = (str(error).replace(advice, better),)
+            error.advice = better
 
     def _pieces(
         self,

@@ -5,9 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import without_advice
 from tfbus.buffer.info import FrameInfo
-from tfbus.errors import ConnectivityException, LookupException, TfbusError, TransformException
+from tfbus.errors import (
+    ConnectivityException,
+    ExtrapolationException,
+    LookupException,
+    TfbusError,
+    TransformException,
+)
 from tfbus.frames.clocks import is_another_time
 from tfbus.frames.recorded import RecordedFrames, S
 from tfbus.frames.recorded_poses import transform_then
@@ -39,6 +44,10 @@ _ADVISED: tuple[ProblemKind, ...] = ("loop", "conflict", "silent", "clock", "uni
 
 class Advice:
     """The remedies on a bus, sentence by sentence; "" if there is nothing to be done."""
+
+    def failure(self, error: TransformException) -> str:
+        """The message of an error."""
+        return str(error)
 
     def on_gone(self, frame: FrameInfo, stream: StreamInfo) -> str:
         """The publisher of a frame is gone."""
@@ -134,7 +143,7 @@ def explain(
         source,
         stamp_ns,
         answer,
-        str(error) if error else "",
+        advice.failure(error) if error else "",
         steps,
         tuple(dict.fromkeys(filter(None, remedies))),
     )
@@ -355,7 +364,7 @@ def explain_recorded(
         [] if frames.pause is None else [f"{frames.said(frames.pause)}: look before or after it"]
     )
     remedies = dict.fromkeys(filter(None, (*pause, *hints, *found.remedies)))
-    return replace(found, failure=without_advice(found.failure), remedies=tuple(remedies))
+    return replace(found, remedies=tuple(remedies))
 
 
 class _InRecording(Advice):
@@ -365,6 +374,11 @@ class _InRecording(Advice):
         self._frames = frames
         self._files = " ".join(files)
         self._bag = " ".join(f"--bag {file}" for file in files)
+
+    def failure(self, error: TransformException) -> str:
+        # Another time, or a longer cache, is no advice on a moment of a recording.
+        is_of_time = isinstance(error, ExtrapolationException)
+        return error.fact if is_of_time or "query" in error.advice else str(error)
 
     def on_gone(self, frame: FrameInfo, stream: StreamInfo) -> str:
         gone_ns = self._frames.gone_ns(stream.name)

@@ -330,8 +330,8 @@ class Interest:
         if not connected:
             return ConnectivityException(
                 f"{target!r} and {source!r} are not connected, by the frames that streams list: "
-                f"their roots are {roots[0]!r} and {roots[1]!r}; a transform between the two trees "
-                "is missing",
+                f"their roots are {roots[0]!r} and {roots[1]!r}",
+                advice="a transform between the two trees is missing",
                 target_frame=target,
                 source_frame=source,
                 target_root=roots[0],
@@ -343,8 +343,9 @@ class Interest:
         age_s = 0.0 if question is None else self._clock() - question.first_asked
         since = "from now on" if age_s < _SOON_S else f"for {age_s:.3g} s"
         return LookupException(
-            f"no transform from {source!r} to {target!r} yet: reading {named} {since}; wait for it "
-            "(timeout_s), or query again",
+            f"no transform from {source!r} to {target!r} yet: reading {named} {since}",
+            waiting="wait for it (timeout_s)",
+            advice="query again",
             frame=(missing or [source])[0],
         )
 

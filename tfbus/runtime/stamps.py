@@ -1,7 +1,7 @@
 """Stamps: from seconds, datetime and datetime64; in another unit, or of another clock."""
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 from tfbus.errors import InvalidArgumentException
 
@@ -54,17 +54,24 @@ def other_unit(stamp_ns: int, near_ns: int) -> str:
     return ""
 
 
-def other_clock(stamp_ns: int, newest_ns: int) -> str:
-    """The advice on a stamp more than ten years from the newest sample, which are of different
-    clocks: as the end of a sentence without its full stop; "" for one that is nearer.
+class Mistake(NamedTuple):
+    """The mistake of a stamp, and the advice, each as a part of a sentence."""
+
+    fact: str
+    advice: str
+
+
+def other_clock(stamp_ns: int, newest_ns: int) -> Mistake | None:
+    """The mistake if a stamp is more than ten years from the newest sample, which are of different
+    clocks; None for one that is nearer.
     """
     years = round(abs(stamp_ns - newest_ns) / _YEAR_NS)
     if abs(stamp_ns - newest_ns) < _LEAST_OF_A_REAL_CLOCK_NS:
-        return ""
+        return None
     side, whose = ("earlier", "this node") if newest_ns < stamp_ns else ("later", "its publisher")
-    return (
-        f"its newest sample is {years} years {side}, so its stamps are of another clock; if one of "
-        f"the two is simulated, pass --sim-time to {whose} too"
+    return Mistake(
+        f"its newest sample is {years} years {side}, so its stamps are of another clock",
+        f"if one of the two is simulated, pass --sim-time to {whose} too",
     )
 
 

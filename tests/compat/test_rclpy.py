@@ -33,11 +33,10 @@ from tfbus.compat.rclpy.qos import (
     QoSProfile,
     qos_profile_sensor_data,
 )
-from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.compat.rclpy.type_support import GetResultServiceResponse
 from tfbus.compat.rclpy.utilities import remove_ros_args
-from tfbus.compat.rclpy.work import Work
 from tfbus.compat.sensor_msgs.msg import Imu, JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Trigger

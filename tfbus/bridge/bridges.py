@@ -30,8 +30,8 @@ _ANSWER_WITHIN_S = 1.0
 @dataclass(frozen=True)
 class RosBridge:
     """A bridge: its node on the bus (full name) and its session, its node in ROS and the middleware
-    that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are those
-    of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
+    that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are its
+    publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
     `clock` is which way it passes the simulated time on: "to ROS", "from ROS" or "". `lost` is how
     many messages of ROS never came to it, at least.
     """

@@ -49,13 +49,13 @@ class RosPublishers:
 
     @property
     def nodes(self) -> dict[str, str]:
-        """The node of each publisher by its gid, "" if it is not known; without those that are
+        """The node of each publisher by its gid, "" if it is not known; without publishers that are
         gone.
         """
         return self._nodes
 
     def look(self) -> set[str]:
-        """Look who is there; the gids of those that are gone since."""
+        """Look who is there; the gids of publishers that are gone since."""
         listed = self._listed()
         with self._lock:
             self._take(listed)
@@ -77,8 +77,8 @@ class RosPublishers:
         return self._nodes.get(gid)
 
     def replaced_by(self, gid: str, others: set[str]) -> set[str]:
-        """Those of `others`, publishers of the same node, that are no longer there: the node was
-        started again.
+        """The gids among `others`, publishers of the same node, that are no longer there: the node
+        was started again.
         """
         if not others:
             return set()
@@ -162,8 +162,8 @@ class BusStreams:
         return stream in self._states
 
     def goes_to_ros(self, stream: str) -> bool | None:
-        """Whether the transforms of a stream go to ROS; not those that come from there. None if
-        that is not known yet.
+        """Whether the transforms of a stream go to ROS; not if they come from there. None if that
+        is not known yet.
         """
         if self.is_own(stream):
             return False

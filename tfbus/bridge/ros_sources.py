@@ -24,7 +24,7 @@ from tfbus.wording import printable
 class RosStream:
     """The transforms of one node of ROS, as a stream of the bus; used by one thread at a time.
 
-    It begins with the first transform. `gids` are those of the publishers that have sent.
+    It begins with the first transform. `gids` are the publishers that have sent.
     """
 
     def __init__(self, node: Node, name: str) -> None:
@@ -63,7 +63,7 @@ class RosStream:
         (self._sender or self._sending()).send_pose(frames, stamp_ns, pose)
 
     def set_statics(self, transforms: Mapping[str, TransformStamped]) -> None:
-        """Send these static transforms, by their child frames, in place of those before. Raises
+        """Send these static transforms, by their child frames, in place of the former ones. Raises
         TfbusError if they cannot be sent.
         """
         new = {
@@ -238,7 +238,7 @@ class RosSources:
             self._hand_over(source, payload, static)
 
     def look(self, gone: Collection[str]) -> None:
-        """Look who is there, where these publishers are gone; call it every second."""
+        """Update the sources, of which these publishers are gone; call it every second."""
         self._lose(gone)
         self._lose(self._silent())
         for gid in [*self._unknown]:
@@ -367,7 +367,7 @@ class RosSources:
         return found
 
     def _look_whether_alone(self) -> None:
-        """Where messages do not tell their publishers, they are gone when all are."""
+        """If messages do not tell their publishers, they are gone when all are."""
         if "" in self._sources and not self._tells_publishers:
             self._alone_looks = 0 if self._publishers.nodes else self._alone_looks + 1
             if self._alone_looks == 2:

@@ -21,8 +21,8 @@ _MOST_TABLES = 1000
 @dataclass(frozen=True, slots=True)
 class Route:
     """The names that frames get, and which rows go, None for all. The frames of `contested` rows
-    go both ways: each row of theirs is looked at. `children` are those that go, by the names of the
-    bus.
+    go both ways: each row of theirs is looked at. `children` are the frames that go, by their
+    names on the bus.
     """
 
     frames: tuple[str, ...]

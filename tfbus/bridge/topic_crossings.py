@@ -1,4 +1,4 @@
-"""One topic in one direction: from the bus to ROS, and from ROS to the bus."""
+"""A topic on its way in one direction: from the bus to ROS, or from ROS to the bus."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ class Translation:
         self._type = _supplied_type(line.type_name)
 
     def to_ros(self, payload: bytes) -> bytes:
-        """The message of ours as one of ROS. Raises DecodeError where it does not fit."""
+        """The message of ours as one of ROS. Raises DecodeError if it does not fit."""
         values = decode_map(payload)
         if self._type is not None:
             values = as_map(from_map(self._type, values))
@@ -57,7 +57,7 @@ class Translation:
         return message
 
     def of_ros(self, payload: bytes) -> bytes:
-        """The message of ROS as one of ours. Raises DecodeError where it does not fit."""
+        """The message of ROS as one of ours. Raises DecodeError if it does not fit."""
         of_ros = self._codec.decode(payload)
         _rename(of_ros, self._frames, self._names.on_bus)
         try:

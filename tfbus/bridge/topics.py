@@ -42,10 +42,10 @@ _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 class TopicBridge:
     """Passes topics on in both directions, or one, until `close()`.
 
-    Topics of the bus are those that nodes of the node's namespace describe, of types that the
-    table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
-    No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out if this side has their source. `names` are those of frames in
+    Topics of the bus are the ones that nodes of the node's namespace describe, of types that the
+    table has. In ROS it looks for topics that the bus subscribes to, and for names in the table.
+    No message comes back to where it is from: own ones do not, neither by the bus nor by ROS, and
+    messages of another bridge are left out if this side has their source. `names` are those of frames in
     messages: on the bus and in ROS the same, without it. `seniors()` are the bridges between the
     same bus and the same ROS that were there before: what they send, this one does not.
     """
@@ -90,7 +90,7 @@ class TopicBridge:
                 self._topics.popitem()[1].close()
 
     def crossing(self) -> tuple[list[str], list[str]]:
-        """The topics that go to ROS now, and those that come from there, by their names on the
+        """The topics that go to ROS now, and the ones that come from there, by their names on the
         bus.
         """
         with self._lock:

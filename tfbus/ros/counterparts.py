@@ -150,7 +150,7 @@ _OfRos = Callable[[dict[str, Any]], dict[str, Any]]
 class Counterpart:
     """A type of ours, by its name, and that of ROS with the same content.
 
-    `to_ros` makes the values of a message of ROS of ours, and raises UnfitError where they would
+    `to_ros` makes the values of a message of ROS of ours, and raises UnfitError if they would
     not come back by `of_ros`, which raises DecodeError for a message with other fields.
     """
 

@@ -185,7 +185,7 @@ def _renamed(lines: list[str]) -> Iterator[str]:
 
 
 def _is_allowed(found: re.Match[str]) -> bool:
-    """Whether ROS 2 allows the name; those of constants stay anyhow."""
+    """Whether ROS 2 allows the name; names of constants stay anyhow."""
     is_constant = found["rest"].startswith("=")
     return is_constant or _ROS2_FIELD.fullmatch(found["name"]) is not None
 
@@ -209,7 +209,7 @@ class Definitions:
         self._made: dict[str, Message] = {}
 
     def message(self, name: str, inside: tuple[str, ...] = ()) -> Message:
-        """The message of this full name, in those `inside` of which it is.
+        """The message of this full name, `inside` of these others.
 
         Raises DecodeError, with the line, if its definition is not valid.
         """

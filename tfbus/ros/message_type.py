@@ -168,8 +168,8 @@ class TypeNames:
         self._of_name: dict[str, Message] = {MSGPACK.name: MSGPACK}
 
     def named(self, message: Message) -> Message:
-        """The message under a name of its own, and so those in it: if one is taken by another
-        message, with a number.
+        """The message, and each in it, under a name of its own: with a number if another message has
+        the name.
         """
         if message.kind in ("msgpack", "unknown"):
             return message

@@ -1,7 +1,7 @@
 """Facts that ROS 2 tells beside its messages: names and hashes of types, and nodes over DDS.
 
 A hash, RIHS01, is `RIHS01_` and 64 hexadecimal digits: SHA-256 of the description of a type in
-JSON, with those of the messages in it: https://www.ros.org/reps/rep-2016.html. Constants, defaults
+JSON, with the messages in it: https://www.ros.org/reps/rep-2016.html. Constants, defaults
 and comments are not part of it. The nodes of a participant are a message of
 rmw_dds_common/msg/ParticipantEntitiesInfo.
 """

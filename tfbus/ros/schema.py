@@ -32,7 +32,7 @@ class MessageCodec:
     """Writes and reads the messages of one type, as maps of their fields.
 
     `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
-    floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only where the
+    floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only if the
     type is that of a dataclass, an integer in a field of floats comes back as the float that is the
     same number.
     """
@@ -47,7 +47,7 @@ class MessageCodec:
 
     @staticmethod
     def of_type(message_type: type, names: TypeNames | None = None) -> "MessageCodec":
-        """The codec of a dataclass, that of ROS's own type where it has one that says the same.
+        """The codec of a dataclass, that of ROS's own type if it has one that says the same.
         Messages get names of their own among `names`.
         """
         name = name_of(message_type)
@@ -62,7 +62,7 @@ class MessageCodec:
     def of_values(
         type_name: str, values: Mapping[str, Any], names: TypeNames | None = None
     ) -> "MessageCodec":
-        """The codec that the values of one message of an unknown type suggest; RAW where ROS
+        """The codec that the values of one message of an unknown type suggest; RAW if ROS
         cannot express them as fields.
         """
         return _codec(type_of_values(type_name, values), names)
@@ -72,9 +72,9 @@ class MessageCodec:
         definition: Definition, counterpart: Counterpart | None = None
     ) -> "MessageCodec":
         """The codec of a type of a file: any type of ROS 2, or one of ours. Its values are those of
-        our `counterpart`, where there is one.
+        our `counterpart`, if there is one.
 
-        Raises DecodeError where the definition is not valid, or has a wstring.
+        Raises DecodeError if the definition is not valid, or has a wstring.
         """
         return MessageCodec(message_of(definition), definition, counterpart)
 
@@ -84,7 +84,7 @@ class MessageCodec:
         return self._counterpart is not None
 
     def encode(self, values: Mapping[str, Any]) -> bytes | None:
-        """The message with these values; None where they are not of this type."""
+        """The message with these values; None if they are not of this type."""
         writer = CdrWriter()
         try:
             if self._counterpart is not None:
@@ -107,7 +107,7 @@ class MessageCodec:
             return None
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """The values of a message by field. Raises DecodeError where the bytes are none."""
+        """The values of a message by field. Raises DecodeError if the bytes are none."""
         reader = ValueReader(data)
         if self._codec.least_size > reader.left:
             raise DecodeError(
@@ -141,10 +141,10 @@ class MessageCodecs:
 
     A type of tfbus.messages has its own definition from the start. Any other has that of its first
     message, and another one, under a name with a number, once a message does not fit; after eight,
-    and where ROS cannot express a message at all, it is RAW.
+    and if ROS cannot express a message at all, it is RAW.
 
-    What is not `exact` is for eyes: numbers that are integers and floats in turn are all floats, so
-    that the definition stays.
+    Without `exact`, for eyes, numbers that are integers and floats in turn are all floats, so that
+    the definition stays.
     """
 
     def __init__(self, *, exact: bool = True) -> None:
@@ -156,7 +156,7 @@ class MessageCodecs:
     def encode(self, type_name: str, values: Mapping[str, Any]) -> tuple[MessageCodec, bytes]:
         """A message of a type of this name, `Pose`, and the codec that reads it.
 
-        Where the name is not known, that of the topic will do. Raises InvalidArgumentException for
+        If the name is not known, that of the topic will do. Raises InvalidArgumentException for
         a text that is not valid Unicode, and an integer of more than 64 bits.
         """
         codecs = self._of_type.get(type_name)
@@ -190,7 +190,7 @@ class MessageCodecs:
         return RAW, data
 
     def _wider(self, message: Message, codecs: list[tuple[MessageCodec, Message]]) -> Message:
-        """A type that takes the messages of a known one as well, where ROS can express both; for
+        """A type that takes the messages of a known one as well, if ROS can express both; for
         the last of a type anyhow. A type of ROS's own stays as it is.
         """
         for codec, before in codecs:

@@ -83,7 +83,7 @@ class ValueReader(CdrReader):
 
 
 def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCodec:
-    """The codec of a type; `made` are those of messages in it that are made already, by name."""
+    """The codec of a type; `made` has the codecs of messages in it made already, by name."""
     made = {} if made is None else made
     if isinstance(type_, Scalar):
         return _scalar_codec(type_)

@@ -192,7 +192,7 @@ class RospyLeg:
                 thread.join(_ANSWER_WITHIN_S)
 
     def began(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
-        """One of its ends began."""
+        """An end of a connection began."""
         with self._lock:
             self._ends.setdefault((kind, name), []).append(end)
 

@@ -68,7 +68,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
 class ZenohLeg:
     """A node in ROS over Zenoh, until `close()`; see `tfbus.bridge.legs.Leg`.
 
-    Where no router answers it keeps trying, and what was declared meanwhile is declared then.
+    If no router answers it keeps trying, and declares then what was asked for meanwhile.
     """
 
     name = "rmw_zenoh"
@@ -147,7 +147,7 @@ class ZenohLeg:
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
-        """What the user should know of the ROS around."""
+        """Notes on the ROS around, for the user."""
         if trouble := self._session.trouble:
             return [trouble]
         found = self.graph.mismatches(list(self._topics.values()))
@@ -193,7 +193,7 @@ class ZenohLeg:
         return token.text
 
     def _publisher_of(self, topic: str, attachment: bytes | None, sample: Any) -> str:
-        """The gid of the publisher of a message; "" where this session has sent it, or the message
+        """The gid of the publisher of a message; "" if this session has sent it, or the message
         has none.
         """
         read = None if attachment is None else read_attachment(attachment)
@@ -241,8 +241,8 @@ class _Sender:
         return self._publication.heard
 
     def send(self, payload: bytes) -> None:
-        """Publish one message in CDR, with its header. Safe from any thread. Raises BusError where
-        it is closed.
+        """Publish one message in CDR, with its header. Safe from any thread. Raises BusError if it
+        is closed.
         """
         with self._lock:
             # From 1, as rmw_zenoh counts.

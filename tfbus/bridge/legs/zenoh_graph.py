@@ -31,7 +31,7 @@ class _Untold:
 
 
 class RosGraph:
-    """The tokens of others that are alive: those of the session `own` are left out."""
+    """The tokens of others that are alive: tokens of the session `own` are left out."""
 
     def __init__(
         self, domain: int, own: str, clock_s: Callable[[], float] = lambda: scheduler.monotonic()
@@ -95,9 +95,9 @@ class RosGraph:
                     del self._untold[next(iter(self._untold))]
 
     def publishers(self, topic: str) -> list[RosPublisher]:
-        """The publishers of a topic, in order of their gids. One that puts other gids into its
-        messages than that of its token, as zenoh-ros2-sdk does, is there with these too, if its
-        session has no other publisher of the topic.
+        """The publishers of a topic, in order of their gids. A publisher that puts other
+        gids into its messages than that of its token, as zenoh-ros2-sdk does, is there with these
+        too, if its session has no other publisher of the topic.
         """
         with self._lock:
             there = self._publishers.get(topic, {})
@@ -125,8 +125,8 @@ class RosGraph:
             return sorted(+self._elsewhere)
 
     def mismatches(self, wanted: Sequence[tuple[str, str, str]]) -> list[str]:
-        """What publishers and subscribers of topics have other types than `wanted`, each a topic,
-        its type on the wire and the hash of that: a sentence for each topic.
+        """A sentence for each topic of which nodes have another type than `wanted`: topics, each
+        with its type on the wire and the hash of that.
         """
         with self._lock:
             tokens = [each for each in self._tokens.values() if each.domain == self._domain]

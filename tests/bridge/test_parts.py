@@ -15,7 +15,7 @@ from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.common import Crossed
 from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.routes import RateLimit, invalid_rows
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.errors import TfbusError
@@ -53,7 +53,7 @@ def test_the_leg_over_zenoh_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) 
 
 def test_names_go_there_and_back() -> None:
     """With a prefix, and where ROS has a frame of that name itself."""
-    names = FrameNames(BridgeOptions(frame_prefix="r1/"))
+    names = RosFrameNames(BridgeOptions(frame_prefix="r1/"))
     assert names.on_bus("/base") == names.on_bus("base") == "r1/base"
     assert names.in_ros("r1/base") == "base" and names.in_ros("world") == "world"
     assert names.met("world") and not names.met("/world")

@@ -2,7 +2,7 @@
 
 from tfbus.bridge.legs import RosPublisher
 from tfbus.bridge.legs.zenoh_graph import RosGraph
-from tfbus.ros.rmw_zenoh import Kind, Token, gid_of
+from tfbus.ros.rmw_zenoh import Kind, RosToken, gid_of
 
 TYPE = "tf2_msgs::msg::dds_::TFMessage_"
 HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
@@ -21,7 +21,7 @@ def token(
 ) -> str:
     """The token of an endpoint."""
     qos = "::,100:,:,:,,"
-    return Token(
+    return RosToken(
         domain, session, "0", "1", kind, node, "/", "/", topic, dds_type, type_hash, qos
     ).text
 

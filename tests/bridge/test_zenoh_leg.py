@@ -14,7 +14,7 @@ from tests.bridge.ros_router import RosRouter
 from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.legs import LegSettings, RosPublisher, RosTopic, open_leg
-from tfbus.bridge.legs.zenoh import ZenohLeg, _Subscription
+from tfbus.bridge.legs.zenoh import ZenohLeg, ZenohSubscription
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
@@ -453,7 +453,7 @@ def test_no_call_goes_on_after_its_subscription_is_closed() -> None:
     def end(*_: object) -> None:
         itself.close()
 
-    subscription, itself = _Subscription(hear), _Subscription(end)
+    subscription, itself = ZenohSubscription(hear), ZenohSubscription(end)
     for each in (subscription, itself):
         each.call(b"", "")
     eventually(closed.is_set)

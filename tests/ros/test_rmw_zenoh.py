@@ -11,7 +11,7 @@ from tfbus.ros.rmw_zenoh import (
     WIRES,
     Attachment,
     Qos,
-    Token,
+    RosToken,
     Wire,
     attachment_bytes,
     check_node_name,
@@ -36,7 +36,7 @@ TOKEN_TEXT = (
     f"{TYPE}/{HASH}/::,100:,:,:,,"
 )
 TOKEN_GID = "df0a0bd9760297a896d36df149368456"
-TOKEN = Token(
+TOKEN = RosToken(
     domain=0,
     session="87e2d2e01e05996d45199bf10c120801",
     node_number="0",
@@ -100,7 +100,7 @@ class TestTokens:
 
     def test_the_token_of_a_node_has_no_topic(self) -> None:
         """In the root namespace."""
-        node = Token(2, "aac3178e146ba6f1fc6e6a4085e77f21", "0", "0", "NN", "listener")
+        node = RosToken(2, "aac3178e146ba6f1fc6e6a4085e77f21", "0", "0", "NN", "listener")
         assert node.text == NODE_TEXT
         assert read_token(NODE_TEXT) == node
         assert node.full_node_name == "/listener"

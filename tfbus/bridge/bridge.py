@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from tfbus.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
 from tfbus.bridge.common import BusStreams, Common, Crossed, RosPublishers
 from tfbus.bridge.from_ros import FromRos
-from tfbus.bridge.legs import Closing, Leg, RosTopic
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.legs import Endable, Leg, RosTopic
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.to_ros import ToRos
 from tfbus.errors import TfbusError
@@ -81,7 +81,7 @@ class Bridge:
         self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
         self._parts.callback(self._bus.close)
         self._crossed = Crossed(self._reconsider_soon)
-        self._names = FrameNames(options)
+        self._names = RosFrameNames(options)
         common = Common(
             node,
             options,
@@ -168,10 +168,10 @@ class Bridge:
         named = f", frames of ROS as '{printable(prefix, 60)}…'" if prefix else ""
         return f"Bridges {topics} by {self._leg.name}, {self._options.directions}{named}"
 
-    def _topic_bridge(self, table: "TopicTable") -> Closing:
+    def _topic_bridge(self, table: "TopicTable") -> Endable:
         from tfbus.bridge.topics import TopicBridge
 
-        bridge: Closing = TopicBridge(
+        bridge: Endable = TopicBridge(
             self._node,
             self._leg,
             table,

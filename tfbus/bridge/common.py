@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.bridge.legs import Leg
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
@@ -329,7 +329,7 @@ class Common:
 
     node: Node
     options: BridgeOptions
-    names: FrameNames
+    names: RosFrameNames
     publishers: RosPublishers
     bus: BusStreams
     crossed: Crossed

@@ -7,7 +7,7 @@ from functools import partial
 
 from tfbus.bridge.bridges import Bridges, CrossingRule
 from tfbus.bridge.common import Common
-from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Endable, Leg, RosTopic
 from tfbus.bridge.ros_sources import RosSource, RosSources, RosStream
 from tfbus.bridge.routes import RateLimit, Route, Routes, chosen, invalid_rows, is_pose, route
 from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
@@ -56,7 +56,7 @@ class FromRos:
             on_lost=self._note_that_none_crosses,
         )
         self._is_closed = False
-        self._subscriptions: list[Closing] = []
+        self._subscriptions: list[Endable] = []
 
     def listen(self, dynamic: RosTopic, static: RosTopic) -> None:
         """Take what comes on these topics from now on. Twice is fine."""

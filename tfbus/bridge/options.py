@@ -49,7 +49,7 @@ class BridgeOptions:
 _MOST_NAMES = 100_000
 
 
-class FrameNames:
+class RosFrameNames:
     """Turns the names of one side into the names of the other; safe from any thread.
 
     A frame of the bus without the prefix keeps its name in ROS, unless ROS has a frame of that name

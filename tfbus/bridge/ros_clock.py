@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 from tfbus.bridge.bridges import RosBridge
-from tfbus.bridge.legs import Closing, Leg, RosSender, RosTopic
+from tfbus.bridge.legs import Endable, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
 from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock
@@ -80,9 +80,9 @@ class RosClock:
         self._alone_from_s = 0.0
         self._bridge_gids: frozenset[str] = frozenset()
         self._sender: RosSender | None = None
-        self._publisher: Closing | None = None
+        self._publisher: Endable | None = None
         self._publish: Callable[[Clock], None] = lambda clock: None
-        self._subscriptions: list[Closing] = []
+        self._subscriptions: list[Endable] = []
         if any(self._may.values()):
             self._subscriptions = [
                 leg.subscribe(TOPIC, self._on_ros),

@@ -33,7 +33,7 @@ from tfbus.ros.definitions import (
     message_names,
     standard_definition,
 )
-from tfbus.ros.message_type import Message
+from tfbus.ros.message_type import MessageType
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable
@@ -297,7 +297,7 @@ def _full_name(text: str) -> str:
 
 def _definition(
     ros_type: str, fields: Mapping[str, Value], path: Path
-) -> tuple[Definition, Message]:
+) -> tuple[Definition, MessageType]:
     place = fields["ros"].place
     if "msg" in fields:
         place = fields["msg"].place
@@ -335,7 +335,7 @@ def _why_unknown(ros_type: str) -> str:
 _Pairs = list[tuple[list[str], list[str]]]
 
 
-def _pairs(value: Value, message: Message) -> _Pairs:
+def _pairs(value: Value, message: MessageType) -> _Pairs:
     """Paths of fields, ours and theirs."""
     pairs: _Pairs = []
     for ours, theirs in value.entries().items():
@@ -361,7 +361,7 @@ def _pairs(value: Value, message: Message) -> _Pairs:
 
 
 def mapped(
-    type_name: str, definition: Definition, message: Message, pairs: _Pairs | None
+    type_name: str, definition: Definition, message: MessageType, pairs: _Pairs | None
 ) -> Counterpart:
     """Types whose fields have the same names, or of which these pairs of paths cross."""
 

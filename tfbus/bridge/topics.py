@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.legs import Leg, RosPublisher
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
@@ -45,9 +45,10 @@ class TopicBridge:
     Topics of the bus are the ones that nodes of the node's namespace describe, of types that the
     table has. In ROS it looks for topics that the bus subscribes to, and for names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS, and
-    messages of another bridge are left out if this side has their source. `names` are those of frames in
-    messages: on the bus and in ROS the same, without it. `seniors()` are the bridges between the
-    same bus and the same ROS that were there before: what they send, this one does not.
+    messages of another bridge are left out if this side has their source. `names` are the names of
+    frames in messages: on the bus and in ROS the same, without it. `seniors()` are the bridges
+    between the same bus and the same ROS that were there before: this one does not send what they
+    send.
     """
 
     def __init__(
@@ -61,12 +62,12 @@ class TopicBridge:
         ros_namespace: str,
         log: logging.Logger,
         seniors: Callable[[], Collection[RosBridge]] = lambda: (),
-        names: FrameNames | None = None,
+        names: RosFrameNames | None = None,
     ) -> None:
         self._node = node
         self._leg = leg
         self._table = table
-        self._names = names or FrameNames(BridgeOptions())
+        self._names = names or RosFrameNames(BridgeOptions())
         self._is_to_ros = to_ros
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
@@ -184,7 +185,7 @@ class _Topic:
         leg: Leg,
         name: str,
         ros_name: str,
-        names: FrameNames,
+        names: RosFrameNames,
     ) -> None:
         self.line: TopicLine | None = None
         self._node = node

@@ -37,7 +37,7 @@ class BusType:
 
 
 def bus_type_of(message_type: type, topic: str, clock: Clock) -> BusType:
-    """How messages of this type go over the bus; `clock` stamps them if they have no stamp in ROS."""
+    """How messages of this type go over the bus; `clock` stamps them if ROS does not."""
     ros_type = getattr(message_type, "__ros_name__", "")
     counterpart = BY_ROS_TYPE.get(ros_type)
     if ros_type == STRING.name and topic.rpartition("/")[2] == "robot_description":

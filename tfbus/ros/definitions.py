@@ -12,7 +12,7 @@ from pathlib import Path
 from tfbus.ros.definition_text import Definitions, sections_in, text_of_ros
 from tfbus.ros.message_type import SEPARATOR as SEPARATOR
 from tfbus.ros.message_type import Definition as Definition
-from tfbus.ros.message_type import Message
+from tfbus.ros.message_type import MessageType
 
 # Folders with packages of one's own, my_msgs/msg/Weight.msg in each, separated as in PATH.
 FOLDERS_VARIABLE = "TFBUS_INTERFACES"
@@ -52,7 +52,7 @@ class _Sections(Mapping[str, list[str]]):
 _definitions = Definitions(_Sections())
 
 
-def message_named(name: str) -> Message:
+def message_named(name: str) -> MessageType:
     """The message of this full name. Raises DecodeError if it is not known, or not valid."""
     return _definitions.message(name)
 

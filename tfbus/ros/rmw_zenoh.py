@@ -147,10 +147,10 @@ _KINDS: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
 
 
 @dataclass(frozen=True)
-class Token:
+class RosToken:
     """The token of a node (`kind` NN), publisher (MP), subscriber (MS), service (SS) or client
-    (SC): its session's id in Zenoh, the numbers of its node and itself within that, and its name. Nodes
-    have no more than these.
+    (SC): its session's id in Zenoh, the numbers of its node and itself within that, and its
+    name. Nodes have no more than these.
     """
 
     domain: int
@@ -181,7 +181,7 @@ class Token:
         return "/".join(parts)
 
 
-def read_token(text: str) -> Token | None:
+def read_token(text: str) -> RosToken | None:
     """The token in a text. Parts that later versions append are passed over."""
     if len(text) > _LONGEST_TOKEN or not text.isprintable():
         return None
@@ -197,7 +197,7 @@ def read_token(text: str) -> Token | None:
         if len(rest) < _OF_ENDPOINT - _OF_NODE:
             return None
     topic, dds_type, type_hash, qos = rest
-    return Token(
+    return RosToken(
         int(domain),
         session,
         node_number,

@@ -19,7 +19,7 @@ from tfbus.ros.inferred import (
     type_of_dataclass,
     type_of_values,
 )
-from tfbus.ros.message_type import FLOAT, MSGPACK, NUMBER, Message, TypeNames
+from tfbus.ros.message_type import FLOAT, MSGPACK, NUMBER, MessageType, TypeNames
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
 from tfbus.wire.codec import type_name as name_of
 from tfbus.wording import printable
@@ -38,7 +38,7 @@ class MessageCodec:
     """
 
     def __init__(
-        self, message: Message, definition: Definition, counterpart: Counterpart | None = None
+        self, message: MessageType, definition: Definition, counterpart: Counterpart | None = None
     ) -> None:
         self._message = message
         self._codec = codec_of(message)
@@ -121,7 +121,7 @@ class MessageCodec:
         return values if self._counterpart is None else self._counterpart.of_ros(values)
 
 
-def _codec(message: Message, names: TypeNames | None) -> MessageCodec:
+def _codec(message: MessageType, names: TypeNames | None) -> MessageCodec:
     message = (names or TypeNames()).named(message)
     return MessageCodec(message, definition_of(message))
 
@@ -151,7 +151,7 @@ class MessageCodecs:
         self._names = TypeNames()
         self._floats = FLOAT if exact else NUMBER
         # Of each type the one used last first, each with its message as it would be named alone.
-        self._of_type: dict[str, list[tuple[MessageCodec, Message]]] = {}
+        self._of_type: dict[str, list[tuple[MessageCodec, MessageType]]] = {}
 
     def encode(self, type_name: str, values: Mapping[str, Any]) -> tuple[MessageCodec, bytes]:
         """A message of a type of this name, `Pose`, and the codec that reads it.
@@ -175,7 +175,10 @@ class MessageCodecs:
         return self._encode_new(type_name, codecs, values)
 
     def _encode_new(
-        self, type_name: str, codecs: list[tuple[MessageCodec, Message]], values: Mapping[str, Any]
+        self,
+        type_name: str,
+        codecs: list[tuple[MessageCodec, MessageType]],
+        values: Mapping[str, Any],
     ) -> tuple[MessageCodec, bytes]:
         message = type_of_values(type_name, values, self._floats)
         if message.kind == "fields" and len(codecs) < _MOST_CODECS:
@@ -189,7 +192,9 @@ class MessageCodecs:
             )
         return RAW, data
 
-    def _wider(self, message: Message, codecs: list[tuple[MessageCodec, Message]]) -> Message:
+    def _wider(
+        self, message: MessageType, codecs: list[tuple[MessageCodec, MessageType]]
+    ) -> MessageType:
         """A type that takes the messages of a known one as well, if ROS can express both; for
         the last of a type anyhow. A type of ROS's own stays as it is.
         """
@@ -201,7 +206,9 @@ class MessageCodecs:
                     return both
         return message
 
-    def _add(self, codecs: list[tuple[MessageCodec, Message]], message: Message) -> MessageCodec:
+    def _add(
+        self, codecs: list[tuple[MessageCodec, MessageType]], message: MessageType
+    ) -> MessageCodec:
         codec = _codec(message, self._names)
         codecs.insert(0, (codec, message))
         return codec

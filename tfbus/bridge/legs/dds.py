@@ -8,7 +8,7 @@ from typing import Any
 
 from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     Offer,
@@ -270,7 +270,7 @@ class DdsLeg:
             self._tell_nodes()
         return sender
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         with self._lock:
             hashed = f"typehash={type_hash(topic.definition)};".encode()
@@ -354,7 +354,7 @@ class DdsLeg:
         if threading.current_thread() is not self._thread:
             self._thread.join()
         with self._lock:
-            ends: list[Closing] = [*self._senders, *self._subscriptions]
+            ends: list[Endable] = [*self._senders, *self._subscriptions]
         for each in ends:
             each.close()
         for condition in (self._end, *self._watch.conditions):

@@ -11,7 +11,7 @@ from typing import Any
 
 from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     Offer,
@@ -213,7 +213,7 @@ class RclpyLeg:
             self._senders.append(sender)
         return sender
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         message = _message_class(topic.definition.name)
         subscription = RclpySubscription(self, topic, on_message)

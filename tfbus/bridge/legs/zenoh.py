@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from tfbus.bridge.legs import (
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     OnMessage,
@@ -32,7 +32,7 @@ try:
         NO_TYPE_HASH,
         Kind,
         Qos,
-        Token,
+        RosToken,
         attachment_writer,
         check_node_name,
         check_topic_name,
@@ -110,14 +110,14 @@ class ZenohLeg:
             self._session.end(declared)
             self._session.end(publication)
 
-        return _Sender(publication, gid, named=self._wire.has_named_fields, close=close)
+        return ZenohSender(publication, gid, named=self._wire.has_named_fields, close=close)
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic. Errors as of
         `publisher`.
         """
         key = self._key(topic)
-        subscription = _Subscription(on_message)
+        subscription = ZenohSubscription(on_message)
 
         def on_sample(payload: bytes, attachment: bytes | None, sample: Any) -> None:
             gid = attachment and self._by_source.get(source_in(attachment))
@@ -181,7 +181,7 @@ class ZenohLeg:
         number = "0" if topic is None else str(next(self._numbers))
         namespace = f"/{self._settings.namespace}"
         node = self._settings.node
-        token = Token(self.domain, self._session.id, "0", number, kind, node, namespace)
+        token = RosToken(self.domain, self._session.id, "0", number, kind, node, namespace)
         if topic is not None:
             token = replace(
                 token,
@@ -222,7 +222,7 @@ class ZenohLeg:
         )
 
 
-class _Sender:
+class ZenohSender:
     """Publishes one topic."""
 
     def __init__(
@@ -254,7 +254,7 @@ class _Sender:
         self._close()
 
 
-class _Subscription:
+class ZenohSubscription:
     """Calls back for one message after the other, until it ends."""
 
     def __init__(self, on_message: OnMessage) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tfbus.bridge.legs import RosPublisher
-from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
+from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, RosToken, gid_of, read_token, ros_type_name
 from tfbus.runtime import scheduler
 from tfbus.wording import listed, printable
 
@@ -43,7 +43,7 @@ class RosGraph:
         self._clock_s = clock_s
         self._lock = threading.Lock()
         self._elsewhere: Counter[int] = Counter()
-        self._tokens: dict[str, Token] = {}
+        self._tokens: dict[str, RosToken] = {}
         self._publishers: dict[str, dict[str, RosPublisher]] = {}
         # Those of all publishers.
         self.gids: set[str] = set()
@@ -62,7 +62,7 @@ class RosGraph:
                 elif token.session != self._own:
                     self._add(text, token)
 
-    def _add(self, text: str, token: Token) -> None:
+    def _add(self, text: str, token: RosToken) -> None:
         self._tokens[text] = token
         if token.domain != self._domain:
             self._elsewhere[token.domain] += 1
@@ -144,7 +144,7 @@ class RosGraph:
         return found
 
 
-def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[Token]) -> str:
+def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[RosToken]) -> str:
     nodes = listed(sorted({printable(each.full_node_name, 60) for each in others}), most=3)
     alone = len({each.full_node_name for each in others}) == 1
     have, run = ("has", "runs") if alone else ("have", "run")

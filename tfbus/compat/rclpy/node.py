@@ -13,9 +13,9 @@ from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subsc
 from tfbus.compat.rclpy.logging import RosLogger
 from tfbus.compat.rclpy.node_graph import NamesAndTypes, NodeGraph
 from tfbus.compat.rclpy.node_parameters import (
-    NodeParameters,
     OnSet,
     ParameterDescriptor,
+    RclpyParameters,
     SetParametersResult,
     names_in,
 )
@@ -98,7 +98,7 @@ class Node:
         self._elsewhere: dict[str, TfbusNode] = {}
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
         self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
-        self._parameters = NodeParameters(
+        self._parameters = RclpyParameters(
             self.tfbus_node, self.work, allow_undeclared=allow_undeclared_parameters
         )
         if automatically_declare_parameters_from_overrides:

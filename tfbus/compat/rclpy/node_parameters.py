@@ -33,7 +33,7 @@ _LOOKS_EVERY_S = 0.5
 OnSet = Callable[[list[Parameter]], Any]
 
 
-class NodeParameters:
+class RclpyParameters:
     """The parameters of a node. A parameter without a value exists here only, until it has one."""
 
     def __init__(self, node: "TfbusNode", work: "Work", *, allow_undeclared: bool) -> None:

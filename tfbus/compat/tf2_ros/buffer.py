@@ -146,7 +146,7 @@ class TransformFuture(Future):
             super().__init__(run=run)
         self._look = look
         if not self._is_there():
-            loop = scheduler.of_process(_Waiting).loop
+            loop = scheduler.of_process(_FuturesThread).loop
             waiting = asyncio.run_coroutine_threadsafe(self._wait(wait), loop)
             self.when_ended(partial(_cancel, waiting))
 
@@ -172,7 +172,7 @@ def _cancel(waiting: "Ended[None]") -> None:
     waiting.cancel()
 
 
-class _Waiting:
+class _FuturesThread:
     """The thread on which all futures of a process wait."""
 
     def __init__(self) -> None:

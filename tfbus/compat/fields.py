@@ -19,15 +19,24 @@ _Quaternion: Any = message_class("geometry_msgs/msg/Quaternion")
 _Transform: Any = message_class("geometry_msgs/msg/Transform")
 
 
+class TimeBase:
+    """The base of Time, which is recognized by it before rclpy is imported."""
+
+    __slots__ = ("_nanoseconds",)
+    _nanoseconds: int
+
+
 def stamp_ns_of(time: Any, what: str = "time") -> int:
     """Nanoseconds since the epoch of a Time, or of a message's stamp; of rclpy's and rospy's too.
 
     Raises TypeError for another type, such as a Duration, or seconds as a number.
     """
-    if hasattr(time, "clock_type"):  # what tells a Time from a Duration
-        return int(time.nanoseconds)
+    if isinstance(time, TimeBase):
+        return time._nanoseconds
     if hasattr(time, "nanosec"):
         return int(time.sec) * _SECOND_NS + int(time.nanosec)
+    if hasattr(time, "clock_type"):  # rclpy's: its Duration has nanoseconds, and no clock
+        return int(time.nanoseconds)
     if hasattr(time, "nsecs"):
         return int(time.secs) * _SECOND_NS + int(time.nsecs)
     hint = ": write Time(seconds=...), or Time() for the latest"

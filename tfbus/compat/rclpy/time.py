@@ -4,7 +4,7 @@ from enum import IntEnum
 from functools import total_ordering
 from typing import Any
 
-from tfbus.compat.fields import TimeMessage
+from tfbus.compat.fields import TimeBase, TimeMessage
 from tfbus.compat.rclpy.duration import Duration
 
 __all__ = ["ClockType", "Duration", "Time"]
@@ -21,7 +21,7 @@ class ClockType(IntEnum):
 
 
 @total_ordering
-class Time:
+class Time(TimeBase):
     """A time since the Unix epoch, of `seconds` and `nanoseconds` together.
 
     `Time()` is 0, which asks a lookup for the latest. A time of `node.get_clock()` or `from_msg` is
@@ -29,7 +29,7 @@ class Time:
     negative, OverflowError if it does not fit 64 bits.
     """
 
-    __slots__ = ("_clock_type", "_nanoseconds")
+    __slots__ = ("_clock_type",)
 
     def __init__(
         self,

@@ -79,7 +79,7 @@ def test_a_way_may_be_closed(bridged: Bridged, sender: Node) -> None:
     send_until(lambda: publisher.publish(Clock(100 * S)), lambda: "to ROS" in clock._last_s)
     heard_s = clock._first_s["to ROS"]
     clock._clock_s = lambda: heard_s + 2.0
-    clock.look()
+    clock.poll()
     assert clock._first_s and clock.way == ""
 
 

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from tfbus.bridge.topics import TopicTable
 
 # How often it looks who is there.
-_LOOK_EVERY_S = 1.0
+_POLL_EVERY_S = 1.0
 
 # What crosses is said once the frames of one side have been the same for this many looks.
-_SETTLED_LOOKS = 2
+_SETTLED_POLLS = 2
 
 # After this time without anything of ROS it says so.
 _NOTHING_AFTER_S = 5.0
@@ -122,7 +122,7 @@ class Bridge:
             once=self._once,
             others=self._living_bridges,
             is_senior=self._bridges.is_senior,
-            on_way=self._tell,
+            on_way=self._announce,
         )
         self._parts.callback(self._clock.close)
         if table is not None:
@@ -144,7 +144,7 @@ class Bridge:
 
     def _begin(self) -> None:
         """With all parts there: let transforms cross."""
-        self._publishers.look()
+        self._publishers.poll()
         if self._to_ros is not None:
             self._to_ros.listen()
         if self._options.from_ros:
@@ -153,7 +153,7 @@ class Bridge:
         self._said: dict[str, bool] = {}
         self._seen: dict[str, tuple[dict[str, int], int]] = {}
         self._is_built = True
-        self._executor.every(_LOOK_EVERY_S, self._look)
+        self._executor.every(_POLL_EVERY_S, self._poll)
 
     def close(self) -> None:
         """Leave ROS; the node stays. Twice is fine."""
@@ -226,10 +226,10 @@ class Bridge:
                 self._from_ros.listen(self._dynamic, self._static)
         self._reconsider()
 
-    def _look(self) -> None:
-        self._from_ros.look()
+    def _poll(self) -> None:
+        self._from_ros.poll()
         if self._to_ros is not None:
-            self._to_ros.look()
+            self._to_ros.poll()
         self._meet_new_bridges()
         for warning in self._leg.warnings():
             self._once.warning(("leg", warning), "%s", warning)
@@ -239,7 +239,7 @@ class Bridge:
         self._say("to ROS", to_ros)
         self._say("from ROS", from_ros)
         self._say_nothing_came(from_ros)
-        self._tell()
+        self._announce()
 
     def _living_bridges(self) -> list[RosBridge]:
         """The other bridges that join this bus and this ROS, or may: one without gids sends
@@ -262,9 +262,9 @@ class Bridge:
 
     # What it says
 
-    def _tell(self) -> None:
+    def _announce(self) -> None:
         to_ros = self._to_ros.streams if self._to_ros else {}
-        self._bridges.tell(self._status(to_ros, self._from_ros.streams, self._clock.way))
+        self._bridges.announce(self._status(to_ros, self._from_ros.streams, self._clock.way))
 
     def _status(
         self, to_ros: dict[str, int], from_ros: dict[str, int], clock: str = ""
@@ -307,7 +307,7 @@ class Bridge:
         before, looks = self._seen.get(way, ({}, 0))
         looks = looks + 1 if streams == before else 0
         self._seen[way] = streams, looks
-        if not streams or looks < _SETTLED_LOOKS or self._said.get(way):
+        if not streams or looks < _SETTLED_POLLS or self._said.get(way):
             return
         self._said[way] = True
         self._node.log.info(

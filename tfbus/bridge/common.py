@@ -24,7 +24,7 @@ _GONE_AFTER = 2
 _REMEMBERED_S = 10.0
 
 # A message may be faster than the word of its publisher: then it is looked for this often.
-_LOOK_AGAIN_S = 0.05
+_POLL_AGAIN_S = 0.05
 
 
 class RosPublishers:
@@ -45,7 +45,7 @@ class RosPublishers:
         self._nodes: dict[str, str] = {}
         self._missed: dict[str, int] = {}
         self._left_s: dict[str, float] = {}
-        self._next_look_s = 0.0
+        self._next_poll_s = 0.0
 
     @property
     def nodes(self) -> dict[str, str]:
@@ -54,11 +54,11 @@ class RosPublishers:
         """
         return self._nodes
 
-    def look(self) -> set[str]:
+    def poll(self) -> set[str]:
         """Look who is there; the gids of publishers that are gone since."""
         listed = self._listed()
         with self._lock:
-            self._take(listed)
+            self._add(listed)
             gone = set()
             for gid in self._nodes.keys() - listed.keys():
                 self._missed[gid] = self._missed.get(gid, 0) + 1
@@ -67,13 +67,13 @@ class RosPublishers:
             self._forget(gone)
         return gone
 
-    def look_for(self, gid: str) -> str | None:
+    def find_node(self, gid: str) -> str | None:
         """The node of a publisher that is new, None if it is not known yet."""
-        if gid not in self._nodes and self._clock_s() >= self._next_look_s:
-            self._next_look_s = self._clock_s() + _LOOK_AGAIN_S
+        if gid not in self._nodes and self._clock_s() >= self._next_poll_s:
+            self._next_poll_s = self._clock_s() + _POLL_AGAIN_S
             listed = self._listed()
             with self._lock:
-                self._take(listed)
+                self._add(listed)
         return self._nodes.get(gid)
 
     def replaced_by(self, gid: str, others: set[str]) -> set[str]:
@@ -99,7 +99,7 @@ class RosPublishers:
             for each in self._leg.publishers(topic)
         }
 
-    def _take(self, listed: dict[str, str]) -> None:
+    def _add(self, listed: dict[str, str]) -> None:
         # A new map each time: others read it without the lock.
         self._nodes = {**self._nodes, **listed}
         for gid in listed:
@@ -269,7 +269,7 @@ class Crossed:
         self._stamps: dict[str, dict[Way, dict[int, None]]] = {}
         self._second: dict[str, tuple[Way, float]] = {}
 
-    def note(self, way: Way, children: Iterable[str]) -> bool:
+    def record(self, way: Way, children: Iterable[str]) -> bool:
         """Note that frames go this way; whether any of them goes the other way too."""
         begins = is_contested = False
         with self._lock:
@@ -286,7 +286,7 @@ class Crossed:
             self._on_contested()
         return is_contested
 
-    def stays(self, way: Way, children: Iterable[str]) -> None:
+    def forget(self, way: Way, children: Iterable[str]) -> None:
         """These frames go this way no longer."""
         with self._lock:
             for child in children:

@@ -52,7 +52,7 @@ class FromRos:
             common,
             tells_publishers=leg.tells_publishers,
             make=self._make,
-            take=self._take,
+            handle=self._handle,
             on_lost=self._note_that_none_crosses,
         )
         self._is_closed = False
@@ -98,13 +98,13 @@ class FromRos:
             self._sources.stand_by()
             self._send_statics()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Look who is there; call it every second."""
-        gone = self._publishers.look()
+        gone = self._publishers.poll()
         with self._lock:
             if self._is_closed:
                 return
-            self._sources.look(gone)
+            self._sources.poll(gone)
             for source in self._sources:
                 if self._rule.is_of_bridge(source):
                     source.routes.forget()
@@ -137,7 +137,7 @@ class FromRos:
     def _note_that_none_crosses(self, source: RosSource) -> None:
         others = [each for each in self._sources if each is not source]
         left = {child for other in others for child in other.children}
-        self._crossed.stays("from ROS", source.children - left)
+        self._crossed.forget("from ROS", source.children - left)
 
     def _begin_again(self, source: RosSource) -> None:
         """Forget frames that come no longer, if names never end: in a new epoch."""
@@ -152,7 +152,7 @@ class FromRos:
         source.routes.forget()
         source.stream.close()
 
-    def _take(self, source: RosSource, payload: bytes, static: bool) -> None:
+    def _handle(self, source: RosSource, payload: bytes, static: bool) -> None:
         one = None if static else self._reader.read_one(payload)
         if one is not None and self._take_one(source, *one):
             return
@@ -190,7 +190,7 @@ class FromRos:
             return
         is_taken = True
         if source.limit is not None:
-            source.limit.take(rows)
+            source.limit.pass_on(rows)
         else:
             is_taken = self._send(source, rows)
         if is_taken:
@@ -268,7 +268,9 @@ class FromRos:
         source.children |= set(children)
         source.taken &= source.children
         self._note_names(rows.frames)
-        return replace(found, children=children, contested=self._crossed.note("from ROS", children))
+        return replace(
+            found, children=children, contested=self._crossed.record("from ROS", children)
+        )
 
     def _refused(
         self, source: RosSource, on_bus: dict[str, str], rows: Columns
@@ -365,7 +367,7 @@ class FromRos:
             crossing = self._crossing_statics(source)
             source.children |= crossing.keys()
             crossings.append((source, crossing))
-            self._crossed.note("from ROS", crossing)
+            self._crossed.record("from ROS", crossing)
             found |= crossing
         if not crossings or (found and not (stream.is_open or self._sources.may_send(stream))):
             return

@@ -28,7 +28,7 @@ class BridgeOptions:
     ros_namespace: str = ""
     clock: ClockWay = "auto"
 
-    def takes(self, child: str) -> bool:
+    def selects(self, child: str) -> bool:
         """Whether the frame that the bus knows by this name crosses."""
         return not self.frames or any(fnmatchcase(child, each) for each in self.frames)
 

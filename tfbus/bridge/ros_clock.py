@@ -90,7 +90,7 @@ class RosClock:
                     "clock", self._on_bus, type_name=Clock.__name__, others=True
                 ),
             ]
-            self._timer = executor.every(_DECIDE_S / 2, self.look)
+            self._timer = executor.every(_DECIDE_S / 2, self.poll)
 
     def close(self) -> None:
         """Pass nothing on. Twice is fine."""
@@ -101,7 +101,7 @@ class RosClock:
         with self._lock:
             self._end()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Decide which way it goes; call it about every second."""
         self._bridge_gids = frozenset(
             each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)

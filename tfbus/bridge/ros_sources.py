@@ -175,7 +175,7 @@ class RosSources:
     """The sources; each call holds a lock of the caller's.
 
     `make(gid, node, stream)` is called when a publisher sends for the first time,
-    `take(source, payload, static)` with each message once it is known whose it is, and
+    `handle(source, payload, static)` with each message once it is known whose it is, and
     `on_lost(source)` when a publisher sends no longer. `tells_publishers` is whether ROS says by
     which gid a message comes; if it does not, all come by the gid "".
     """
@@ -186,7 +186,7 @@ class RosSources:
         *,
         tells_publishers: bool,
         make: Callable[[str, str, RosStream], RosSource],
-        take: Callable[[RosSource, bytes, bool], object],
+        handle: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
         clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
@@ -196,7 +196,7 @@ class RosSources:
         self._once = common.once
         self._tells_publishers = tells_publishers
         self._make_source = make
-        self._take = take
+        self._handle = handle
         self._on_lost = on_lost
         self._clock_s = clock_s
         self._lines = lines_of(common.node.log)
@@ -237,7 +237,7 @@ class RosSources:
         else:
             self._hand_over(source, payload, static)
 
-    def look(self, gone: Collection[str]) -> None:
+    def poll(self, gone: Collection[str]) -> None:
         """Update the sources, of which these publishers are gone; call it every second."""
         self._lose(gone)
         self._lose(self._silent())
@@ -282,7 +282,7 @@ class RosSources:
         if gid:
             is_full = len(self._unknown) + len(self._unlisted) >= _MOST_UNLISTED
             may_wait = unknown is not None or not is_full
-            node = self._publishers.look_for(gid) if may_wait else self._publishers.nodes.get(gid)
+            node = self._publishers.find_node(gid) if may_wait else self._publishers.nodes.get(gid)
             is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
         if is_kept and node is None:
             if unknown is None:
@@ -301,7 +301,7 @@ class RosSources:
 
     def _hand_over(self, source: RosSource, payload: bytes, static: bool) -> None:
         source.heard_s = self._clock_s()
-        self._take(source, payload, static)
+        self._handle(source, payload, static)
 
     def _make(self, gid: str, node: str) -> RosSource:
         name = stream_name(self._node, node)

@@ -24,7 +24,7 @@ from tfbus.wire.keys import CLOCK_TOPIC, relative_name
 from tfbus.wording import listed
 
 # How often both sides are asked what they have, and how long the nodes of the bus may take.
-_LOOK_EVERY_S = 1.0
+_POLL_EVERY_S = 1.0
 _ASK_WITHIN_S = 0.8
 
 # A busy node may not answer for a while; its topics stay that long.
@@ -78,8 +78,8 @@ class TopicBridge:
         self._topics: dict[str, _Topic] = {}
         self._is_closed = False
         self._executor = Executor(f"{node.full_name} topics", log)
-        self._executor.submit("topics", self._look)
-        self._executor.every(_LOOK_EVERY_S, self._look)
+        self._executor.submit("topics", self._poll)
+        self._executor.every(_POLL_EVERY_S, self._poll)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
@@ -101,7 +101,7 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         described = describe_all(self._node.session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
         own = self._node.session.id
         nodes = [each for each in described if each.session != own and self._sees(each)]
@@ -152,7 +152,7 @@ class TopicBridge:
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
         topic.line = line
-        topic.look(
+        topic.poll(
             info, bridges, self._seniors(), to_ros=self._is_to_ros, from_ros=self._is_from_ros
         )
 
@@ -211,7 +211,7 @@ class _Topic:
         """Whether it comes from ROS."""
         return self._from is not None
 
-    def look(
+    def poll(
         self,
         info: TopicInfo,
         bridges: set[str],

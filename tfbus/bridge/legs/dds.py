@@ -91,13 +91,13 @@ class _Domains:
         self._lock = threading.Lock()
         self._domains: dict[int, tuple[Domain, int]] = {}
 
-    def take(self, number: int, config: str) -> None:
+    def acquire(self, number: int, config: str) -> None:
         """Make it, or use that which is there. Raises DDSException if it cannot be made."""
         with self._lock:
             domain, users = self._domains.get(number) or (_domain(number, config), 0)
             self._domains[number] = domain, users + 1
 
-    def give_back(self, number: int) -> None:
+    def release(self, number: int) -> None:
         """End it with its last user."""
         with self._lock:
             domain, users = self._domains.pop(number)
@@ -171,7 +171,7 @@ class DdsSubscription:
         # Held while it calls; a call may close it.
         self._lock = threading.RLock()
 
-    def take(self, watch: "DdsWatch") -> None:
+    def receive(self, watch: "DdsWatch") -> None:
         """Hand on all that is there."""
         while taken := self._taken():
             for sample in taken:
@@ -220,7 +220,7 @@ class DdsLeg:
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
         others = udp_sockets()
         try:
-            _DOMAINS.take(self._number, configuration(settings.connect, log))
+            _DOMAINS.acquire(self._number, configuration(settings.connect, log))
         except DDSException as error:
             raise TfbusError(
                 f"DDS cannot join domain {self._number}{_by(settings.connect)}; Cyclone DDS says "
@@ -229,7 +229,7 @@ class DdsLeg:
         try:
             self._join()
         except DDSException as error:
-            _DOMAINS.give_back(self._number)
+            _DOMAINS.release(self._number)
             raise TfbusError(f"DDS cannot join domain {self._number}: {error}") from error
         self._sockets = udp_sockets() - others
 
@@ -361,7 +361,7 @@ class DdsLeg:
             self._waits.detach(condition)
         # With all that it has.
         _end(self._participant)
-        _DOMAINS.give_back(self._number)
+        _DOMAINS.release(self._number)
 
     def _run(self) -> None:
         while True:
@@ -373,7 +373,7 @@ class DdsLeg:
             with self._lock:
                 subscriptions = list(self._subscriptions)
             for each in subscriptions:
-                self._safely(each.take, self._watch)
+                self._safely(each.receive, self._watch)
 
     def _safely(self, call: Any, *values: Any) -> None:
         try:

@@ -21,7 +21,7 @@ from tfbus.runtime.log_once import LogOnce
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
 
 # How often the master is asked what there is, and how long it may take to answer.
-_LOOK_EVERY_S = 1.0
+_POLL_EVERY_S = 1.0
 _ANSWER_WITHIN_S = 2.0
 
 
@@ -100,7 +100,7 @@ def _wait_for_master(client: Ros1Master, master: str, log: logging.Logger) -> No
             if not said:
                 log.warning("Waiting for the ROS master at %s (%s)", master, error)
             said = True
-        time.sleep(_LOOK_EVERY_S / 2)
+        time.sleep(_POLL_EVERY_S / 2)
 
 
 def _check_name_is_free(master: Ros1Master, name: str) -> None:
@@ -233,7 +233,7 @@ class RospyLeg:
 
     def _watch_master(self) -> None:
         master = self._new_master()
-        while not self._closed.wait(_LOOK_EVERY_S):
+        while not self._closed.wait(_POLL_EVERY_S):
             if self._rospy.is_shutdown():
                 self._log.error(
                     "ROS has ended this node: another one took its name, %s; give one of them "
@@ -258,7 +258,7 @@ class RospyLeg:
 
     def _watch_nodes(self) -> None:
         master = self._new_master()
-        while not self._closed.wait(_LOOK_EVERY_S):
+        while not self._closed.wait(_POLL_EVERY_S):
             if self._is_there:
                 with suppress(OSError):  # the master is gone: then all nodes are as they were
                     self._call_nodes(master)

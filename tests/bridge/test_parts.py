@@ -47,7 +47,7 @@ def test_the_leg_over_zenoh_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) 
     for module in ("bridge.legs.zenoh", "bridge.legs.zenoh_graph", "ros.rmw_zenoh"):
         monkeypatch.delitem(sys.modules, f"tfbus.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "xxhash", None)
-    with pytest.raises(TfbusError, match=r"needs xxhash, which is not installed: .*pip install"):
+    with pytest.raises(TfbusError, match=r"xxhash.*pip install"):
         open_leg("zenoh", LegSettings("bridge"), logging.getLogger("bridge"))
 
 

@@ -367,7 +367,7 @@ def test_calls_of_a_destroyed_client_end(rclpy: ModuleType) -> None:
     futures = [client.call_async(Spawn.Request()) for _ in range(3)]
     client.destroy()
     eventually(lambda: all(each.done() for each in futures))
-    with pytest.raises(ServiceError, match="the client of 'spawn' is closed"):
+    with pytest.raises(ServiceError, match="'spawn' is closed"):
         futures[-1].result()
 
 

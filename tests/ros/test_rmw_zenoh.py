@@ -69,14 +69,14 @@ class TestNames:
         assert dds_type_name("tf2_msgs/msg/TFMessage") == TYPE
         assert ros_type_name(TYPE) == "tf2_msgs/msg/TFMessage"
         assert ros_type_name("TFMessage") == ""
-        with pytest.raises(InvalidNameError, match="'TFMessage' is no type of ROS"):
+        with pytest.raises(InvalidNameError, match="'TFMessage' is no type"):
             dds_type_name("TFMessage")
 
     @pytest.mark.parametrize("name", ["tf", "/", "/tf/", "//tf", "/a b", "/1a", "/a*", "/ä", ""])
     def test_names_that_ros_has_not_are_refused(self, name: str) -> None:
         """Also those that Zenoh takes for patterns."""
         check_topic_name("/robot1/tf_static")
-        with pytest.raises(InvalidNameError, match="no full name of a topic in ROS"):
+        with pytest.raises(InvalidNameError, match="full name"):
             check_topic_name(name)
 
     def test_a_node_has_a_name_that_ros_takes(self) -> None:
@@ -84,7 +84,7 @@ class TestNames:
         check_node_name("tfbus_ros2", "")
         check_node_name("tfbus_ros2", "fleet/robot1")
         for name, namespace in (("a-b", ""), ("a", "/robot1"), ("a", "r/"), ("", "")):
-            with pytest.raises(InvalidNameError, match="is no name in ROS"):
+            with pytest.raises(InvalidNameError, match="no name in ROS"):
                 check_node_name(name, namespace)
 
 

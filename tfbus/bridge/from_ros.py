@@ -48,7 +48,7 @@ class FromRos:
         self._on_names = on_names
         self._lock = threading.RLock()
         self._reader = TFMessageReader()
-        self._sources = RosSources(
+        self.sources = RosSources(
             common,
             tells_publishers=leg.tells_publishers,
             make=self._make,
@@ -76,14 +76,14 @@ class FromRos:
             each.close()
         with self._lock:
             self._is_closed = True
-            self._sources.close()
+            self.sources.close()
 
     @property
     def streams(self) -> dict[str, int]:
         """How many frames come by each stream."""
         with self._lock:
-            found = {each.name: set[str]() for each in self._sources.streams if each.is_open}
-            for source in self._sources:
+            found = {each.name: set[str]() for each in self.sources.streams if each.is_open}
+            for source in self.sources:
                 if source.stream.name in found:
                     found[source.stream.name] |= source.taken
             return {name: len(children) for name, children in found.items() if children}
@@ -93,9 +93,9 @@ class FromRos:
     def reconsider(self) -> None:
         """The streams of the bus have changed, or the selection for ROS."""
         with self._lock:
-            for source in self._sources:
+            for source in self.sources:
                 source.routes.forget()
-            self._sources.stand_by()
+            self.sources.stand_by()
             self._send_statics()
 
     def poll(self) -> None:
@@ -104,11 +104,11 @@ class FromRos:
         with self._lock:
             if self._is_closed:
                 return
-            self._sources.poll(gone)
-            for source in self._sources:
+            self.sources.poll(gone)
+            for source in self.sources:
                 if self._rule.is_of_bridge(source):
                     source.routes.forget()
-            self._sources.stand_by()
+            self.sources.stand_by()
             self._send_statics()
 
     # Messages, on threads of the leg's
@@ -119,7 +119,7 @@ class FromRos:
                 return
             if not self._options.from_ros and self._bridges.of_gid(gid) is None:
                 return
-            self._sources.on_message(payload, gid, static=static)
+            self.sources.on_message(payload, gid, static=static)
 
     def _make(self, gid: str, node: str, stream: RosStream) -> RosSource:
         rate_hz = self._options.rate_limit_hz
@@ -135,7 +135,7 @@ class FromRos:
         return source
 
     def _note_that_none_crosses(self, source: RosSource) -> None:
-        others = [each for each in self._sources if each is not source]
+        others = [each for each in self.sources if each is not source]
         left = {child for other in others for child in other.children}
         self._crossed.forget("from ROS", source.children - left)
 
@@ -225,7 +225,7 @@ class FromRos:
         """Send them on the bus, if that is to be; whether the bus took them."""
         with self._lock:
             stream = source.stream
-            if self._is_closed or not (stream.is_open or self._sources.may_send(stream)):
+            if self._is_closed or not (stream.is_open or self.sources.may_send(stream)):
                 return False
             try:
                 stream.send(rows)
@@ -262,7 +262,7 @@ class FromRos:
         children = [on_bus[child] for child in found.children]
         for child in children:
             # It was static until now.
-            for each in self._sources.of_stream(source.stream):
+            for each in self.sources.of_stream(source.stream):
                 each.statics.pop(child, None)
             source.stream.becomes_dynamic(child)
         source.children |= set(children)
@@ -356,20 +356,20 @@ class FromRos:
         self._send_statics_of(source.stream)
 
     def _send_statics(self) -> None:
-        for stream in self._sources.streams:
+        for stream in self.sources.streams:
             self._send_statics_of(stream)
 
     def _send_statics_of(self, stream: RosStream) -> None:
         """Send the static transforms of a stream that cross, as they are now."""
         found: dict[str, TransformStamped] = {}
         crossings = []
-        for source in self._sources.of_stream(stream):
+        for source in self.sources.of_stream(stream):
             crossing = self._crossing_statics(source)
             source.children |= crossing.keys()
             crossings.append((source, crossing))
             self._crossed.record("from ROS", crossing)
             found |= crossing
-        if not crossings or (found and not (stream.is_open or self._sources.may_send(stream))):
+        if not crossings or (found and not (stream.is_open or self.sources.may_send(stream))):
             return
         try:
             stream.set_statics(found)

@@ -198,10 +198,10 @@ class RosSources:
         self._make_source = make
         self._handle = handle
         self._on_lost = on_lost
-        self._clock_s = clock_s
+        self.clock_s = clock_s
         self._lines = lines_of(common.node.log)
         self._sources: dict[str, RosSource] = {}
-        self._unknown: dict[str, _Unknown] = {}
+        self.unknown: dict[str, _Unknown] = {}
         # The gids of sources that ROS did not list when they were made.
         self._unlisted: set[str] = set()
         self._streams: dict[str, RosStream] = {}
@@ -224,7 +224,7 @@ class RosSources:
         """Hand a message over with its source, now or once ROS says whose it is."""
         source = self._sources.get(gid) or self._meet(gid)
         if source is None:
-            messages = self._unknown[gid].messages
+            messages = self.unknown[gid].messages
             if len(messages) < _MOST_UNKNOWN:
                 messages.append((payload, static))
             else:
@@ -241,7 +241,7 @@ class RosSources:
         """Update the sources, of which these publishers are gone; call it every second."""
         self._lose(gone)
         self._lose(self._silent())
-        for gid in [*self._unknown]:
+        for gid in [*self.unknown]:
             self._meet(gid)
         self._take_late_names()
         self._look_whether_alone()
@@ -277,20 +277,20 @@ class RosSources:
     def _meet(self, gid: str) -> RosSource | None:
         """A publisher that is new; None if ROS does not tell yet whose it is."""
         node: str | None = ""
-        unknown = self._unknown.get(gid)
+        unknown = self.unknown.get(gid)
         is_kept = bool(gid)
         if gid:
-            is_full = len(self._unknown) + len(self._unlisted) >= _MOST_UNLISTED
+            is_full = len(self.unknown) + len(self._unlisted) >= _MOST_UNLISTED
             may_wait = unknown is not None or not is_full
             node = self._publishers.find_node(gid) if may_wait else self._publishers.nodes.get(gid)
             is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
         if is_kept and node is None:
             if unknown is None:
-                unknown = self._unknown[gid] = _Unknown(self._clock_s())
-            if self._clock_s() < unknown.since_s + _UNKNOWN_S:
+                unknown = self.unknown[gid] = _Unknown(self.clock_s())
+            if self.clock_s() < unknown.since_s + _UNKNOWN_S:
                 return None
             self._unlisted.add(gid)
-        self._unknown.pop(gid, None)
+        self.unknown.pop(gid, None)
         if is_kept:
             source = self._make(gid, node or "")
         else:
@@ -300,7 +300,7 @@ class RosSources:
         return source
 
     def _hand_over(self, source: RosSource, payload: bytes, static: bool) -> None:
-        source.heard_s = self._clock_s()
+        source.heard_s = self.clock_s()
         self._handle(source, payload, static)
 
     def _make(self, gid: str, node: str) -> RosSource:
@@ -358,7 +358,7 @@ class RosSources:
         """The publishers that ROS does not list, and that send nothing."""
         nodes = self._publishers.nodes
         self._unlisted -= nodes.keys()
-        before_s = self._clock_s() - _UNLISTED_S
+        before_s = self.clock_s() - _UNLISTED_S
         found = [gid for gid in self._unlisted if self._sources[gid].heard_s < before_s]
         shared = self._sources.get("")
         # With a listed one that has no source of its own it may stand for that.
@@ -377,7 +377,7 @@ class RosSources:
         """Publishers are gone; what others of the same node send goes on in a new epoch."""
         lost: dict[str, tuple[RosSource, set[str]]] = {}
         for gid in gids:
-            self._unknown.pop(gid, None)
+            self.unknown.pop(gid, None)
             source = self._sources.get(gid)
             if source is not None:
                 self._drop(gid)

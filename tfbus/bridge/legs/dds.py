@@ -127,12 +127,12 @@ class DdsSender:
         self._leg = leg
         self._topic = topic.name
         self._sample = writer.data_type
-        self._writer: DataWriter[RawSample] | None = writer
+        self.writer: DataWriter[RawSample] | None = writer
 
     @property
     def heard(self) -> bool:
         """Whether a reader matches."""
-        writer = self._writer
+        writer = self.writer
         try:
             return writer is not None and bool(writer.get_matched_subscriptions())
         except DDSException:
@@ -140,7 +140,7 @@ class DdsSender:
 
     def send(self, payload: bytes) -> None:
         """Publish one message. Raises TfbusError if it is none of the topic's type."""
-        writer = self._writer
+        writer = self.writer
         if writer is None:
             raise TfbusError(f"the publisher of {self._topic} is closed")
         try:
@@ -150,7 +150,7 @@ class DdsSender:
 
     def close(self) -> None:
         """It is gone, and what it kept."""
-        writer, self._writer = self._writer, None
+        writer, self.writer = self.writer, None
         if writer is not None:
             self._leg.drop_sender(self, writer)
 
@@ -231,13 +231,13 @@ class DdsLeg:
         except DDSException as error:
             _DOMAINS.release(self._number)
             raise TfbusError(f"DDS cannot join domain {self._number}: {error}") from error
-        self._sockets = udp_sockets() - others
+        self.sockets = udp_sockets() - others
 
     def _join(self) -> None:
         # What makes a participant one of ROS, and in which enclave it is.
         enclave = Policy.Userdata(b"enclave=/;")
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
-        self._gid = self._participant.guid
+        self.gid = self._participant.guid
         self._joined_s = time.monotonic()
         # Of what follows, and of what ROS hears of it.
         self._lock = threading.RLock()
@@ -248,13 +248,13 @@ class DdsLeg:
         graph = RosTopic(GRAPH_TOPIC, graph_definition(self._gid_size), retained=True, depth=1)
         topic = self._topic(GRAPH_TOPIC, graph.definition)
         others = Qos(Policy.History.KeepAll, base=_qos(graph) + _IGNORING_OWN)
-        self._graph = DataWriter(self._participant, topic, qos=_qos(graph))
+        self.graph = DataWriter(self._participant, topic, qos=_qos(graph))
         nodes = DataReader(self._participant, topic, qos=others)
-        self._watch = DdsWatch(self._participant, nodes, self._gid_size)
+        self.watch = DdsWatch(self._participant, nodes, self._gid_size)
         self._tell_nodes()
         self._waits = WaitSet(self._participant)
         self._end = GuardCondition(self._participant)
-        for condition in (self._end, *self._watch.conditions):
+        for condition in (self._end, *self.watch.conditions):
             self._waits.attach(condition)
         self._thread = threading.Thread(target=self._run, name="tfbus-dds", daemon=True)
         self._thread.start()
@@ -290,8 +290,8 @@ class DdsLeg:
         """The publishers of a topic that are there now, each once its node is known."""
         return [
             RosPublisher(each.gid, node)
-            for each in self._watch.writers(dds_topic(topic))
-            if (node := self._watch.node_of(each)) or self._watch.is_nameless(each)
+            for each in self.watch.writers(dds_topic(topic))
+            if (node := self.watch.node_of(each)) or self.watch.is_nameless(each)
         ]
 
     def lost(self) -> Mapping[str, int]:
@@ -303,7 +303,7 @@ class DdsLeg:
         with self._lock:
             topics = [each.topic for each in self._subscriptions]
         # Some programs speak ROS's DDS and tell no node.
-        if not self._watch.sees_ros and not self._has_writers(topics):
+        if not self.watch.sees_ros and not self._has_writers(topics):
             if time.monotonic() < self._joined_s + _DISCOVERY_S:
                 return []
             return [
@@ -313,7 +313,7 @@ class DdsLeg:
         return [*self._dropped(), *(said for topic in topics for said in self._unheard(topic))]
 
     def _dropped(self) -> Sequence[str]:
-        if not dropped_datagrams(self._sockets):
+        if not dropped_datagrams(self.sockets):
             return []
         return [
             "This process was too slow for what came by DDS, and the system has dropped some of "
@@ -322,7 +322,7 @@ class DdsLeg:
         ]
 
     def _has_writers(self, topics: Sequence[RosTopic]) -> bool:
-        return any(self._watch.writers(dds_topic(each.name)) for each in topics)
+        return any(self.watch.writers(dds_topic(each.name)) for each in topics)
 
     def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""
@@ -357,7 +357,7 @@ class DdsLeg:
             ends: list[Endable] = [*self._senders, *self._subscriptions]
         for each in ends:
             each.close()
-        for condition in (self._end, *self._watch.conditions):
+        for condition in (self._end, *self.watch.conditions):
             self._waits.detach(condition)
         # With all that it has.
         _end(self._participant)
@@ -369,11 +369,11 @@ class DdsLeg:
             if self._closing:
                 return
             # Who publishes comes before what is published.
-            self._safely(self._watch.update)
+            self._safely(self.watch.update)
             with self._lock:
                 subscriptions = list(self._subscriptions)
             for each in subscriptions:
-                self._safely(each.receive, self._watch)
+                self._safely(each.receive, self.watch)
 
     def _safely(self, call: Any, *values: Any) -> None:
         try:
@@ -399,14 +399,14 @@ class DdsLeg:
             [bytes.fromhex(each.gid) for each in self._subscriptions],
             [bytes.fromhex(each.gid) for each in self._senders],
         )
-        info = encode_nodes(ParticipantNodes(self._gid.bytes, [node]), self._gid_size)
-        self._graph.write(self._graph.data_type(info))
+        info = encode_nodes(ParticipantNodes(self.gid.bytes, [node]), self._gid_size)
+        self.graph.write(self.graph.data_type(info))
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Publishers of a topic that does not come here."""
         offers = [
-            Offer(self._watch.node_of(each), each.type, each.is_reliable, each.is_retained)
-            for each in self._watch.writers(dds_topic(topic.name))
+            Offer(self.watch.node_of(each), each.type, each.is_reliable, each.is_retained)
+            for each in self.watch.writers(dds_topic(topic.name))
         ]
         return unheard(topic, dds_type(topic.definition.name), offers)
 

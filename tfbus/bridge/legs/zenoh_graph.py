@@ -40,7 +40,7 @@ class RosGraph:
         self.dropped = 0
         self._domain = domain
         self._own = own
-        self._clock_s = clock_s
+        self.clock_s = clock_s
         self._lock = threading.Lock()
         self._elsewhere: Counter[int] = Counter()
         self._tokens: dict[str, RosToken] = {}
@@ -90,7 +90,7 @@ class RosGraph:
             return
         with self._lock:
             if gid not in self.gids:
-                self._untold[topic, gid] = _Untold(session(), self._clock_s())
+                self._untold[topic, gid] = _Untold(session(), self.clock_s())
                 if len(self._untold) > _MOST_UNTOLD:
                     del self._untold[next(iter(self._untold))]
 
@@ -112,7 +112,7 @@ class RosGraph:
         if untold.token not in there:
             untold.token = ""
             of_session = [each for each in there if self._tokens[each].session == untold.session]
-            is_late = self._clock_s() >= untold.since_s + _MADE_UP_AFTER_S
+            is_late = self.clock_s() >= untold.since_s + _MADE_UP_AFTER_S
             if is_late and len(of_session) == 1:
                 untold.token = of_session[0]
         return untold.token

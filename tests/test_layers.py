@@ -202,6 +202,17 @@ def test_halves_do_not_know_each_other(halves: tuple[str, str]) -> None:
     assert not [name for name in used if name.startswith(f"tfbus.{upper.replace('/', '.')}.")]
 
 
+def test_a_bridge_and_its_legs_share_the_contract_of_a_leg_only() -> None:
+    """A leg imports nothing of the bridge, and the bridge nothing of a leg."""
+    for path in sources("tfbus/bridge"):
+        is_leg = path.parent.name == "legs"
+        for name in imports(path):
+            if name.startswith("tfbus.bridge."):
+                is_of_legs = name.startswith("tfbus.bridge.legs.")
+                is_of_one = is_of_legs and name.count(".") > 3
+                assert is_of_legs if is_leg else not is_of_one, (path, name)
+
+
 def test_the_architecture_page_has_these_storeys() -> None:
     """The table of docs/internals/architecture.md is that of this file."""
     page = (ROOT / "docs" / "internals" / "architecture.md").read_text()

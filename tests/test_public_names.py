@@ -4,6 +4,8 @@ import importlib
 import importlib.metadata
 import inspect
 import pkgutil
+import subprocess
+import sys
 
 import pytest
 
@@ -318,6 +320,22 @@ def test_the_ported_names_are_these() -> None:
             value = getattr(ported, name)
             assert not inspect.isclass(value) or inspect.getdoc(value), (module, name)
             assert not inspect.isfunction(value) or inspect.getdoc(value), (module, name)
+
+
+# Imports each as the first module of a program would.
+_EACH_ALONE = """
+import importlib, sys
+for name in sys.argv[1:]:
+    for loaded in [each for each in sys.modules if each.startswith("tfbus.compat")]:
+        del sys.modules[loaded]
+    importlib.import_module(f"tfbus.compat.{name}")
+"""
+
+
+@pytest.mark.real
+def test_each_module_of_ported_names_may_be_imported_first() -> None:
+    """No module needs that another one was imported before it."""
+    subprocess.run([sys.executable, "-c", _EACH_ALONE, *COMPAT], check=True, timeout=100)
 
 
 def test_every_module_of_ported_names_is_listed() -> None:

@@ -13,7 +13,7 @@ import pytest
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Recording, messages
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.compat.message_classes import message_class
@@ -135,7 +135,7 @@ def test_bridges_pass_it_on(message: Any) -> None:
     assert line is not None and line.counterpart is AS_IN_ROS[name]
     _, asked = next(iter(TopicTable.of_file(None, [f"a={type(message).__name__}"]).names.items()))
     assert asked.ros_type == name
-    translation = Translation(line, FrameNames(BridgeOptions(frame_prefix="r1/")), lambda: 0)
+    translation = Translation(line, RosFrameNames(BridgeOptions(frame_prefix="r1/")), lambda: 0)
     on_bus = translation.of_ros(translation.to_ros(encode_message(message)))
     read = decode_message(type(message), on_bus)
     assert (read.stamp_ns, read.frame_id) == (message.stamp_ns, f"r1/{message.frame_id}")

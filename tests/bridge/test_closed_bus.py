@@ -58,7 +58,7 @@ def test_with_its_rights_it_bridges_as_on_an_open_bus(
     clock = gazebo.leg.publisher(TOPIC)
     amcl.broadcast_static(at(1.0, "bolted"))
     bridge = bridged(on=bus.node("ros2"))
-    lines = Lines(bridge._node.log, 30)
+    lines = Lines(bridge.node.log, 30)
     follower = bus.node("laptop", "laptop_sim", sim_time=True)
     arm = bus.node("arm")
     StaticTransformBroadcaster(arm).send_transform(at(1.0, "fixed"))
@@ -94,7 +94,7 @@ def test_without_rights_it_says_which_to_give(
     amcl, gazebo = TfNode(ros, "amcl"), TfNode(ros, "gazebo")
     clock = gazebo.leg.publisher(TOPIC)
     bridge = bridged(on=bus.node("ros2"))
-    lines = Lines(bridge._node.log, 30)
+    lines = Lines(bridge.node.log, 30)
     buffer = Buffer()
 
     def send() -> None:
@@ -109,7 +109,7 @@ def test_without_rights_it_says_which_to_give(
     assert "Give it nodes: ['ros2*'] in rights.yaml" in streams
     [of_clock] = [each for each in lines.lines if "The time of ROS does not come" in each]
     assert "may not publish topic 'clock'" in of_clock
-    assert bridge._clock.way == ""
+    assert bridge.clock.way == ""
 
 
 def test_frames_without_a_right_do_not_hold_up_others(
@@ -118,7 +118,7 @@ def test_frames_without_a_right_do_not_hold_up_others(
     """Of a message, dynamic or static, those come that may; the first of the others is logged."""
     bus = closed(nodes=("ros2*",), frames=("robot1/*",))
     robot = TfNode(ros, "robot")
-    lines = Lines(bridged(on=bus.node("ros2"))._node.log, 30)
+    lines = Lines(bridged(on=bus.node("ros2")).node.log, 30)
     robot.broadcast_static(at(1.0, "robot1/bolted"), at(1.0, "robot2/bolted"))
     buffer = Buffer()
     with TransformListener(buffer, bus.node("laptop")):

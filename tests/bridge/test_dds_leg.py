@@ -108,7 +108,7 @@ def test_a_message_that_comes_with_its_publisher_has_its_gid(legs: tuple[Any, An
     eventually(lambda: second.heard and len(reader.get_matched_publications()) == 2)
     second.send(HI)
     # Then the reader has it.
-    assert second._writer.wait_for_acks(int(DEADLINE_S * 1e9))
+    assert second.writer.wait_for_acks(int(DEADLINE_S * 1e9))
     goes_on.set()
     eventually(lambda: len(heard) > 1 and heard[-1] != first.gid)
     assert set(heard) == {first.gid, second.gid}
@@ -132,13 +132,13 @@ def test_a_publisher_that_is_closed_is_gone_at_once(legs: tuple[Any, Any]) -> No
     """Also where something of cyclonedds is still referred to."""
     one, two = legs
     sender = two.publisher(CHATTER)
-    writer = sender._writer
-    eventually(lambda: one._watch.writers("rt/chatter"))
+    writer = sender.writer
+    eventually(lambda: one.watch.writers("rt/chatter"))
     sender.close()
     sender.close()
-    eventually(lambda: not one._watch.writers("rt/chatter"))
+    eventually(lambda: not one.watch.writers("rt/chatter"))
     assert writer is not None and not sender.heard
-    with pytest.raises(TfbusError, match="the publisher of /chatter is closed"):
+    with pytest.raises(TfbusError, match="/chatter is closed"):
         sender.send(HI)
 
 
@@ -204,11 +204,11 @@ def test_invented_participants_are_forgotten_first(
     one, two = legs
     two.publisher(CHATTER)
     eventually(lambda: [each.node for each in one.publishers("/chatter")] == ["/robot1/two"])
-    names = one._watch._names
+    names = one.watch._names
     for number in range(1, 7):
         gid = bytes([number] * 16)
         info = ParticipantNodes(gid, [NodeEntities("/invented", [], [gid])])
-        two._graph.write(two._graph.data_type(encode_nodes(info)))
+        two.graph.write(two.graph.data_type(encode_nodes(info)))
         eventually(lambda gid=gid: gid.hex() in names)
     assert len(names) == 3
     assert [each.node for each in one.publishers("/chatter")] == ["/robot1/two"]
@@ -218,7 +218,7 @@ def test_an_only_node_that_tells_no_writers_has_them_all(legs: tuple[Any, Any]) 
     """As roswell tells its node; otherwise each writer is of the node that tells it."""
     one, two = legs
     two.publisher(CHATTER)
-    gid = two._gid.bytes
+    gid = two.gid.bytes
     for nodes, name in (
         ([NodeEntities("/rover")], "/rover"),
         ([NodeEntities("/a", [], [bytes(16)])], ""),
@@ -226,10 +226,10 @@ def test_an_only_node_that_tells_no_writers_has_them_all(legs: tuple[Any, Any]) 
         ([NodeEntities("/rover"), NodeEntities("/other")], ""),
     ):
         info = encode_nodes(ParticipantNodes(gid, nodes))
-        two._graph.write(two._graph.data_type(info))
+        two.graph.write(two.graph.data_type(info))
         eventually(
             lambda name=name: (
-                [one._watch.node_of(each) for each in one._watch.writers("rt/chatter")] == [name]
+                [one.watch.node_of(each) for each in one.watch.writers("rt/chatter")] == [name]
             )
         )
 
@@ -262,7 +262,7 @@ def test_a_leg_alone_says_so(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch)
 def test_a_distribution_that_is_unknown_is_an_error(domain: int) -> None:
     """Before anything is opened; one that is known says how long a gid is."""
     needs.module("cyclonedds")
-    with pytest.raises(SettingsError, match="over DDS 'humbel'; did you mean 'humble'"):
+    with pytest.raises(SettingsError, match="'humbel'; did you mean 'humble'"):
         open_by_name("dds", LegSettings(distro="humbel"), LOG)
     open_by_name("dds", LegSettings(distro="humble", domain=domain, connect=("lo",)), LOG).close()
 
@@ -296,7 +296,7 @@ def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
 )
 def test_a_host_that_is_not_found_is_an_error(peer: str) -> None:
     """That says what is allowed: Cyclone DDS would abort the process."""
-    with pytest.raises(SettingsError, match=r"interface of this host \(.*lo.*\), or the name or"):
+    with pytest.raises(SettingsError, match=r"interface .*lo"):
         configuration((peer,), LOG, {})
 
 
@@ -311,7 +311,7 @@ def test_hosts_have_the_addresses_of_the_transport(peer: str) -> None:
     """Of IPv6 where the configuration of Cyclone DDS says so."""
     environ = {"CYCLONEDDS_URI": "<General><Transport>udp6</Transport></General>"}
     assert f'<Peer Address="{peer}"/>' in configuration((peer,), LOG, environ)
-    with pytest.raises(SettingsError, match="no host of this name is found"):
+    with pytest.raises(SettingsError, match="no host"):
         configuration(("127.0.0.1",), LOG, environ)
 
 
@@ -370,14 +370,14 @@ def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool
 def test_what_the_system_drops_is_said(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch) -> None:
     """DDS does not tell what was lost; the system tells that the process was too slow."""
     leg, _ = open_leg("reader"), open_leg("writer")
-    assert leg._sockets and dropped_datagrams(leg._sockets) == 0
+    assert leg.sockets and dropped_datagrams(leg.sockets) == 0
     others = udp_sockets()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as full:
         full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         full.bind(("127.0.0.1", 0))
         for _ in range(100):
             full.sendto(bytes(1000), full.getsockname())
-        monkeypatch.setattr(leg, "_sockets", udp_sockets() - others)
+        monkeypatch.setattr(leg, "sockets", udp_sockets() - others)
         eventually(lambda: any("too slow for what came by DDS" in each for each in leg.warnings()))
 
 
@@ -388,7 +388,7 @@ def test_a_publisher_without_a_node_is_there(
     monkeypatch.setattr("tfbus.bridge.legs.dds._DISCOVERY_S", 0.0)
     reader = open_leg("reader")
     writer = open_leg("writer")
-    monkeypatch.setattr(type(reader._watch), "sees_ros", False)
+    monkeypatch.setattr(type(reader.watch), "sees_ros", False)
     reader.subscribe(CHATTER, lambda *_: None)
     assert reader.warnings()
     writer.publisher(CHATTER)

@@ -117,7 +117,7 @@ def test_two_bridges_between_the_same_bus_and_the_same_ros(
             ),
         )
         second = bridged("two", tells_publishers=tells)
-        lines = Lines(second._node.log)
+        lines = Lines(second.node.log)
         if tells:
             send_until(
                 send, lambda: any("Bridge /one joins the same bus" in x for x in lines.lines)
@@ -137,7 +137,7 @@ def test_two_bridges_between_the_same_bus_and_the_same_ros(
         late_x = x_of(buffer, source="of_ros")
         assert late_x == 1.0
         first.close()
-        first._node.close()
+        first.node.close()
         end = TfNode(ros, "end")
         send_until(
             send,

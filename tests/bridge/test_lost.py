@@ -30,13 +30,13 @@ class TestNumbers:
 def test_a_bridge_says_what_was_lost(bridged: Bridged, ros: FakeRos, bus: Bus) -> None:
     """Once in its log, and with its counts on the bus."""
     bridge = bridged()
-    lines = Lines(bridge._node.log, logging.WARNING)
+    lines = Lines(bridge.node.log, logging.WARNING)
     counts: list[int] = []
     receiver = bus.node("receiver")
     receiver.create_subscription(
         RosBridge, "ros_bridges", lambda each: counts.append(each.lost), retained=True
     )
-    leg = bridge._leg
+    leg = bridge.leg
     leg.lost_messages["/tf"] = 12  # type: ignore[attr-defined]  # the test's own leg
     eventually(lambda: counts and counts[-1] == 12)
     leg.lost_messages["/tf"] = 20  # type: ignore[attr-defined]

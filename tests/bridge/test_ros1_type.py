@@ -57,5 +57,5 @@ def test_a_message_comes_back(definition: Definition) -> None:
 def test_a_type_that_is_another_one_in_ros_1_is_refused() -> None:
     """Its digest would be that of no node."""
     definition = Definition("sensor_msgs/msg/Range", "float32 range\n")
-    with pytest.raises(TfbusError, match="has other fields in ROS 1"):
+    with pytest.raises(TfbusError, match="other fields"):
         ros1_type(definition)

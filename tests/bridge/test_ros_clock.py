@@ -49,8 +49,8 @@ def test_the_time_of_the_bus_is_that_of_ros(ros: FakeRos, bridged: Bridged, send
     clock = sender.create_clock_publisher()
     send_until(lambda: clock.publish(Clock(STAMP_NS)), lambda: STAMP_NS in came)
     ros.settle()
-    assert bridge._clock.way == "to ROS"
-    assert "from ROS" not in bridge._clock._last_s
+    assert bridge.clock.way == "to ROS"
+    assert "from ROS" not in bridge.clock.last_s
 
 
 def test_where_both_sides_have_a_clock_neither_crosses(
@@ -62,7 +62,7 @@ def test_where_both_sides_have_a_clock_neither_crosses(
     gazebo = ros.leg("gazebo").publisher(TOPIC)
     clock = sender.create_clock_publisher()
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
 
     def send() -> None:
         gazebo.send(write_clock(10 * S))
@@ -74,13 +74,13 @@ def test_where_both_sides_have_a_clock_neither_crosses(
 
 def test_a_way_may_be_closed(bridged: Bridged, sender: Node) -> None:
     """By the option: the clock of the other side is heard, and does not cross."""
-    clock = bridged(clock="from-ros")._clock
+    clock = bridged(clock="from-ros").clock
     publisher = sender.create_clock_publisher()
-    send_until(lambda: publisher.publish(Clock(100 * S)), lambda: "to ROS" in clock._last_s)
-    heard_s = clock._first_s["to ROS"]
-    clock._clock_s = lambda: heard_s + 2.0
-    clock.look()
-    assert clock._first_s and clock.way == ""
+    send_until(lambda: publisher.publish(Clock(100 * S)), lambda: "to ROS" in clock.last_s)
+    heard_s = clock.first_s["to ROS"]
+    clock.clock_s = lambda: heard_s + 2.0
+    clock.poll()
+    assert clock.first_s and clock.way == ""
 
 
 def test_with_off_ros_does_not_even_see_a_subscription(ros: FakeRos, bridged: Bridged) -> None:
@@ -97,11 +97,11 @@ def test_it_goes_on_when_a_clock_is_gone_and_another_comes(
     """From the other side."""
     bridge = bridged()
     clock = sender.create_clock_publisher()
-    send_until(lambda: clock.publish(Clock(S)), lambda: bridge._clock.way == "to ROS")
+    send_until(lambda: clock.publish(Clock(S)), lambda: bridge.clock.way == "to ROS")
     clock.close()
-    eventually(lambda: bridge._clock.way == "")
+    eventually(lambda: bridge.clock.way == "")
     gazebo = ros.leg("gazebo").publisher(TOPIC)
-    send_until(lambda: gazebo.send(write_clock(S)), lambda: bridge._clock.way == "from ROS")
+    send_until(lambda: gazebo.send(write_clock(S)), lambda: bridge.clock.way == "from ROS")
 
 
 @pytest.mark.parametrize("first", ["to ROS", "from ROS"])
@@ -112,7 +112,7 @@ def test_a_second_clock_ends_the_way_of_the_first(
     gazebo = ros.leg("gazebo").publisher(TOPIC)
     clock = sender.create_clock_publisher()
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
 
     def send_first() -> None:
         if first == "to ROS":
@@ -120,15 +120,15 @@ def test_a_second_clock_ends_the_way_of_the_first(
         else:
             gazebo.send(write_clock(10 * S))
 
-    send_until(send_first, lambda: bridge._clock.way == first)
+    send_until(send_first, lambda: bridge.clock.way == first)
 
     def send_both() -> None:
         gazebo.send(write_clock(10 * S))
         clock.publish(Clock(100 * S))
 
-    send_until(send_both, lambda: bridge._clock.way == "")
+    send_until(send_both, lambda: bridge.clock.way == "")
     send_until(send_both, lambda: any("neither crosses" in each for each in lines.lines))
-    assert bridge._clock.way == ""
+    assert bridge.clock.way == ""
 
 
 @pytest.mark.parametrize("to_ros", [True, False])
@@ -141,12 +141,12 @@ def test_a_bridge_that_is_gone_does_not_hide_two_clocks(
     node = bus.node("former")
     former = bridged("former", on=node, to_ros=to_ros)
     bridge = bridged()
-    eventually(lambda: len(bridge._bridges.others) == 2)
+    eventually(lambda: len(bridge.bridges.others) == 2)
     former.close()
     node.close()
     gazebo = ros.leg("gazebo").publisher(TOPIC)
     clock = sender.create_clock_publisher()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
 
     def send() -> None:
         gazebo.send(write_clock(10 * S))
@@ -166,8 +166,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def stands_by(bridge: Bridge, way: str) -> bool:
     """Whether it has had time to begin this way, and has none."""
-    clock = bridge._clock
-    first_s = clock._first_s.get(way)
+    clock = bridge.clock
+    first_s = clock.first_s.get(way)
     return first_s is not None and time.monotonic() > first_s + 1.0 and clock.way == ""
 
 
@@ -181,12 +181,12 @@ def test_of_two_bridges_one_gives_the_time_to_ros(
     clock = sender.create_clock_publisher()
     send = partial(clock.publish, Clock(100 * S))
     one = bridged("one", tells_publishers=tells)
-    send_until(send, lambda: one._clock.way == "to ROS")
+    send_until(send, lambda: one.clock.way == "to ROS")
     two = bridged("two", tells_publishers=tells)
     send_until(send, lambda: stands_by(two, "to ROS"))
     assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/tfbus_one"]
     one.close()
-    send_until(send, lambda: two._clock.way == "to ROS")
+    send_until(send, lambda: two.clock.way == "to ROS")
     assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/tfbus_two"]
 
 
@@ -201,10 +201,10 @@ def test_of_two_bridges_one_gives_the_time_of_ros_to_the_bus(
     gazebo = ros.leg("gazebo").publisher(TOPIC)
     send = partial(gazebo.send, write_clock(100 * S))
     one, two = bridged("one", **options), bridged("two", **options)
-    lines = Lines(two._node.log)
-    send_until(send, lambda: one._clock.way == "from ROS" and stands_by(two, "from ROS"))
-    one._node.close()
-    send_until(send, lambda: two._clock.way == "from ROS")
+    lines = Lines(two.node.log)
+    send_until(send, lambda: one.clock.way == "from ROS" and stands_by(two, "from ROS"))
+    one.node.close()
+    send_until(send, lambda: two.clock.way == "from ROS")
     assert not [each for each in lines.lines if "neither crosses" in each]
 
 
@@ -216,5 +216,5 @@ def test_the_time_of_ros_does_not_go_back_by_another_bridge(ros: FakeRos, bridge
     send = partial(gazebo.send, write_clock(100 * S))
     one = bridged("one", clock="from-ros")
     two = bridged("two", clock="to-ros")
-    send_until(send, lambda: one._clock.way == "from ROS" and stands_by(two, "to ROS"))
+    send_until(send, lambda: one.clock.way == "from ROS" and stands_by(two, "to ROS"))
     assert [each.node for each in nav2.publishers(TOPIC.name)] == ["/gazebo"]

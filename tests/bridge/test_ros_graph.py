@@ -2,7 +2,7 @@
 
 from tfbus.bridge.legs import RosPublisher
 from tfbus.bridge.legs.zenoh_graph import RosGraph
-from tfbus.ros.rmw_zenoh import Kind, Token, gid_of
+from tfbus.ros.rmw_zenoh import Kind, RosToken, gid_of
 
 TYPE = "tf2_msgs::msg::dds_::TFMessage_"
 HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
@@ -21,7 +21,7 @@ def token(
 ) -> str:
     """The token of an endpoint."""
     qos = "::,100:,:,:,,"
-    return Token(
+    return RosToken(
         domain, session, "0", "1", kind, node, "/", "/", topic, dds_type, type_hash, qos
     ).text
 
@@ -63,7 +63,7 @@ def test_a_gid_without_a_token_is_that_of_the_only_publisher_of_its_session() ->
     camera = token("camera")
     seen = graph(camera, token("arm", session="b2"), token("arm2", session="b2"))
     now_s = 100.0
-    seen._clock_s = lambda: now_s
+    seen.clock_s = lambda: now_s
     for gid, session in (("11", "a1"), ("22", "b2"), ("33", "")):
         seen.heard("/tf", gid, lambda session=session: session)
     seen.heard("/scan", "44", lambda: "a1")
@@ -87,7 +87,7 @@ def test_a_gid_whose_token_comes_late_is_never_that_of_another() -> None:
     seen.heard("/tf", gid, lambda: "a1")
     assert [each.node for each in seen.publishers("/tf")] == ["/early"]
     seen.on_token(late, True)
-    seen._clock_s = lambda: 1e9
+    seen.clock_s = lambda: 1e9
     assert RosPublisher(gid, "/late") in seen.publishers("/tf")
     assert len(seen.publishers("/tf")) == 2
 
@@ -97,7 +97,7 @@ def test_made_up_gids_are_limited() -> None:
     seen = graph(token("camera"))
     for number in range(2000):
         seen.heard("/tf", str(number), lambda: "a1")
-    seen._clock_s = lambda: 1e9
+    seen.clock_s = lambda: 1e9
     assert len(seen.publishers("/tf")) == 1001
     assert RosPublisher("1999", "/camera") in seen.publishers("/tf")
 

@@ -148,7 +148,7 @@ def test_a_second_bridge_of_the_same_name_is_refused(bus: Bus, bridged: Bridged)
     bridged()
     second = bus.node("ros2")
     eventually(lambda: len(list(second.session.ask(node_key("ros2"), timeout_s=1.0))) == 2)
-    with pytest.raises(TfbusError, match=r"Bridge /ros2 runs already, .* by --name"):
+    with pytest.raises(TfbusError, match=r"/ros2 .*--name"):
         bridged(on=second)
     bridged("ros2_too")
 
@@ -156,7 +156,7 @@ def test_a_second_bridge_of_the_same_name_is_refused(bus: Bus, bridged: Bridged)
 def test_it_says_once_what_crosses(ros: FakeRos, bridged: Bridged, sender: Node) -> None:
     """How many frames, and of which node of ROS."""
     robot = TfNode(ros, "robot")
-    lines = Lines(bridged()._node.log)
+    lines = Lines(bridged().node.log)
     send_until(
         lambda: robot.broadcast(at(1.0, "a", sender.now_ns()), at(1.0, "b", sender.now_ns())),
         lambda: "From ROS: 2 frames of 'ros2/robot'" in lines.lines,
@@ -166,9 +166,9 @@ def test_it_says_once_what_crosses(ros: FakeRos, bridged: Bridged, sender: Node)
 def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
     """After a while, and what the leg has to say."""
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
     eventually(lambda: "No node of ROS publishes /tf or /tf_static yet" in lines.lines)
-    bridge._leg.told.append("no router of rmw_zenoh answers")  # a fake
+    bridge.leg.told.append("no router of rmw_zenoh answers")  # a fake
     eventually(lambda: any("no router of rmw_zenoh" in each for each in lines.lines))
 
 
@@ -178,13 +178,13 @@ def test_gids_that_ros_does_not_list_are_few(
     """They may be made up; what comes by further ones comes in the stream of the bridge, and a node
     that is listed has a stream of its own all the same.
     """
-    from_ros = bridged()._from_ros
+    from_ros = bridged().from_ros
     clock = Clock()
-    from_ros._sources._clock_s = lambda: clock.now_ns / S
+    from_ros.sources.clock_s = lambda: clock.now_ns / S
     for number in range(1500):
         clock.now_ns += S // 100
         from_ros._on_message(False, message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
-    assert len(from_ros._sources._unknown) + len([*from_ros._sources]) <= 102
+    assert len(from_ros.sources.unknown) + len([*from_ros.sources]) <= 102
     eventually(lambda: "made_up_1499" in buffer.frames())
     robot = TfNode(ros, "robot")
     send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
@@ -201,10 +201,10 @@ def test_a_name_that_comes_late_takes_its_frames_along(
     robot = TfNode(ros, "robot")
     robot.leg.is_listed = False
     robot.broadcast_static(at(1.0, "fixed"))
-    from_ros = bridged()._from_ros
+    from_ros = bridged().from_ros
     clock = Clock()
-    from_ros._sources._clock_s = lambda: clock.now_ns / S
-    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros._sources._unknown))
+    from_ros.sources.clock_s = lambda: clock.now_ns / S
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros.sources.unknown))
     clock.now_ns = 6 * S
     eventually(lambda: {"a", "fixed"} <= set(buffer.frames()))
     assert {buffer.frame(each).authority for each in ("a", "fixed")} == {"ros2"}
@@ -224,18 +224,18 @@ def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
     """There is no other sign that it is gone."""
     robot = TfNode(ros, "robot")
     robot.leg.is_listed = False
-    from_ros = bridged()._from_ros
+    from_ros = bridged().from_ros
     clock = Clock()
-    from_ros._sources._clock_s = lambda: clock.now_ns / S
+    from_ros.sources.clock_s = lambda: clock.now_ns / S
     robot.broadcast_static(at(1.0, "fixed"))
-    eventually(lambda: bool(from_ros._sources._unknown))
+    eventually(lambda: bool(from_ros.sources.unknown))
     clock.now_ns = 3 * S
     eventually(lambda: "fixed" in buffer.frames())
     robot.close()
     assert not buffer.frame("fixed").gone
     clock.now_ns = 30 * S
     eventually(lambda: buffer.frame("fixed").gone)
-    assert not [*from_ros._sources]
+    assert not [*from_ros.sources]
 
 
 def test_a_node_whose_names_never_end_begins_again(
@@ -246,11 +246,11 @@ def test_a_node_whose_names_never_end_begins_again(
     robot = TfNode(ros, "robot")
     robot.broadcast_static(at(1.0, "fixed"))
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
     for number in range(120):
         robot.broadcast(at(1.0, "base", number), at(1.0, f"person_{number}", number))
     send_until(lambda: robot.broadcast(at(1.0, "base", S)), lambda: "person_119" in buffer.frames())
-    assert bridge._from_ros.streams["ros2/robot"] < 60
+    assert bridge.from_ros.streams["ros2/robot"] < 60
     eventually(lambda: "person_0" not in buffer.frames() or buffer.frame("person_0").gone)
     for name in ("base", "fixed", "person_119"):
         eventually(partial(is_there, buffer, name))

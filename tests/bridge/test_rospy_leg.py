@@ -97,7 +97,7 @@ class FakeSubscriber:
 def master(monkeypatch: pytest.MonkeyPatch) -> FakeMaster:
     master = FakeMaster()
     monkeypatch.setattr("tfbus.bridge.legs.rospy.Ros1Master", master.client)
-    monkeypatch.setattr("tfbus.bridge.legs.rospy._LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr("tfbus.bridge.legs.rospy._POLL_EVERY_S", 0.01)
     monkeypatch.setitem(sys.modules, "genpy", SimpleNamespace(Message=object))
     return master
 
@@ -139,7 +139,7 @@ def test_a_node_that_sends_is_a_publisher_before_the_master_says_so(
     monkeypatch: pytest.MonkeyPatch, master: FakeMaster
 ) -> None:
     """Its first messages are not held up until the leg asks again."""
-    monkeypatch.setattr("tfbus.bridge.legs.rospy._LOOK_EVERY_S", 1000.0)
+    monkeypatch.setattr("tfbus.bridge.legs.rospy._POLL_EVERY_S", 1000.0)
     rospy = SimpleNamespace(Subscriber=FakeSubscriber, signal_shutdown=lambda reason: None)
     FakeSubscriber.made = []
     leg = RospyLeg(rospy, "http://localhost:11311", NAME, logging.getLogger("leg"))

@@ -13,7 +13,7 @@ from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge.legs import RosTopic
 from tfbus.bridge.odometry_frames import with_odometry_frames
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.topics import TopicBridge
 from tfbus.messages import (
@@ -313,7 +313,7 @@ def test_frames_in_messages_have_the_prefix_on_the_bus(
     bridges: Bridges, receiver: Node, sender: Node, node: RosNode, log: Log
 ) -> None:
     """As frames on /tf have; on the way to ROS it is taken off, and another frame stays here."""
-    names = FrameNames(BridgeOptions(frame_prefix="r1/"))
+    names = RosFrameNames(BridgeOptions(frame_prefix="r1/"))
     bridges(names=names)
     got = heard(receiver, Odometry, "odom")
     publish = node.publisher("/odom", ODOMETRY)

@@ -172,7 +172,7 @@ def test_a_frame_that_has_another_name_there_does_not_go(
 ) -> None:
     """With a prefix, `odom` of the bus is not the `odom` of ROS."""
     robot, rviz = TfNode(ros, "robot"), TfNode(ros, "rviz")
-    lines = Lines(bridged(frame_prefix="robot1/")._node.log)
+    lines = Lines(bridged(frame_prefix="robot1/").node.log)
     broadcaster = TransformBroadcaster(sender)
     send_until(
         lambda: robot.broadcast(at(1.0, "base", sender.now_ns(), parent="odom")),
@@ -222,13 +222,13 @@ def test_a_message_that_is_none_is_counted_and_named_once(
     """By the node of ROS that sent it."""
     robot = TfNode(ros, "robot")
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
     for _ in range(3):
         robot.tf.send(b"\x00\x01\x00\x00\xff\xff\xff\xff")
     send_until(lambda: robot.broadcast(EXACT), lambda: "base_link" in buffer.frames())
     said = [each for each in lines.lines if "Dropped a message" in each]
     assert len(said) == 1 and "ROS node /robot on /tf" in said[0]
-    assert bridge._from_ros.rejected >= 3
+    assert bridge.from_ros.rejected >= 3
 
 
 def test_bad_transforms_do_not_take_good_ones_with_them(
@@ -239,7 +239,7 @@ def test_bad_transforms_do_not_take_good_ones_with_them(
     """
     robot = TfNode(ros, "robot")
     bridge = bridged()
-    lines = Lines(bridge._node.log)
+    lines = Lines(bridge.node.log)
     frames = ("world", "nan", "twisted", "own", "odd\n", "", "good")
     pose = [0.0, 0, 0, 0, 0, 0, 1]
     poses = [
@@ -256,7 +256,7 @@ def test_bad_transforms_do_not_take_good_ones_with_them(
     reasons = ("norm of the quaternion", "its own parent", "a name of a frame")
     assert [sum(reason in each for each in said) for reason in reasons] == [1, 1, 1]
     assert len(said) == 3 and all("ROS node /robot" in each for each in said)
-    assert bridge._from_ros.streams == {"ros2/robot": 1}
+    assert bridge.from_ros.streams == {"ros2/robot": 1}
 
 
 def test_each_transform_is_judged_though_its_frames_have_come(
@@ -272,9 +272,9 @@ def test_each_transform_is_judged_though_its_frames_have_come(
 
     send_until(lambda: send(1.0, S), lambda: "base" in buffer.frames())
     send(math.nan, 2 * S)
-    eventually(lambda: bridge._from_ros.rejected == 1)
+    eventually(lambda: bridge.from_ros.rejected == 1)
     send_until(lambda: send(3.0, 3 * S), lambda: x_of(buffer, "world", "base") == 3.0)
-    assert bridge._from_ros.streams == {"ros2/robot": 1}
+    assert bridge.from_ros.streams == {"ros2/robot": 1}
 
 
 def batch(
@@ -301,7 +301,7 @@ def batch(
 def test_slashes_of_ros_1_are_taken_off(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
     """Which is said once."""
     robot = TfNode(ros, "robot")
-    lines = Lines(bridged()._node.log)
+    lines = Lines(bridged().node.log)
     pose = [0.0, 0, 0, 0, 0, 0, 1]
     rows = batch(("/map", "/base"), [(0, 1)], [pose])
     send_until(lambda: robot.tf.send(rows), lambda: "base" in buffer.frames())
@@ -329,7 +329,7 @@ def test_a_stamp_that_ros_cannot_have_is_left_out(
 ) -> None:
     """After 2038; the others of its batch go."""
     rviz = TfNode(ros, "rviz")
-    lines = Lines(bridged()._node.log)
+    lines = Lines(bridged().node.log)
     broadcaster = TransformBroadcaster(sender)
     send_until(
         lambda: broadcaster.send_transform([at(1.0, "late", 2**31 * S), at(1.0, "good", S)]),

@@ -14,7 +14,7 @@ from tests.bridge.ros_router import RosRouter
 from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.legs import LegSettings, RosPublisher, RosTopic, open_leg
-from tfbus.bridge.legs.zenoh import ZenohLeg, _Subscription
+from tfbus.bridge.legs.zenoh import ZenohLeg, ZenohSubscription
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
@@ -396,7 +396,7 @@ def test_domains_are_apart(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
     eventually(lambda: [each.node for each in by_environment.publishers("/tf")] == ["/far"])
     for text in ("seven", "233", "-1"):
         monkeypatch.setenv("ROS_DOMAIN_ID", text)
-        with pytest.raises(SettingsError, match=f"ROS_DOMAIN_ID is '{text}': it must be"):
+        with pytest.raises(SettingsError, match=f"ROS_DOMAIN_ID is '{text}'"):
             ros.leg(domain=None)
 
 
@@ -404,14 +404,14 @@ def test_settings_that_are_wrong_are_errors(ros: Ros) -> None:
     """Before anything is opened."""
     with pytest.raises(SettingsError, match="unknown distribution"):
         ros.leg(distro="noetic")
-    with pytest.raises(InvalidNameError, match="'my-robot' is no name in ROS"):
+    with pytest.raises(InvalidNameError, match="'my-robot'"):
         ros.leg(namespace="my-robot")
-    with pytest.raises(SettingsError, match="'nonsense' is not an endpoint: write protocol"):
+    with pytest.raises(SettingsError, match="'nonsense' is not an endpoint"):
         open_leg("zenoh", LegSettings(connect=("nonsense",)), logging.getLogger("test"))
     leg = ros.leg()
-    with pytest.raises(InvalidNameError, match="no full name of a topic"):
+    with pytest.raises(InvalidNameError, match="full name"):
         leg.publisher(RosTopic("chatter", STRING))
-    with pytest.raises(InvalidNameError, match="no full name of a topic"):
+    with pytest.raises(InvalidNameError, match="full name"):
         leg.subscribe(RosTopic("/**", STRING), lambda payload, gid: None)
 
 
@@ -429,11 +429,11 @@ def test_it_is_configured_as_ros_where_no_endpoint_is_given(
     eventually(lambda: not leg.warnings())
     leg.close()
     file.write_text("{mode: 'client', connect: 7}")
-    with pytest.raises(SettingsError, match=r"Zenoh does not take .*session\.json5: "):
+    with pytest.raises(SettingsError, match=r"session\.json5: "):
         ZenohLeg(LegSettings(domain=0), logging.getLogger("test"))
     file.write_text("{mode: 'client'}")
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", "nonsense")
-    with pytest.raises(SettingsError, match="ZENOH_CONFIG_OVERRIDE has 'nonsense' without a value"):
+    with pytest.raises(SettingsError, match="ZENOH_CONFIG_OVERRIDE has 'nonsense'"):
         ZenohLeg(LegSettings(domain=0), logging.getLogger("test"))
 
 
@@ -453,7 +453,7 @@ def test_no_call_goes_on_after_its_subscription_is_closed() -> None:
     def end(*_: object) -> None:
         itself.close()
 
-    subscription, itself = _Subscription(hear), _Subscription(end)
+    subscription, itself = ZenohSubscription(hear), ZenohSubscription(end)
     for each in (subscription, itself):
         each.call(b"", "")
     eventually(closed.is_set)

@@ -230,7 +230,7 @@ def test_actions_of_tfbus_are_the_same_on_the_bus(rclpy: ModuleType, bus: Bus) -
     assert client.wait_for_server(20)
     outcome = client.send_goal(RotateAbsolute.Goal(theta=1.5))
     assert outcome.result.delta == 1.5
-    with pytest.raises(TypeError, match="takes a RotateAbsolute_Goal, not a Fibonacci_Goal"):
+    with pytest.raises(TypeError, match="RotateAbsolute_Goal, not a Fibonacci_Goal"):
         client.send_goal_async(Fibonacci.Goal())
 
     def turn(goal_handle: Any) -> Any:
@@ -299,5 +299,5 @@ def test_a_transition_that_fails_ends_a_managed_node(rclpy: ModuleType) -> None:
     node = Managed()
     node.fails = True
     assert node.trigger_configure() == TransitionCallbackReturn.ERROR
-    with pytest.raises(RuntimeError, match="managed is finalized: configure is not possible"):
+    with pytest.raises(RuntimeError, match="finalized: configure"):
         node.trigger_configure()

@@ -314,5 +314,5 @@ def test_a_group_is_of_one_node(rclpy: ModuleType) -> None:
     """Another one cannot use it."""
     group = MutuallyExclusiveCallbackGroup()
     rclpy.create_node("a").create_timer(1.0, print, group)
-    with pytest.raises(ValueError, match="this callback group is of node /a: make another for /b"):
+    with pytest.raises(ValueError, match=r"of node /a.* for /b"):
         rclpy.create_node("b").create_timer(1.0, print, group)

@@ -148,19 +148,19 @@ def test_qos_of_transforms_is_not_applied_and_says_so(
 @pytest.mark.parametrize("node", [None, "node", object()])
 def test_a_node_of_another_kind_is_refused(node: Any) -> None:
     """As a node of ROS itself is not on the bus."""
-    with pytest.raises(TypeError, match="a node of ROS itself is not on the bus"):
+    with pytest.raises(TypeError, match="ROS itself"):
         tf2_ros.TransformBroadcaster(node)
 
 
 def test_a_buffer_of_tfbus_is_refused(sender: Node) -> None:
     """Its methods are others."""
-    with pytest.raises(TypeError, match=r"takes a Buffer of tfbus\.compat\.tf2_ros"):
+    with pytest.raises(TypeError, match=r"Buffer of tfbus\.compat\.tf2_ros"):
         tf2_ros.TransformListener(TfbusBuffer(), sender)
 
 
 def test_swapped_arguments_of_a_listener_name_their_order(rclpy: ModuleType) -> None:
     """The buffer comes before the node."""
-    with pytest.raises(TypeError, match=r"in this order: TransformListener\(buffer, node\)"):
+    with pytest.raises(TypeError, match=r"TransformListener\(buffer, node\)"):
         tf2_ros.TransformListener(rclpy.create_node("a"), tf2_ros.Buffer())
 
 

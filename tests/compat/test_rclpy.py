@@ -33,11 +33,10 @@ from tfbus.compat.rclpy.qos import (
     QoSProfile,
     qos_profile_sensor_data,
 )
-from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.compat.rclpy.type_support import GetResultServiceResponse
 from tfbus.compat.rclpy.utilities import remove_ros_args
-from tfbus.compat.rclpy.work import Work
 from tfbus.compat.sensor_msgs.msg import Imu, JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Trigger
@@ -368,7 +367,7 @@ def test_calls_of_a_destroyed_client_end(rclpy: ModuleType) -> None:
     futures = [client.call_async(Spawn.Request()) for _ in range(3)]
     client.destroy()
     eventually(lambda: all(each.done() for each in futures))
-    with pytest.raises(ServiceError, match="the client of 'spawn' is closed"):
+    with pytest.raises(ServiceError, match="'spawn' is closed"):
         futures[-1].result()
 
 

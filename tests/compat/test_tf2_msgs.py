@@ -143,7 +143,7 @@ def test_what_cannot_be_a_transform_is_refused_by_the_publisher(rclpy: ModuleTyp
     publisher = rclpy.create_node("a").create_publisher(TFMessage, "/tf", 10)
     with pytest.raises(InvalidArgumentException):
         publisher.publish(TFMessage(transforms=[edge("a", "b", math.nan)]))
-    with pytest.raises(TypeError, match="'tf' carries TFMessage, not TransformStamped"):
+    with pytest.raises(TypeError, match="TFMessage, not TransformStamped"):
         publisher.publish(edge("a", "b"))
 
 

@@ -36,14 +36,14 @@ def test_an_empty_text_may_have_no_zero() -> None:
 def test_what_is_not_there_is_not_read() -> None:
     """Numbers, texts, bytes and counts that go beyond the end say so."""
     reader = CdrReader(bytes.fromhex("00010000 05000000 41"))
-    with pytest.raises(DecodeError, match="5 bytes should begin at byte 8, and it has 9"):
+    with pytest.raises(DecodeError, match=r"5 bytes .* byte 8"):
         reader.text()
     reader.at = 4
     with pytest.raises(DecodeError, match="ends too early"):
         reader.octets()
     reader.at = 4
-    with pytest.raises(DecodeError, match="a sequence of 5 items, and only 1 byte left"):
+    with pytest.raises(DecodeError, match=r"5 items.* 1 byte"):
         reader.count(1)
     reader.at = 9
-    with pytest.raises(DecodeError, match="4 bytes should begin at byte 12, and it has 9"):
+    with pytest.raises(DecodeError, match=r"4 bytes .* byte 12"):
         reader.u32()

@@ -57,7 +57,7 @@ def test_another_server_is_an_os_error(server: Callable[[bytes], str], answer: b
 )  # fmt: skip
 def test_what_is_no_uri_is_said(uri: str) -> None:
     """With an example."""
-    with pytest.raises(OSError, match="is no URI of ROS 1, such as http://localhost:11311"):
+    with pytest.raises(OSError, match=r"URI .*http://localhost:11311"):
         Ros1Master(uri, "/test")
 
 

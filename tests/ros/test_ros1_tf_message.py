@@ -88,7 +88,7 @@ def test_a_message_that_is_cut_is_refused(rows: list[Any], data: st.DataObject) 
 
 def test_an_absurd_count_is_refused() -> None:
     """Before memory is taken."""
-    with pytest.raises(DecodeError, match=r"^4294967295 transforms, and only 8 bytes follow$"):
+    with pytest.raises(DecodeError, match=r"4294967295 transforms.* 8 bytes"):
         decode_ros1_tf_message(struct.pack("<I", 2**32 - 1) + bytes(8))
 
 
@@ -107,5 +107,5 @@ def test_what_is_written_is_what_was_read(rows: list[Any]) -> None:
 def test_a_time_that_ros_1_does_not_have_is_refused() -> None:
     """With the frame."""
     early = TransformStamped(-1, "map", "odom", Transform.identity())
-    with pytest.raises(InvalidArgumentException, match=r"of frame 'odom' does not fit .* ROS 1"):
+    with pytest.raises(InvalidArgumentException, match=r"frame 'odom' .*ROS 1"):
         encode_ros1_tf_message(Columns.of_transforms([early]))

@@ -175,7 +175,7 @@ def test_numbers_that_are_none_stay_as_they_are() -> None:
 def test_a_stamp_that_ros_cannot_have_is_refused(stamp_ns: int, count: int) -> None:
     """Seconds have 32 bits; the sentence names the frame."""
     rows = [at(child=f"joint{row}") for row in range(count - 1)] + [at(0, "late", stamp_ns)]
-    with pytest.raises(InvalidArgumentException, match=r"frame 'late' does not fit .* to 2038"):
+    with pytest.raises(InvalidArgumentException, match=r"frame 'late' .*2038"):
         TFMessageWriter().write(Columns.of_transforms(rows))
 
 

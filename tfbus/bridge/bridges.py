@@ -30,8 +30,8 @@ _ANSWER_WITHIN_S = 1.0
 @dataclass(frozen=True)
 class RosBridge:
     """A bridge: its node on the bus (full name) and its session, its node in ROS and the middleware
-    that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are those
-    of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
+    that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are its
+    publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross, and
     `clock` is which way it passes the simulated time on: "to ROS", "from ROS" or "". `lost` is how
     many messages of ROS never came to it, at least.
     """
@@ -112,7 +112,7 @@ class Bridges:
         """Whether another was there before this one."""
         return (other.started_ns, other.session) < (self._own.started_ns, self._own.session)
 
-    def tell(self, own: RosBridge) -> None:
+    def announce(self, own: RosBridge) -> None:
         """Tell the others, if that is new."""
         if own != self._own:
             self._own = own
@@ -126,7 +126,7 @@ class Bridges:
         if self._publisher is not None:
             # Its node may stay, or be gone already.
             with suppress(TfbusError):
-                self.tell(replace(self._own, to_ros=0, from_ros=0, clock=""))
+                self.announce(replace(self._own, to_ros=0, from_ros=0, clock=""))
             self._publisher.close()
 
     def _on_message(self, payload: bytes) -> None:
@@ -204,7 +204,7 @@ class CrossingRule:
                     self._of_seniors_s.clear()
                 self._of_seniors_s[child] = self._clock_s()
             return False
-        if not self._options.from_ros or not self._options.takes(child):
+        if not self._options.from_ros or not self._options.selects(child):
             return False
         if not self._tells_publishers and self._sent_there(child):
             return False

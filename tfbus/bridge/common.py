@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.bridge.legs import Leg
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
@@ -24,7 +24,7 @@ _GONE_AFTER = 2
 _REMEMBERED_S = 10.0
 
 # A message may be faster than the word of its publisher: then it is looked for this often.
-_LOOK_AGAIN_S = 0.05
+_POLL_AGAIN_S = 0.05
 
 
 class RosPublishers:
@@ -45,20 +45,20 @@ class RosPublishers:
         self._nodes: dict[str, str] = {}
         self._missed: dict[str, int] = {}
         self._left_s: dict[str, float] = {}
-        self._next_look_s = 0.0
+        self._next_poll_s = 0.0
 
     @property
     def nodes(self) -> dict[str, str]:
-        """The node of each publisher by its gid, "" if it is not known; without those that are
+        """The node of each publisher by its gid, "" if it is not known; without publishers that are
         gone.
         """
         return self._nodes
 
-    def look(self) -> set[str]:
-        """Look who is there; the gids of those that are gone since."""
+    def poll(self) -> set[str]:
+        """Look who is there; the gids of publishers that are gone since."""
         listed = self._listed()
         with self._lock:
-            self._take(listed)
+            self._add(listed)
             gone = set()
             for gid in self._nodes.keys() - listed.keys():
                 self._missed[gid] = self._missed.get(gid, 0) + 1
@@ -67,18 +67,18 @@ class RosPublishers:
             self._forget(gone)
         return gone
 
-    def look_for(self, gid: str) -> str | None:
+    def find_node(self, gid: str) -> str | None:
         """The node of a publisher that is new, None if it is not known yet."""
-        if gid not in self._nodes and self._clock_s() >= self._next_look_s:
-            self._next_look_s = self._clock_s() + _LOOK_AGAIN_S
+        if gid not in self._nodes and self._clock_s() >= self._next_poll_s:
+            self._next_poll_s = self._clock_s() + _POLL_AGAIN_S
             listed = self._listed()
             with self._lock:
-                self._take(listed)
+                self._add(listed)
         return self._nodes.get(gid)
 
     def replaced_by(self, gid: str, others: set[str]) -> set[str]:
-        """Those of `others`, publishers of the same node, that are no longer there: the node was
-        started again.
+        """The gids among `others`, publishers of the same node, that are no longer there: the node
+        was started again.
         """
         if not others:
             return set()
@@ -99,7 +99,7 @@ class RosPublishers:
             for each in self._leg.publishers(topic)
         }
 
-    def _take(self, listed: dict[str, str]) -> None:
+    def _add(self, listed: dict[str, str]) -> None:
         # A new map each time: others read it without the lock.
         self._nodes = {**self._nodes, **listed}
         for gid in listed:
@@ -162,8 +162,8 @@ class BusStreams:
         return stream in self._states
 
     def goes_to_ros(self, stream: str) -> bool | None:
-        """Whether the transforms of a stream go to ROS; not those that come from there. None if
-        that is not known yet.
+        """Whether the transforms of a stream go to ROS; not if they come from there. None if that
+        is not known yet.
         """
         if self.is_own(stream):
             return False
@@ -269,7 +269,7 @@ class Crossed:
         self._stamps: dict[str, dict[Way, dict[int, None]]] = {}
         self._second: dict[str, tuple[Way, float]] = {}
 
-    def note(self, way: Way, children: Iterable[str]) -> bool:
+    def record(self, way: Way, children: Iterable[str]) -> bool:
         """Note that frames go this way; whether any of them goes the other way too."""
         begins = is_contested = False
         with self._lock:
@@ -286,7 +286,7 @@ class Crossed:
             self._on_contested()
         return is_contested
 
-    def stays(self, way: Way, children: Iterable[str]) -> None:
+    def forget(self, way: Way, children: Iterable[str]) -> None:
         """These frames go this way no longer."""
         with self._lock:
             for child in children:
@@ -329,7 +329,7 @@ class Common:
 
     node: Node
     options: BridgeOptions
-    names: FrameNames
+    names: RosFrameNames
     publishers: RosPublishers
     bus: BusStreams
     crossed: Crossed

@@ -7,7 +7,7 @@ from functools import partial
 
 from tfbus.bridge.bridges import Bridges, CrossingRule
 from tfbus.bridge.common import Common
-from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Closing, Leg, RosTopic
+from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Endable, Leg, RosTopic
 from tfbus.bridge.ros_sources import RosSource, RosSources, RosStream
 from tfbus.bridge.routes import RateLimit, Route, Routes, chosen, invalid_rows, is_pose, route
 from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
@@ -48,15 +48,15 @@ class FromRos:
         self._on_names = on_names
         self._lock = threading.RLock()
         self._reader = TFMessageReader()
-        self._sources = RosSources(
+        self.sources = RosSources(
             common,
             tells_publishers=leg.tells_publishers,
             make=self._make,
-            take=self._take,
+            handle=self._handle,
             on_lost=self._note_that_none_crosses,
         )
         self._is_closed = False
-        self._subscriptions: list[Closing] = []
+        self._subscriptions: list[Endable] = []
 
     def listen(self, dynamic: RosTopic, static: RosTopic) -> None:
         """Take what comes on these topics from now on. Twice is fine."""
@@ -76,14 +76,14 @@ class FromRos:
             each.close()
         with self._lock:
             self._is_closed = True
-            self._sources.close()
+            self.sources.close()
 
     @property
     def streams(self) -> dict[str, int]:
         """How many frames come by each stream."""
         with self._lock:
-            found = {each.name: set[str]() for each in self._sources.streams if each.is_open}
-            for source in self._sources:
+            found = {each.name: set[str]() for each in self.sources.streams if each.is_open}
+            for source in self.sources:
                 if source.stream.name in found:
                     found[source.stream.name] |= source.taken
             return {name: len(children) for name, children in found.items() if children}
@@ -93,22 +93,22 @@ class FromRos:
     def reconsider(self) -> None:
         """The streams of the bus have changed, or the selection for ROS."""
         with self._lock:
-            for source in self._sources:
+            for source in self.sources:
                 source.routes.forget()
-            self._sources.stand_by()
+            self.sources.stand_by()
             self._send_statics()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Look who is there; call it every second."""
-        gone = self._publishers.look()
+        gone = self._publishers.poll()
         with self._lock:
             if self._is_closed:
                 return
-            self._sources.look(gone)
-            for source in self._sources:
+            self.sources.poll(gone)
+            for source in self.sources:
                 if self._rule.is_of_bridge(source):
                     source.routes.forget()
-            self._sources.stand_by()
+            self.sources.stand_by()
             self._send_statics()
 
     # Messages, on threads of the leg's
@@ -119,7 +119,7 @@ class FromRos:
                 return
             if not self._options.from_ros and self._bridges.of_gid(gid) is None:
                 return
-            self._sources.on_message(payload, gid, static=static)
+            self.sources.on_message(payload, gid, static=static)
 
     def _make(self, gid: str, node: str, stream: RosStream) -> RosSource:
         rate_hz = self._options.rate_limit_hz
@@ -135,9 +135,9 @@ class FromRos:
         return source
 
     def _note_that_none_crosses(self, source: RosSource) -> None:
-        others = [each for each in self._sources if each is not source]
+        others = [each for each in self.sources if each is not source]
         left = {child for other in others for child in other.children}
-        self._crossed.stays("from ROS", source.children - left)
+        self._crossed.forget("from ROS", source.children - left)
 
     def _begin_again(self, source: RosSource) -> None:
         """Forget frames that come no longer, if names never end: in a new epoch."""
@@ -152,7 +152,7 @@ class FromRos:
         source.routes.forget()
         source.stream.close()
 
-    def _take(self, source: RosSource, payload: bytes, static: bool) -> None:
+    def _handle(self, source: RosSource, payload: bytes, static: bool) -> None:
         one = None if static else self._reader.read_one(payload)
         if one is not None and self._take_one(source, *one):
             return
@@ -190,7 +190,7 @@ class FromRos:
             return
         is_taken = True
         if source.limit is not None:
-            source.limit.take(rows)
+            source.limit.pass_on(rows)
         else:
             is_taken = self._send(source, rows)
         if is_taken:
@@ -225,7 +225,7 @@ class FromRos:
         """Send them on the bus, if that is to be; whether the bus took them."""
         with self._lock:
             stream = source.stream
-            if self._is_closed or not (stream.is_open or self._sources.may_send(stream)):
+            if self._is_closed or not (stream.is_open or self.sources.may_send(stream)):
                 return False
             try:
                 stream.send(rows)
@@ -262,13 +262,15 @@ class FromRos:
         children = [on_bus[child] for child in found.children]
         for child in children:
             # It was static until now.
-            for each in self._sources.of_stream(source.stream):
+            for each in self.sources.of_stream(source.stream):
                 each.statics.pop(child, None)
             source.stream.becomes_dynamic(child)
         source.children |= set(children)
         source.taken &= source.children
         self._note_names(rows.frames)
-        return replace(found, children=children, contested=self._crossed.note("from ROS", children))
+        return replace(
+            found, children=children, contested=self._crossed.record("from ROS", children)
+        )
 
     def _refused(
         self, source: RosSource, on_bus: dict[str, str], rows: Columns
@@ -354,20 +356,20 @@ class FromRos:
         self._send_statics_of(source.stream)
 
     def _send_statics(self) -> None:
-        for stream in self._sources.streams:
+        for stream in self.sources.streams:
             self._send_statics_of(stream)
 
     def _send_statics_of(self, stream: RosStream) -> None:
         """Send the static transforms of a stream that cross, as they are now."""
         found: dict[str, TransformStamped] = {}
         crossings = []
-        for source in self._sources.of_stream(stream):
+        for source in self.sources.of_stream(stream):
             crossing = self._crossing_statics(source)
             source.children |= crossing.keys()
             crossings.append((source, crossing))
-            self._crossed.note("from ROS", crossing)
+            self._crossed.record("from ROS", crossing)
             found |= crossing
-        if not crossings or (found and not (stream.is_open or self._sources.may_send(stream))):
+        if not crossings or (found and not (stream.is_open or self.sources.may_send(stream))):
             return
         try:
             stream.set_statics(found)

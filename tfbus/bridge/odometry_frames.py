@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Mapping, Sequence
 
-from tfbus.bridge.legs import Closing, Leg, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.legs import Endable, Leg, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import ODOMETRY, TF_MESSAGE
@@ -33,7 +33,7 @@ class OdometryFrames:
     def publisher(self, topic: RosTopic) -> RosSender:
         return self._leg.publisher(topic)
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         if topic.definition != TF_MESSAGE or topic.retained:
             return self._leg.subscribe(topic, on_message)
         self._tf = topic.name

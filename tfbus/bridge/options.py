@@ -14,8 +14,8 @@ class BridgeOptions:
     """Which transforms cross, and the clock.
 
     `frames` are patterns of child frames as the bus names them, such as `robot1/*`: given, only
-    those cross. `frame_prefix` is put before the names of frames that come from ROS, and taken off
-    those that go there. `rate_limit_hz` is how often a frame goes at most, in each direction.
+    these cross. `frame_prefix` is put before the names of frames that come from ROS, and taken off
+    names that go there. `rate_limit_hz` is how often a frame goes at most, in each direction.
     `ros_namespace` is that of ROS's topics: "robot1" for /robot1/tf. With `clock` "auto" the side
     that has a clock gives it to the other.
     """
@@ -28,7 +28,7 @@ class BridgeOptions:
     ros_namespace: str = ""
     clock: ClockWay = "auto"
 
-    def takes(self, child: str) -> bool:
+    def selects(self, child: str) -> bool:
         """Whether the frame that the bus knows by this name crosses."""
         return not self.frames or any(fnmatchcase(child, each) for each in self.frames)
 
@@ -49,8 +49,8 @@ class BridgeOptions:
 _MOST_NAMES = 100_000
 
 
-class FrameNames:
-    """Turns the names of one side into those of the other; safe from any thread.
+class RosFrameNames:
+    """Turns the names of one side into the names of the other; safe from any thread.
 
     A frame of the bus without the prefix keeps its name in ROS, unless ROS has a frame of that name
     itself: that is another one.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 from tfbus.bridge.bridges import RosBridge
-from tfbus.bridge.legs import Closing, Leg, RosSender, RosTopic
+from tfbus.bridge.legs import Endable, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
 from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock
@@ -71,18 +71,18 @@ class RosClock:
         self._is_senior = is_senior
         self._on_way = on_way
         self._once = once
-        self._clock_s = clock_s
+        self.clock_s = clock_s
         self._lock = threading.Lock()
         # When each side was heard first, and last.
-        self._first_s: dict[str, float] = {}
-        self._last_s: dict[str, float] = {}
+        self.first_s: dict[str, float] = {}
+        self.last_s: dict[str, float] = {}
         # When the clock of other bridges is gone.
         self._alone_from_s = 0.0
         self._bridge_gids: frozenset[str] = frozenset()
         self._sender: RosSender | None = None
-        self._publisher: Closing | None = None
+        self._publisher: Endable | None = None
         self._publish: Callable[[Clock], None] = lambda clock: None
-        self._subscriptions: list[Closing] = []
+        self._subscriptions: list[Endable] = []
         if any(self._may.values()):
             self._subscriptions = [
                 leg.subscribe(TOPIC, self._on_ros),
@@ -90,7 +90,7 @@ class RosClock:
                     "clock", self._on_bus, type_name=Clock.__name__, others=True
                 ),
             ]
-            self._timer = executor.every(_DECIDE_S / 2, self.look)
+            self._timer = executor.every(_DECIDE_S / 2, self.poll)
 
     def close(self) -> None:
         """Pass nothing on. Twice is fine."""
@@ -101,7 +101,7 @@ class RosClock:
         with self._lock:
             self._end()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Decide which way it goes; call it about every second."""
         self._bridge_gids = frozenset(
             each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)
@@ -114,10 +114,10 @@ class RosClock:
             self._on_way()
 
     def _decide(self, others: Sequence[RosBridge]) -> None:
-        now_s = self._clock_s()
-        there = {side for side, last_s in self._last_s.items() if now_s < last_s + _SILENT_S}
-        for side in self._first_s.keys() - there:
-            del self._first_s[side]
+        now_s = self.clock_s()
+        there = {side for side, last_s in self.last_s.items() if now_s < last_s + _SILENT_S}
+        for side in self.first_s.keys() - there:
+            del self.first_s[side]
         if others:
             self._alone_from_s = now_s + _SILENT_S + _DECIDE_S
         if self._has_two(now_s) and now_s >= self._alone_from_s:
@@ -140,7 +140,7 @@ class RosClock:
 
     def _has_two(self, now_s: float) -> bool:
         """Whether both sides have had a clock for some time; another bridge is known by then."""
-        firsts_s = self._first_s.values()
+        firsts_s = self.first_s.values()
         return self._is_auto and len(firsts_s) == 2 and now_s >= max(firsts_s) + _DECIDE_S
 
     def _senior_with(self, way: str, others: Sequence[RosBridge]) -> RosBridge | None:
@@ -152,7 +152,7 @@ class RosClock:
         # One that was there first goes first.
         after_s = _DECIDE_S * (1 + any(map(self._is_senior, others)))
         for way in there:
-            is_due = now_s >= self._first_s[way] + after_s
+            is_due = now_s >= self.first_s[way] + after_s
             if self._may[way] and is_due and not self._is_theirs(way, others):
                 self._begin(way)
 
@@ -189,9 +189,9 @@ class RosClock:
         self._publish = lambda clock: None
 
     def _heard(self, way: str) -> None:
-        now_s = self._clock_s()
-        self._last_s[way] = now_s
-        self._first_s.setdefault(way, now_s)
+        now_s = self.clock_s()
+        self.last_s[way] = now_s
+        self.first_s.setdefault(way, now_s)
 
     def _on_ros(self, payload: bytes, gid: str) -> None:
         if gid in self._bridge_gids and gid:

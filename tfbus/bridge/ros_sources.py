@@ -23,7 +23,7 @@ from tfbus.wording import printable
 class RosStream:
     """The transforms of one node of ROS, as a stream of the bus; used by one thread at a time.
 
-    It begins with the first transform. `gids` are those of the publishers that have sent.
+    It begins with the first transform. `gids` are the publishers that have sent.
     """
 
     def __init__(self, node: Node, name: str) -> None:
@@ -62,7 +62,7 @@ class RosStream:
         (self._sender or self._sending()).send_pose(frames, stamp_ns, pose)
 
     def set_statics(self, transforms: Mapping[str, TransformStamped]) -> None:
-        """Send these static transforms, by their child frames, in place of those before. Raises
+        """Send these static transforms, by their child frames, in place of the former ones. Raises
         TfbusError if they cannot be sent.
         """
         new = {
@@ -174,7 +174,7 @@ class RosSources:
     """The sources; each call holds a lock of the caller's.
 
     `make(gid, node, stream)` is called when a publisher sends for the first time,
-    `take(source, payload, static)` with each message once it is known whose it is, and
+    `handle(source, payload, static)` with each message once it is known whose it is, and
     `on_lost(source)` when a publisher sends no longer. `tells_publishers` is whether ROS says by
     which gid a message comes; if it does not, all come by the gid "".
     """
@@ -185,7 +185,7 @@ class RosSources:
         *,
         tells_publishers: bool,
         make: Callable[[str, str, RosStream], RosSource],
-        take: Callable[[RosSource, bytes, bool], object],
+        handle: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
         clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
@@ -195,12 +195,12 @@ class RosSources:
         self._once = common.once
         self._tells_publishers = tells_publishers
         self._make_source = make
-        self._take = take
+        self._handle = handle
         self._on_lost = on_lost
-        self._clock_s = clock_s
+        self.clock_s = clock_s
         self._lines = lines_of(common.node.log)
         self._sources: dict[str, RosSource] = {}
-        self._unknown: dict[str, _Unknown] = {}
+        self.unknown: dict[str, _Unknown] = {}
         # The gids of sources that ROS did not list when they were made.
         self._unlisted: set[str] = set()
         self._streams: dict[str, RosStream] = {}
@@ -223,7 +223,7 @@ class RosSources:
         """Hand a message over with its source, now or once ROS says whose it is."""
         source = self._sources.get(gid) or self._meet(gid)
         if source is None:
-            messages = self._unknown[gid].messages
+            messages = self.unknown[gid].messages
             if len(messages) < _MOST_UNKNOWN:
                 messages.append((payload, static))
             else:
@@ -236,11 +236,11 @@ class RosSources:
         else:
             self._hand_over(source, payload, static)
 
-    def look(self, gone: Collection[str]) -> None:
-        """Look who is there, where these publishers are gone; call it every second."""
+    def poll(self, gone: Collection[str]) -> None:
+        """Update the sources, of which these publishers are gone; call it every second."""
         self._lose(gone)
         self._lose(self._silent())
-        for gid in [*self._unknown]:
+        for gid in [*self.unknown]:
             self._meet(gid)
         self._take_late_names()
         self._look_whether_alone()
@@ -276,20 +276,20 @@ class RosSources:
     def _meet(self, gid: str) -> RosSource | None:
         """A publisher that is new; None if ROS does not tell yet whose it is."""
         node: str | None = ""
-        unknown = self._unknown.get(gid)
+        unknown = self.unknown.get(gid)
         is_kept = bool(gid)
         if gid:
-            is_full = len(self._unknown) + len(self._unlisted) >= _MOST_UNLISTED
+            is_full = len(self.unknown) + len(self._unlisted) >= _MOST_UNLISTED
             may_wait = unknown is not None or not is_full
-            node = self._publishers.look_for(gid) if may_wait else self._publishers.nodes.get(gid)
+            node = self._publishers.find_node(gid) if may_wait else self._publishers.nodes.get(gid)
             is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
         if is_kept and node is None:
             if unknown is None:
-                unknown = self._unknown[gid] = _Unknown(self._clock_s())
-            if self._clock_s() < unknown.since_s + _UNKNOWN_S:
+                unknown = self.unknown[gid] = _Unknown(self.clock_s())
+            if self.clock_s() < unknown.since_s + _UNKNOWN_S:
                 return None
             self._unlisted.add(gid)
-        self._unknown.pop(gid, None)
+        self.unknown.pop(gid, None)
         if is_kept:
             source = self._make(gid, node or "")
         else:
@@ -299,8 +299,8 @@ class RosSources:
         return source
 
     def _hand_over(self, source: RosSource, payload: bytes, static: bool) -> None:
-        source.heard_s = self._clock_s()
-        self._take(source, payload, static)
+        source.heard_s = self.clock_s()
+        self._handle(source, payload, static)
 
     def _make(self, gid: str, node: str) -> RosSource:
         name = stream_name(self._node, node)
@@ -357,7 +357,7 @@ class RosSources:
         """The publishers that ROS does not list, and that send nothing."""
         nodes = self._publishers.nodes
         self._unlisted -= nodes.keys()
-        before_s = self._clock_s() - _UNLISTED_S
+        before_s = self.clock_s() - _UNLISTED_S
         found = [gid for gid in self._unlisted if self._sources[gid].heard_s < before_s]
         shared = self._sources.get("")
         # With a listed one that has no source of its own it may stand for that.
@@ -366,7 +366,7 @@ class RosSources:
         return found
 
     def _look_whether_alone(self) -> None:
-        """Where messages do not tell their publishers, they are gone when all are."""
+        """If messages do not tell their publishers, they are gone when all are."""
         if "" in self._sources and not self._tells_publishers:
             self._alone_looks = 0 if self._publishers.nodes else self._alone_looks + 1
             if self._alone_looks == 2:
@@ -376,7 +376,7 @@ class RosSources:
         """Publishers are gone; what others of the same node send goes on in a new epoch."""
         lost: dict[str, tuple[RosSource, set[str]]] = {}
         for gid in gids:
-            self._unknown.pop(gid, None)
+            self.unknown.pop(gid, None)
             source = self._sources.get(gid)
             if source is not None:
                 self._drop(gid)

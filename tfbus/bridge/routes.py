@@ -21,8 +21,8 @@ _MOST_TABLES = 1000
 @dataclass(frozen=True, slots=True)
 class Route:
     """The names that frames get, and which rows go, None for all. The frames of `contested` rows
-    go both ways: each row of theirs is looked at. `children` are those that go, by the names of the
-    bus.
+    go both ways: each row of theirs is looked at. `children` are the frames that go, by their
+    names on the bus.
     """
 
     frames: tuple[str, ...]
@@ -101,7 +101,7 @@ class RateLimit:
     """Passes rows on to `send(rows)`, of each child frame one in `1 / rate_hz` seconds at most.
 
     A transform that comes too soon goes at the end of that time, unless a newer one has come. Safe
-    from any thread; `send` is called by that of `take` or the executor's.
+    from any thread; `send` is called by that of `pass_on` or the executor's.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class RateLimit:
         self._timer: Timer | None = None
         self._is_closed = False
 
-    def take(self, rows: Columns) -> None:
+    def pass_on(self, rows: Columns) -> None:
         """Pass on the rows that may go now."""
         now_s, frames = self._clock_s(), rows.frames
         with self._lock:
@@ -134,7 +134,7 @@ class RateLimit:
                     self._waiting[frames[child]] = rows, at
                 else:
                     ready[frames[child]] = at
-            self._note(ready, now_s)
+            self._record_passed(ready, now_s)
             if self._waiting and self._timer is None and not self._is_closed:
                 # Often enough that one which waits goes soon after its time.
                 self._timer = self._executor.every(self._period_s / 2, self.flush)
@@ -150,7 +150,7 @@ class RateLimit:
                 for child, row in self._waiting.items()
                 if now_s >= self._free_s.get(child, now_s)
             }
-            self._note(ready, now_s)
+            self._record_passed(ready, now_s)
             if not self._waiting:
                 self._stop()
         of: dict[int, tuple[Columns, list[int]]] = {}
@@ -171,7 +171,7 @@ class RateLimit:
             self._timer.cancel()
             self._timer = None
 
-    def _note(
+    def _record_passed(
         self, children: "dict[str, int] | dict[str, tuple[Columns, int]]", now_s: float
     ) -> None:
         for child in children:

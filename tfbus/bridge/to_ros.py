@@ -117,10 +117,10 @@ class ToRos:
             left = [child for child, of in self._going.items() if not self._bus.is_there(of)]
             for child in left:
                 del self._going[child]
-        self._crossed.stays("to ROS", left)
+        self._crossed.forget("to ROS", left)
         self._statics_soon()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Call it every second: what was not known may be known now."""
         if self._is_undecided or self._has_senior:
             self._is_undecided = self._has_senior = False
@@ -152,7 +152,7 @@ class ToRos:
         if message is not None:
             self._is_taken(self._dynamic, rows, message)
         elif self._limit is not None and rows.count:
-            self._limit.take(rows)
+            self._limit.pass_on(rows)
 
     def _on_change(self, change: Change) -> None:
         if change.kind in _OF_STATICS:
@@ -174,14 +174,14 @@ class ToRos:
             self._stays(child, stream)
         for child in found.children:
             self._going[child] = stream
-        is_contested = self._crossed.note("to ROS", found.children)
+        is_contested = self._crossed.record("to ROS", found.children)
         return Route(found.frames, found.rows, found.children, is_contested)
 
     def _stays(self, child: str, stream: str) -> None:
         """A frame of a stream does not go, or no longer."""
         if self._going.get(child) == stream:
             del self._going[child]
-            self._crossed.stays("to ROS", (child,))
+            self._crossed.forget("to ROS", (child,))
 
     def _goes(self, stream: str) -> bool:
         goes = self._bus.goes_to_ros(stream)
@@ -189,7 +189,7 @@ class ToRos:
         return goes is True
 
     def _crosses(self, parent: str, child: str, in_ros: dict[str, str | None]) -> bool:
-        if not self._options.takes(child):
+        if not self._options.selects(child):
             return False
         there = in_ros[parent], in_ros[child]
         if None in there or there[0] == there[1]:
@@ -287,7 +287,7 @@ class ToRos:
                 self._going[child] = stream
             elif is_it:
                 self._stays(child, stream)
-        self._crossed.note("to ROS", crossing)
+        self._crossed.record("to ROS", crossing)
         return crossing
 
     def _in_ros(self, transform: TransformStamped) -> TransformStamped:

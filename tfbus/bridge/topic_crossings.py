@@ -1,4 +1,4 @@
-"""One topic in one direction: from the bus to ROS, and from ROS to the bus."""
+"""A topic on its way in one direction: from the bus to ROS, or from ROS to the bus."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -6,14 +6,14 @@ from typing import Any
 
 from tfbus import messages
 from tfbus.bridge.legs import LEAST_READER_DEPTH, Leg, RosTopic
-from tfbus.bridge.options import FrameNames
+from tfbus.bridge.options import RosFrameNames
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.ros.counterparts import fitted
 from tfbus.ros.definition_text import message_of
-from tfbus.ros.message_type import Message, Sequence, Text, Type
+from tfbus.ros.message_type import MessageType, Sequence, Text, Type
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.log_once import LogOnce
@@ -30,7 +30,7 @@ _FrameFields = Mapping[str, "_FrameFields"]
 class Translation:
     """Messages of a line's types, as bytes, in both directions. Thread-safe."""
 
-    def __init__(self, line: TopicLine, names: FrameNames, now_ns: Callable[[], int]) -> None:
+    def __init__(self, line: TopicLine, names: RosFrameNames, now_ns: Callable[[], int]) -> None:
         self._names = names
         self._counterpart = line.counterpart
         definition = line.counterpart.definition
@@ -42,7 +42,7 @@ class Translation:
         self._type = _supplied_type(line.type_name)
 
     def to_ros(self, payload: bytes) -> bytes:
-        """The message of ours as one of ROS. Raises DecodeError where it does not fit."""
+        """The message of ours as one of ROS. Raises DecodeError if it does not fit."""
         values = decode_map(payload)
         if self._type is not None:
             values = as_map(from_map(self._type, values))
@@ -57,7 +57,7 @@ class Translation:
         return message
 
     def of_ros(self, payload: bytes) -> bytes:
-        """The message of ROS as one of ours. Raises DecodeError where it does not fit."""
+        """The message of ROS as one of ours. Raises DecodeError if it does not fit."""
         of_ros = self._codec.decode(payload)
         _rename(of_ros, self._frames, self._names.on_bus)
         try:
@@ -80,7 +80,7 @@ class Translation:
 def _frame_fields(type_: Type) -> _FrameFields:
     type_ = type_.item if isinstance(type_, Sequence) else type_
     found: dict[str, _FrameFields] = {}
-    for field in type_.fields if isinstance(type_, Message) else ():
+    for field in type_.fields if isinstance(type_, MessageType) else ():
         below = _frame_fields(field.type)
         if below or (field.name in _FRAMES and isinstance(field.type, Text)):
             found[field.key] = below
@@ -107,7 +107,7 @@ class TopicToRos:
         name: str,
         ros_name: str,
         line: TopicLine,
-        names: FrameNames,
+        names: RosFrameNames,
     ) -> None:
         self.line = line
         self._name = name
@@ -160,7 +160,7 @@ class TopicFromRos:
         name: str,
         ros_name: str,
         line: TopicLine,
-        names: FrameNames,
+        names: RosFrameNames,
         accepts: Callable[[str], bool],
     ) -> None:
         self.line = line

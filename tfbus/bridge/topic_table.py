@@ -33,7 +33,7 @@ from tfbus.ros.definitions import (
     message_names,
     standard_definition,
 )
-from tfbus.ros.message_type import Message
+from tfbus.ros.message_type import MessageType
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable
@@ -47,7 +47,7 @@ class TopicLine:
     """How topics of one of our types cross.
 
     Topics of the bus are found by their type, and by the `pattern` of their names, `*` for any
-    text. In ROS `names` are looked for, beside those that the bus subscribes to. A `retained` one
+    text. In ROS `names` are looked for, and names that the bus subscribes to. A `retained` topic
     is transient local in ROS. `stamps` says that ROS's type has no stamp: it gets that of its
     arrival.
     """
@@ -77,7 +77,7 @@ class TopicLine:
 
     @property
     def has_fields_of_ros(self) -> bool:
-        """Whether its fields are those of ROS, not those of a user's type."""
+        """Whether its fields are ROS's, not a user's own."""
         usual = LIVE_COUNTERPARTS.get(self.type_name)
         return self.type_name == self.ros_type or self.counterpart is usual
 
@@ -141,9 +141,9 @@ class TopicTable:
         return TopicTable(own, dict([table._asked(text) for text in extra_topics]))
 
     def line_of(self, name: str, type_name: str) -> TopicLine | None:
-        """The line for a topic of the bus; None where it does not cross.
+        """The line for a topic of the bus; None if it does not cross.
 
-        Raises TfbusError where its name stands in a line of the user, with another type.
+        Raises TfbusError if its name stands in a line of the user, with another type.
         """
         for line in self._own:
             if fnmatchcase(name, line.pattern):
@@ -231,7 +231,7 @@ def _line_of_file(name: str, value: Value, path: Path) -> TopicLine:
 
 
 def _with_names(line: TopicLine, pattern: str) -> TopicLine:
-    """The line for topics of this pattern; where it is one name, that is looked for in ROS."""
+    """The line for topics of this pattern; if it is one name, that is looked for in ROS."""
     names = () if set("*?[") & set(pattern) or line.direction == "off" else (pattern,)
     return TopicLine(
         line.counterpart,
@@ -247,7 +247,7 @@ def _with_names(line: TopicLine, pattern: str) -> TopicLine:
 def _counterpart(
     pattern: str, value: Value, fields: Mapping[str, Value], path: Path
 ) -> Counterpart:
-    """What the types are, and how one becomes the other."""
+    """The two types of a line, and the way from each to the other."""
     type_name = _type_name(fields["type"].text()) if "type" in fields else ""
     if "ros" not in fields:
         leaf = pattern.rpartition("/")[2]
@@ -283,7 +283,7 @@ def _usual(leaf: str) -> Counterpart | None:
 
 
 def _type_name(text: str) -> str:
-    """The name of a type as the bus has it: `Battery`, also where its module stands before it."""
+    """The name of a type as the bus has it: `Battery`, also if its module stands before it."""
     parts = text.split(".")
     while len(parts) > 1 and parts[0][:1].islower():
         del parts[0]
@@ -297,7 +297,7 @@ def _full_name(text: str) -> str:
 
 def _definition(
     ros_type: str, fields: Mapping[str, Value], path: Path
-) -> tuple[Definition, Message]:
+) -> tuple[Definition, MessageType]:
     place = fields["ros"].place
     if "msg" in fields:
         place = fields["msg"].place
@@ -335,7 +335,7 @@ def _why_unknown(ros_type: str) -> str:
 _Pairs = list[tuple[list[str], list[str]]]
 
 
-def _pairs(value: Value, message: Message) -> _Pairs:
+def _pairs(value: Value, message: MessageType) -> _Pairs:
     """Paths of fields, ours and theirs."""
     pairs: _Pairs = []
     for ours, theirs in value.entries().items():
@@ -361,7 +361,7 @@ def _pairs(value: Value, message: Message) -> _Pairs:
 
 
 def mapped(
-    type_name: str, definition: Definition, message: Message, pairs: _Pairs | None
+    type_name: str, definition: Definition, message: MessageType, pairs: _Pairs | None
 ) -> Counterpart:
     """Types whose fields have the same names, or of which these pairs of paths cross."""
 

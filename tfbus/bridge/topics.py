@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.legs import Leg, RosPublisher
-from tfbus.bridge.options import BridgeOptions, FrameNames
+from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
@@ -24,7 +24,7 @@ from tfbus.wire.keys import CLOCK_TOPIC, relative_name
 from tfbus.wording import listed
 
 # How often both sides are asked what they have, and how long the nodes of the bus may take.
-_LOOK_EVERY_S = 1.0
+_POLL_EVERY_S = 1.0
 _ASK_WITHIN_S = 0.8
 
 # A busy node may not answer for a while; its topics stay that long.
@@ -42,12 +42,13 @@ _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 class TopicBridge:
     """Passes topics on in both directions, or one, until `close()`.
 
-    Topics of the bus are those that nodes of the node's namespace describe, of types that the
-    table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
-    No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out if this side has their source. `names` are those of frames in
-    messages: on the bus and in ROS the same, without it. `seniors()` are the bridges between the
-    same bus and the same ROS that were there before: what they send, this one does not.
+    Topics of the bus are the ones that nodes of the node's namespace describe, of types that the
+    table has. In ROS it looks for topics that the bus subscribes to, and for names in the table.
+    No message comes back to where it is from: own ones do not, neither by the bus nor by ROS, and
+    messages of another bridge are left out if this side has their source. `names` are the names of
+    frames in messages: on the bus and in ROS the same, without it. `seniors()` are the bridges
+    between the same bus and the same ROS that were there before: this one does not send what they
+    send.
     """
 
     def __init__(
@@ -61,12 +62,12 @@ class TopicBridge:
         ros_namespace: str,
         log: logging.Logger,
         seniors: Callable[[], Collection[RosBridge]] = lambda: (),
-        names: FrameNames | None = None,
+        names: RosFrameNames | None = None,
     ) -> None:
         self._node = node
         self._leg = leg
         self._table = table
-        self._names = names or FrameNames(BridgeOptions())
+        self._names = names or RosFrameNames(BridgeOptions())
         self._is_to_ros = to_ros
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
@@ -77,8 +78,8 @@ class TopicBridge:
         self._topics: dict[str, _Topic] = {}
         self._is_closed = False
         self._executor = Executor(f"{node.full_name} topics", log)
-        self._executor.submit("topics", self._look)
-        self._executor.every(_LOOK_EVERY_S, self._look)
+        self._executor.submit("topics", self._poll)
+        self._executor.every(_POLL_EVERY_S, self._poll)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
@@ -90,7 +91,7 @@ class TopicBridge:
                 self._topics.popitem()[1].close()
 
     def crossing(self) -> tuple[list[str], list[str]]:
-        """The topics that go to ROS now, and those that come from there, by their names on the
+        """The topics that go to ROS now, and the ones that come from there, by their names on the
         bus.
         """
         with self._lock:
@@ -100,7 +101,7 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         described = describe_all(self._node.session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
         own = self._node.session.id
         nodes = [each for each in described if each.session != own and self._sees(each)]
@@ -151,7 +152,7 @@ class TopicBridge:
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
         topic.line = line
-        topic.look(
+        topic.poll(
             info, bridges, self._seniors(), to_ros=self._is_to_ros, from_ros=self._is_from_ros
         )
 
@@ -184,7 +185,7 @@ class _Topic:
         leg: Leg,
         name: str,
         ros_name: str,
-        names: FrameNames,
+        names: RosFrameNames,
     ) -> None:
         self.line: TopicLine | None = None
         self._node = node
@@ -210,7 +211,7 @@ class _Topic:
         """Whether it comes from ROS."""
         return self._from is not None
 
-    def look(
+    def poll(
         self,
         info: TopicInfo,
         bridges: set[str],

@@ -3,6 +3,6 @@
 Packages of ROS's interfaces, as tfbus.compat.nav_msgs.msg, are made from their definitions.
 """
 
-from tfbus.compat.interface_modules import install
+from tfbus.compat.modules import install
 
 install()

@@ -1,13 +1,48 @@
-"""Transforms of ROS's layout from and to tfbus's; any object with ROS's fields will do."""
+"""Times and transforms in ROS's layout and in tfbus's; any object with ROS's fields will do."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from tfbus.compat import used_messages as ros
-from tfbus.compat.rclpy.time import stamp_ns_of
+from tfbus.compat.message_classes import message_class
 from tfbus.geometry.transform import Transform, TransformStamped
 
 _SECOND_NS = 1_000_000_000
+
+# The messages that tfbus.compat makes itself.
+TimeMessage: Any = message_class("builtin_interfaces/msg/Time")
+DurationMessage: Any = message_class("builtin_interfaces/msg/Duration")
+Header: Any = message_class("std_msgs/msg/Header")
+TransformStampedMessage: Any = message_class("geometry_msgs/msg/TransformStamped")
+TFMessage: Any = message_class("tf2_msgs/msg/TFMessage")
+_Vector3: Any = message_class("geometry_msgs/msg/Vector3")
+_Quaternion: Any = message_class("geometry_msgs/msg/Quaternion")
+_Transform: Any = message_class("geometry_msgs/msg/Transform")
+
+
+class TimeBase:
+    """The base of Time, which is recognized by it before rclpy is imported."""
+
+    __slots__ = ("_nanoseconds",)
+    _nanoseconds: int
+
+
+def stamp_ns_of(time: Any, what: str = "time") -> int:
+    """Nanoseconds since the epoch of a Time, or of a message's stamp; of rclpy's and rospy's too.
+
+    Raises TypeError for another type, such as a Duration, or seconds as a number.
+    """
+    if isinstance(time, TimeBase):
+        return time._nanoseconds
+    if hasattr(time, "nanosec"):
+        return int(time.sec) * _SECOND_NS + int(time.nanosec)
+    if hasattr(time, "clock_type"):  # rclpy's: its Duration has nanoseconds, and no clock
+        return int(time.nanoseconds)
+    if hasattr(time, "nsecs"):
+        return int(time.secs) * _SECOND_NS + int(time.nsecs)
+    hint = ": write Time(seconds=...), or Time() for the latest"
+    raise TypeError(
+        f"{what} must be a Time or the stamp of a message, not a {type(time).__name__}{hint}"
+    )
 
 
 def stamped_of(message: Any) -> TransformStamped:
@@ -53,11 +88,11 @@ def message_with(stamp_ns: int, parent: str, child: str, pose: Sequence[float]) 
     """ROS's TransformStamped of a pose: x, y, z, and a quaternion x, y, z, w."""
     sec, nanosec = divmod(stamp_ns, _SECOND_NS)
     x, y, z, qx, qy, qz, qw = pose
-    return ros.TransformStamped(
-        header=ros.Header(stamp=ros.Time(sec=sec, nanosec=nanosec), frame_id=parent),
+    return TransformStampedMessage(
+        header=Header(stamp=TimeMessage(sec=sec, nanosec=nanosec), frame_id=parent),
         child_frame_id=child,
-        transform=ros.Transform(
-            translation=ros.Vector3(x=x, y=y, z=z),
-            rotation=ros.Quaternion(x=qx, y=qy, z=qz, w=qw),
+        transform=_Transform(
+            translation=_Vector3(x=x, y=y, z=z),
+            rotation=_Quaternion(x=qx, y=qy, z=qz, w=qw),
         ),
     )

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from tfbus.compat.message_fields import FieldCodec, field_codec
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import message_named
-from tfbus.ros.message_type import Message, Scalar
+from tfbus.ros.message_type import MessageType, Scalar
 from tfbus.wording import printable
 
 PACKAGE = "tfbus.compat"
@@ -185,14 +185,14 @@ def _array_property(name: str, codec: FieldCodec) -> property:
     return property(get, set_)
 
 
-def _constants(message: Message) -> dict[str, Any]:
+def _constants(message: MessageType) -> dict[str, Any]:
     return {
         each.name: bytes([each.value]) if each.type == Scalar("byte") else each.value
         for each in message.constants
     }
 
 
-def _doc(message: Message) -> str:
+def _doc(message: MessageType) -> str:
     return f"ROS's {message.name}: {', '.join(field.name for field in message.fields) or 'empty'}."
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import DecodeError
-from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,7 +50,7 @@ def field_codec(type_: Type, default: Any, class_of: ClassOf) -> FieldCodec:
         return _scalar(type_.name, default)
     if isinstance(type_, Text):
         return _text(type_, default or "")
-    if isinstance(type_, Message):
+    if isinstance(type_, MessageType):
         return _message(class_of(type_.name))
     return _sequence(type_, default, class_of)
 

@@ -6,8 +6,9 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from tfbus.compat.fields import stamp_ns_of
 from tfbus.compat.rclpy.duration import Duration
-from tfbus.compat.rclpy.time import Time, stamp_ns_of
+from tfbus.compat.rclpy.time import Time
 
 __all__ = ["ApproximateTimeSynchronizer", "Cache", "SimpleFilter", "Subscriber", "TimeSynchronizer"]
 

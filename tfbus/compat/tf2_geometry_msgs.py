@@ -6,9 +6,8 @@ of the transform. Nothing that is given is changed.
 
 from typing import TYPE_CHECKING, Any
 
-from tfbus.compat.fields import transform_of
+from tfbus.compat.fields import stamp_ns_of, transform_of
 from tfbus.compat.message_classes import message_class
-from tfbus.compat.rclpy.time import stamp_ns_of
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
 from tfbus.geometry.transform import Transform
 

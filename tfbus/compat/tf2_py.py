@@ -8,9 +8,9 @@ from typing import Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.formats import as_dot, as_yaml
-from tfbus.compat.fields import message_of, stamped_of
+from tfbus.compat.fields import message_of, stamp_ns_of, stamped_of
 from tfbus.compat.rclpy.duration import Duration, seconds_of
-from tfbus.compat.rclpy.time import Time, stamp_ns_of
+from tfbus.compat.rclpy.time import Time
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,

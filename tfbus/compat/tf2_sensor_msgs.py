@@ -2,12 +2,11 @@
 
 from typing import TYPE_CHECKING, Any
 
-from tfbus.compat.fields import transform_of
+from tfbus.compat.fields import Header, transform_of
 from tfbus.compat.message_classes import message_class
 from tfbus.compat.sensor_msgs_py.point_cloud2 import create_cloud, read_points
 from tfbus.compat.tf2_geometry_msgs import from_msg_msg, to_msg_msg
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
-from tfbus.compat.used_messages import Header
 
 if TYPE_CHECKING:
     import numpy as np

@@ -399,7 +399,7 @@ def compose_matrix(
 
 
 def decompose_matrix(matrix: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """What `compose_matrix` takes: scale, shear, angles, translation and perspective. Raises
+    """The arguments of `compose_matrix`: scale, shear, angles, translation and perspective. Raises
     ValueError for a matrix that cannot be inverted.
     """
     m = np.array(matrix, float)

@@ -13,7 +13,7 @@ from typing import Any
 from tfbus import messages
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
-from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
 from tfbus.ros.value_codec import UnfitError
 from tfbus.wire.codec import renewed_map
 from tfbus.wire.ros_fields import HEADER, with_header, without_header
@@ -70,11 +70,11 @@ def fitted(value: Any, type_: Type, path: str = "") -> Any:
 
 def plain(value: Any, type_: Type) -> Any:
     """A value of this type as ours: times are nanoseconds, all else stays as it is."""
-    if isinstance(type_, Message):
+    if isinstance(type_, MessageType):
         if type_.name in _TIMES:
             return value["sec"] * _SECOND_NS + value["nanosec"]
         return {field.key: plain(value[field.key], field.type) for field in type_.fields}
-    if isinstance(type_, Sequence) and isinstance(type_.item, Message):
+    if isinstance(type_, Sequence) and isinstance(type_.item, MessageType):
         return [plain(each, type_.item) for each in value]
     return value
 
@@ -82,7 +82,7 @@ def plain(value: Any, type_: Type) -> Any:
 def field_at(type_: Type, path: str) -> Type | None:
     """The type of the field at a path, such as "header.stamp"; None if there is none."""
     for name in path.split("."):
-        if not isinstance(type_, Message):
+        if not isinstance(type_, MessageType):
             return None
         found = [field.type for field in type_.fields if field.key == name]
         if not found:
@@ -150,7 +150,7 @@ _OfRos = Callable[[dict[str, Any]], dict[str, Any]]
 class Counterpart:
     """A type of ours, by its name, and that of ROS with the same content.
 
-    `to_ros` makes the values of a message of ROS of ours, and raises UnfitError where they would
+    `to_ros` makes the values of a message of ROS of ours, and raises UnfitError if they would
     not come back by `of_ros`, which raises DecodeError for a message with other fields.
     """
 
@@ -175,11 +175,11 @@ def counterpart_of_ros(ros_type: str, said: str, topic: str) -> Counterpart | No
 
 def _in_ros(value: Any, type_: Type) -> Any:
     """A value of ours as one of this type, in the order of its fields."""
-    if isinstance(type_, Sequence) and isinstance(type_.item, Message):
+    if isinstance(type_, Sequence) and isinstance(type_.item, MessageType):
         if not isinstance(value, list | tuple):
             raise UnfitError("it must be a list of messages")
         return [_in_ros(each, type_.item) for each in value]
-    if not isinstance(type_, Message):
+    if not isinstance(type_, MessageType):
         return value
     try:
         if _has_header(type_):
@@ -194,17 +194,19 @@ def _in_ros(value: Any, type_: Type) -> Any:
 
 def _of_ros(value: Any, type_: Type) -> Any:
     """A value of this type as ours. Raises KeyError or TypeError for one of another type."""
-    if isinstance(type_, Sequence) and isinstance(type_.item, Message):
+    if isinstance(type_, Sequence) and isinstance(type_.item, MessageType):
         return [_of_ros(each, type_.item) for each in value]
-    if not isinstance(type_, Message):
+    if not isinstance(type_, MessageType):
         return value
     values = {field.key: _of_ros(value[field.key], field.type) for field in type_.fields}
     return without_header(values) if _has_header(type_) else values
 
 
-def _has_header(message: Message) -> bool:
+def _has_header(message: MessageType) -> bool:
     return any(
-        field.key == HEADER and isinstance(field.type, Message) and field.type.name == _HEADER_TYPE
+        field.key == HEADER
+        and isinstance(field.type, MessageType)
+        and field.type.name == _HEADER_TYPE
         for field in message.fields
     )
 

@@ -20,8 +20,8 @@ from tfbus.ros.message_type import (
     SEPARATOR,
     Constant,
     Definition,
-    Field,
-    Message,
+    MessageField,
+    MessageType,
     Scalar,
     Sequence,
     Text,
@@ -58,7 +58,7 @@ _EVERYWHERE = {
 }
 
 
-def definition_of(message: Message) -> Definition:
+def definition_of(message: MessageType) -> Definition:
     """The definition of one of our messages."""
     first, *others = messages_in(message)
     parts = [_section(first)]
@@ -67,7 +67,7 @@ def definition_of(message: Message) -> Definition:
     return Definition(message.name, "".join(parts))
 
 
-def message_of(definition: Definition) -> Message:
+def message_of(definition: Definition) -> MessageType:
     """The message that a definition defines.
 
     Raises DecodeError, with the line, for a definition that is not valid, or has what is not read:
@@ -79,11 +79,11 @@ def message_of(definition: Definition) -> Message:
     return Definitions(_EVERYWHERE | sections_in(definition.text, name)).message(name)
 
 
-def text_of_ros(message: Message) -> str:
+def text_of_ros(message: MessageType) -> str:
     """The text of a message of ROS with its constants and all messages in it, each behind the one
     that has it first.
     """
-    found: dict[str, Message] = {}
+    found: dict[str, MessageType] = {}
     _add_depth_first(message, found)
     first, *others = found.values()
     parts = [_section(first)]
@@ -91,16 +91,16 @@ def text_of_ros(message: Message) -> str:
     return "".join(parts)
 
 
-def _add_depth_first(message: Message, found: dict[str, Message]) -> None:
+def _add_depth_first(message: MessageType, found: dict[str, MessageType]) -> None:
     if message.name not in found:
         found[message.name] = message
         for field in message.fields:
             type_ = field.type.item if isinstance(field.type, Sequence) else field.type
-            if isinstance(type_, Message):
+            if isinstance(type_, MessageType):
                 _add_depth_first(type_, found)
 
 
-def _section(message: Message) -> str:
+def _section(message: MessageType) -> str:
     lines = [f"{_REMARK}{message.kind}"] if message.kind in _KINDS else []
     lines += [
         f"{_type_text(each.type)} {each.name}={_constant_text(each)}" for each in message.constants
@@ -109,7 +109,7 @@ def _section(message: Message) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _line(field: Field) -> str:
+def _line(field: MessageField) -> str:
     line = f"{_type_text(field.type)} {field.name}"
     return line if field.name == field.key else f"{line} {_REMARK}{json.dumps(field.key)}"
 
@@ -124,7 +124,7 @@ def _type_text(type_: Type) -> str:
         return type_.name
     if isinstance(type_, Text):
         return f"string<={type_.most}" if type_.most else "string"
-    if isinstance(type_, Message):
+    if isinstance(type_, MessageType):
         return _short(type_.name)
     size = f"<={type_.most}" if type_.most else "" if type_.size is None else type_.size
     return f"{_type_text(type_.item)}[{size}]"
@@ -185,7 +185,7 @@ def _renamed(lines: list[str]) -> Iterator[str]:
 
 
 def _is_allowed(found: re.Match[str]) -> bool:
-    """Whether ROS 2 allows the name; those of constants stay anyhow."""
+    """Whether ROS 2 allows the name; names of constants stay anyhow."""
     is_constant = found["rest"].startswith("=")
     return is_constant or _ROS2_FIELD.fullmatch(found["name"]) is not None
 
@@ -206,10 +206,10 @@ class Definitions:
 
     def __init__(self, sections: Mapping[str, Items[str]]) -> None:
         self._sections = sections
-        self._made: dict[str, Message] = {}
+        self._made: dict[str, MessageType] = {}
 
-    def message(self, name: str, inside: tuple[str, ...] = ()) -> Message:
-        """The message of this full name, in those `inside` of which it is.
+    def message(self, name: str, inside: tuple[str, ...] = ()) -> MessageType:
+        """The message of this full name, `inside` of these others.
 
         Raises DecodeError, with the line, if its definition is not valid.
         """
@@ -222,7 +222,7 @@ class Definitions:
             raise DecodeError(f"the definition of {shown} contains itself, or too many others")
         if name not in self._sections:
             raise DecodeError(f"the definition of {shown} is missing")
-        fields: list[Field] = []
+        fields: list[MessageField] = []
         constants: list[Constant] = []
         kind = "fields"
         for line in self._sections[name]:
@@ -231,17 +231,19 @@ class Definitions:
                 kind = remark
                 continue
             found = self._line(line, name, (*inside, name))
-            if isinstance(found, Field):
+            if isinstance(found, MessageField):
                 fields.append(found)
             elif found is not None:
                 constants.append(found)
         if [field.name for field in fields] == [PLACEHOLDER]:
             fields = []
-        message = Message(name, tuple(fields), constants=tuple(constants))
+        message = MessageType(name, tuple(fields), constants=tuple(constants))
         message = self._made[name] = _checked(message, kind)
         return message
 
-    def _line(self, line: str, name: str, inside: tuple[str, ...]) -> Field | Constant | None:
+    def _line(
+        self, line: str, name: str, inside: tuple[str, ...]
+    ) -> MessageField | Constant | None:
         """The definition in a line; None for a line without a field, and a constant that is not
         read.
         """
@@ -267,7 +269,7 @@ class Definitions:
         if key is not None and not _is_ours(name) and not _is_renamed(found["name"], key):
             key = None  # a comment of others
         default = _default(type_, rest)
-        return Field(found["name"], type_, found["name"] if key is None else key, default)
+        return MessageField(found["name"], type_, found["name"] if key is None else key, default)
 
     def _type(self, name: str, bound: int, inside: tuple[str, ...]) -> Type:
         if name in SCALARS:
@@ -332,7 +334,7 @@ def _key(rest: str) -> str | None:
     return key if isinstance(key, str) else None
 
 
-def _checked(message: Message, kind: str) -> Message:
+def _checked(message: MessageType, kind: str) -> MessageType:
     """The message as this kind, if it has the fields of one; else as it is."""
     types = [field.type for field in message.fields]
     if kind == "list":
@@ -345,7 +347,7 @@ def _checked(message: Message, kind: str) -> Message:
 
 
 def _are_entries(type_: Type) -> bool:
-    if not isinstance(type_, Sequence) or not isinstance(type_.item, Message):
+    if not isinstance(type_, Sequence) or not isinstance(type_.item, MessageType):
         return False
     entry = type_.item
     types = [field.type for field in entry.fields]

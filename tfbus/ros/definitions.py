@@ -12,7 +12,7 @@ from pathlib import Path
 from tfbus.ros.definition_text import Definitions, sections_in, text_of_ros
 from tfbus.ros.message_type import SEPARATOR as SEPARATOR
 from tfbus.ros.message_type import Definition as Definition
-from tfbus.ros.message_type import Message
+from tfbus.ros.message_type import MessageType
 
 # Folders with packages of one's own, my_msgs/msg/Weight.msg in each, separated as in PATH.
 FOLDERS_VARIABLE = "TFBUS_INTERFACES"
@@ -31,7 +31,7 @@ _PARTS = {
 
 
 class _Sections(Mapping[str, list[str]]):
-    """The lines of every message that is known, by its full name, after those of one's `own`;
+    """The lines of every message that is known, by its full name, after the lines of one's `own`;
     packages are read when needed.
     """
 
@@ -52,8 +52,8 @@ class _Sections(Mapping[str, list[str]]):
 _definitions = Definitions(_Sections())
 
 
-def message_named(name: str) -> Message:
-    """The message of this full name. Raises DecodeError where it is not known, or not valid."""
+def message_named(name: str) -> MessageType:
+    """The message of this full name. Raises DecodeError if it is not known, or not valid."""
     return _definitions.message(name)
 
 
@@ -61,7 +61,7 @@ def message_named(name: str) -> Message:
 def standard_definition(name: str) -> Definition | None:
     """The definition of `sensor_msgs/msg/Imu`; None for a type that is not in the table.
 
-    Raises DecodeError where one's own is not valid.
+    Raises DecodeError if one's own is not valid.
     """
     if name not in _package(name.partition("/")[0]):
         return None
@@ -69,9 +69,9 @@ def standard_definition(name: str) -> Definition | None:
 
 
 def completed(definition: Definition) -> Definition:
-    """A definition as people write it, with those of the table that it needs in it.
+    """A definition as people write it, with the ones of the table that it needs in it.
 
-    Raises DecodeError where it is not valid, or needs one that is not known.
+    Raises DecodeError if it is not valid, or needs one that is not known.
     """
     own = sections_in(definition.text, definition.name)
     message = Definitions(_Sections(own)).message(definition.name)
@@ -79,7 +79,7 @@ def completed(definition: Definition) -> Definition:
 
 
 def message_names() -> list[str]:
-    """The full names of all messages that are known, those of services and actions too."""
+    """The full names of all messages that are known, parts of services and actions too."""
     return [*_Sections()]
 
 

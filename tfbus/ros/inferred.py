@@ -18,8 +18,8 @@ from tfbus.ros.message_type import (
     TEXT,
     UNKNOWN,
     UNSIGNED,
-    Field,
-    Message,
+    MessageField,
+    MessageType,
     Scalar,
     Sequence,
     Type,
@@ -36,12 +36,12 @@ _LONGEST_KEY = 100
 _SIMPLE: dict[Any, Type] = {bool: BOOL, int: INT, float: NUMBER, str: TEXT, bytes: BYTES}
 
 
-def type_of_dataclass(message_type: type) -> Message:
+def type_of_dataclass(message_type: type) -> MessageType:
     """The type of a message that is a dataclass, from its type hints as wire.codec reads them."""
     return _of_dataclass(message_type, ())
 
 
-def type_of_values(name: str, values: Mapping[str, Any], floats: Scalar = FLOAT) -> Message:
+def type_of_values(name: str, values: Mapping[str, Any], floats: Scalar = FLOAT) -> MessageType:
     """The type of a message of a type of this name, from its values: MSGPACK if they are no
     fields. A float among them has the type `floats`: FLOAT, or NUMBER if it may be an integer
     in the next message.
@@ -61,7 +61,7 @@ def merged(one: Type, other: Type) -> Type:
         if not one.is_octets and not other.is_octets:
             size = one.size if one.size == other.size else None
             return Sequence(merged(one.item, other.item), size)
-    elif isinstance(one, Message) and isinstance(other, Message):
+    elif isinstance(one, MessageType) and isinstance(other, MessageType):
         return _merged_messages(one, other)
     return MSGPACK
 
@@ -98,14 +98,14 @@ def field_names(keys: list[str]) -> list[str]:
     return names
 
 
-def _fields(keys: list[str], types: list[Type]) -> tuple[Field, ...]:
-    return tuple(map(Field, field_names(keys), types, keys))
+def _fields(keys: list[str], types: list[Type]) -> tuple[MessageField, ...]:
+    return tuple(map(MessageField, field_names(keys), types, keys))
 
 
 # From type hints
 
 
-def _of_dataclass(message_type: type, inside: tuple[type, ...]) -> Message:
+def _of_dataclass(message_type: type, inside: tuple[type, ...]) -> MessageType:
     if message_type in inside:
         return MSGPACK  # ROS has no messages in themselves
     hints = get_type_hints(message_type)
@@ -113,7 +113,7 @@ def _of_dataclass(message_type: type, inside: tuple[type, ...]) -> Message:
     name = ros_name(message_type.__qualname__.rpartition("<locals>.")[2])
     inside = (*inside, message_type)
     types = [_of_hint(hints[key], f"{name}{_camel(key)}", inside) for key in keys]
-    return Message(name, _fields(keys, types))
+    return MessageType(name, _fields(keys, types))
 
 
 def _of_hint(hint: Any, name: str, inside: tuple[type, ...]) -> Type:
@@ -126,7 +126,7 @@ def _of_hint(hint: Any, name: str, inside: tuple[type, ...]) -> Type:
         types = [_of_hint(item, f"{name}{at}", inside) for at, item in enumerate(items)]
         if types and all(each == types[0] for each in types):
             return list_of(types[0], f"{name}Item", len(types))
-        return Message(name, _fields([f"item{at}" for at in range(len(types))], types), "list")
+        return MessageType(name, _fields([f"item{at}" for at in range(len(types))], types), "list")
     if get_origin(hint) in (list, tuple):
         return list_of(_of_hint(items[0], f"{name}Item", inside), f"{name}Item")
     if get_origin(hint) is dict:
@@ -143,11 +143,11 @@ class _Values:
 
     floats: Scalar
 
-    def of_fields(self, name: str, values: Mapping[str, Any], depth: int) -> Message:
+    def of_fields(self, name: str, values: Mapping[str, Any], depth: int) -> MessageType:
         types = [
             self._of_value(value, f"{name}{_camel(key)}", depth) for key, value in values.items()
         ]
-        return Message(name, _fields(list(values), types))
+        return MessageType(name, _fields(list(values), types))
 
     def _of_value(self, value: Any, name: str, depth: int) -> Type:
         if isinstance(value, int) and not isinstance(value, bool):
@@ -193,12 +193,12 @@ def _camel(key: str) -> str:
 # Both
 
 
-def have_same_keys(one: Message, other: Message) -> bool:
+def have_same_keys(one: MessageType, other: MessageType) -> bool:
     """Whether both have the same fields in the same order, by the names in the map."""
     return [field.key for field in one.fields] == [field.key for field in other.fields]
 
 
-def _merged_messages(one: Message, other: Message) -> Type:
+def _merged_messages(one: MessageType, other: MessageType) -> Type:
     kinds = {one.kind, other.kind}
     if kinds == {"value"}:
         inner = merged(one.fields[0].type, other.fields[0].type)
@@ -213,7 +213,7 @@ def _merged_messages(one: Message, other: Message) -> Type:
     return map_of(value, one.name) if value != MSGPACK else MSGPACK
 
 
-def merged_fields(one: Message, other: Message) -> Message:
+def merged_fields(one: MessageType, other: MessageType) -> MessageType:
     """Messages with the same keys, each field merged."""
     pairs = zip(one.fields, other.fields, strict=True)
     return replace(
@@ -225,18 +225,18 @@ def packed_in(type_: Type) -> int:
     """How many parts of a type are MessagePack."""
     if isinstance(type_, Sequence):
         return packed_in(type_.item)
-    if not isinstance(type_, Message):
+    if not isinstance(type_, MessageType):
         return 0
     if type_.kind == "msgpack":
         return 1
     return sum(packed_in(field.type) for field in type_.fields if type_.kind != "unknown")
 
 
-def _around(message: Message, inner: Type) -> Message:
+def _around(message: MessageType, inner: Type) -> MessageType:
     return replace(message, fields=(replace(message.fields[0], type=inner),))
 
 
-def _value_types(message: Message) -> list[Type]:
+def _value_types(message: MessageType) -> list[Type]:
     if message.kind == "map":
         return [value_of_map(message)]
     return [field.type for field in message.fields]

@@ -76,7 +76,7 @@ class Sequence:
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """A field by its name in ROS; `key` is its name in the map, and `default` the value of a new
     message if that is not zero.
     """
@@ -97,7 +97,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Message:
+class MessageType:
     """A message by its full name, `tfbus_msgs/msg/Pose`.
 
     Its value is a map of its fields; with `kind` "map" the map of its entries, which have a key and
@@ -107,12 +107,12 @@ class Message:
     """
 
     name: str
-    fields: tuple[Field, ...]
+    fields: tuple[MessageField, ...]
     kind: Literal["fields", "map", "list", "value", "msgpack", "unknown"] = "fields"
     constants: tuple[Constant, ...] = dataclasses.field(default=(), compare=False)
 
 
-Type = Scalar | Text | Sequence | Message
+Type = Scalar | Text | Sequence | MessageType
 
 BOOL = Scalar("bool")
 INT = Scalar("int64")
@@ -123,39 +123,39 @@ TEXT = Text()
 BYTES = Sequence(Scalar("uint8"))
 
 PACKAGE = "tfbus_msgs/msg/"
-_PACKED = (Field("data", BYTES, "data"),)
-MSGPACK = Message(f"{PACKAGE}Msgpack", _PACKED, "msgpack")
-UNKNOWN = Message(f"{PACKAGE}Msgpack", _PACKED, "unknown")
+_PACKED = (MessageField("data", BYTES, "data"),)
+MSGPACK = MessageType(f"{PACKAGE}Msgpack", _PACKED, "msgpack")
+UNKNOWN = MessageType(f"{PACKAGE}Msgpack", _PACKED, "unknown")
 
 
 def list_of(item: Type, name: str, size: int | None = None) -> Sequence:
     """A list of items; `name` is that of a message around each, if ROS needs one."""
     if isinstance(item, Sequence):
-        item = Message(name, (Field("items", item, "items"),), "value")
+        item = MessageType(name, (MessageField("items", item, "items"),), "value")
     return Sequence(item, size)
 
 
-def map_of(value: Type, name: str) -> Message:
+def map_of(value: Type, name: str) -> MessageType:
     """A map by text, as a message of this name."""
-    fields = (Field("key", TEXT, "key"), Field("value", value, "value"))
-    entry = Message(f"{name}Entry", fields)
-    return Message(name, (Field("entries", Sequence(entry), "entries"),), "map")
+    fields = (MessageField("key", TEXT, "key"), MessageField("value", value, "value"))
+    entry = MessageType(f"{name}Entry", fields)
+    return MessageType(name, (MessageField("entries", Sequence(entry), "entries"),), "map")
 
 
-def value_of_map(message: Message) -> Type:
+def value_of_map(message: MessageType) -> Type:
     """The type of a map's values."""
     entries = message.fields[0].type
-    assert isinstance(entries, Sequence) and isinstance(entries.item, Message)
+    assert isinstance(entries, Sequence) and isinstance(entries.item, MessageType)
     return entries.item.fields[1].type
 
 
-def messages_in(message: Message) -> Iterator[Message]:
+def messages_in(message: MessageType) -> Iterator[MessageType]:
     """The messages in a message, each name once, itself first."""
     found = {message.name: message}
     for each in (waiting := [message]):
         for field in each.fields:
             type_ = field.type.item if isinstance(field.type, Sequence) else field.type
-            if isinstance(type_, Message) and type_.name not in found:
+            if isinstance(type_, MessageType) and type_.name not in found:
                 found[type_.name] = type_
                 waiting.append(type_)
     return iter(found.values())
@@ -165,11 +165,11 @@ class TypeNames:
     """The names of messages in one file: no two different messages have the same."""
 
     def __init__(self) -> None:
-        self._of_name: dict[str, Message] = {MSGPACK.name: MSGPACK}
+        self._of_name: dict[str, MessageType] = {MSGPACK.name: MSGPACK}
 
-    def named(self, message: Message) -> Message:
-        """The message under a name of its own, and so those in it: if one is taken by another
-        message, with a number.
+    def named(self, message: MessageType) -> MessageType:
+        """The message, and each in it, under a name of its own: with a number if the name is
+        taken by another.
         """
         if message.kind in ("msgpack", "unknown"):
             return message
@@ -184,4 +184,4 @@ class TypeNames:
     def _named(self, type_: Type) -> Type:
         if isinstance(type_, Sequence):
             return replace(type_, item=self._named(type_.item))
-        return self.named(type_) if isinstance(type_, Message) else type_
+        return self.named(type_) if isinstance(type_, MessageType) else type_

@@ -1,7 +1,7 @@
 """Facts that ROS 2 tells beside its messages: names and hashes of types, and nodes over DDS.
 
 A hash, RIHS01, is `RIHS01_` and 64 hexadecimal digits: SHA-256 of the description of a type in
-JSON, with those of the messages in it: https://www.ros.org/reps/rep-2016.html. Constants, defaults
+JSON, with the messages in it: https://www.ros.org/reps/rep-2016.html. Constants, defaults
 and comments are not part of it. The nodes of a participant are a message of
 rmw_dds_common/msg/ParticipantEntitiesInfo.
 """
@@ -16,7 +16,15 @@ from typing import Any
 from tfbus.ros.cdr import CdrReader, CdrWriter
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import SEPARATOR, Definition
-from tfbus.ros.message_type import PLACEHOLDER, Message, Scalar, Sequence, Text, Type, messages_in
+from tfbus.ros.message_type import (
+    PLACEHOLDER,
+    MessageType,
+    Scalar,
+    Sequence,
+    Text,
+    Type,
+    messages_in,
+)
 
 GRAPH_TOPIC = "ros_discovery_info"
 
@@ -145,7 +153,7 @@ def type_hash(definition: Definition) -> str:
     return f"RIHS01_{sha256(json.dumps(described).encode()).hexdigest()}"
 
 
-def _description(message: Message) -> dict[str, Any]:
+def _description(message: MessageType) -> dict[str, Any]:
     fields = [{"name": field.name, "type": _type(field.type)} for field in message.fields]
     if not fields:
         fields = [{"name": PLACEHOLDER, "type": _type(Scalar("uint8"))}]
@@ -163,7 +171,7 @@ def _type(type_: Type) -> dict[str, Any]:
         "type_id": kind + _type_id(type_),
         "capacity": capacity,
         "string_capacity": most,
-        "nested_type_name": type_.name if isinstance(type_, Message) else "",
+        "nested_type_name": type_.name if isinstance(type_, MessageType) else "",
     }
 
 

@@ -21,7 +21,7 @@ from tfbus.wording import did_you_mean, printable
 
 @dataclass(frozen=True)
 class Wire:
-    """What differs between the distributions of ROS.
+    """The wire of a distribution of ROS, as far as they differ.
 
     Humble knows no hashes of types. The fields of an attachment have names before rmw_zenoh 0.2.4.
     """
@@ -43,7 +43,7 @@ WIRES: Mapping[str, Wire] = {
 
 
 def wire_of(distro: str) -> Wire:
-    """What ROS of this distribution writes; "" is any with the present wire.
+    """The wire of a distribution; "" is any with the present wire.
 
     `jazzy-0.2.3` is Jazzy with rmw_zenoh 0.2.2 or 0.2.3, of early 2025. Raises SettingsError for an
     unknown one.
@@ -79,7 +79,7 @@ def check_topic_name(name: str) -> None:
 
 
 def check_node_name(name: str, namespace: str) -> None:
-    """Raise InvalidNameError where ROS takes no node of this name in this namespace, "" or as
+    """Raise InvalidNameError if ROS takes no node of this name in this namespace, "" or as
     "robot1/arm".
     """
     for word in [name, *namespace.split("/")] if namespace else [name]:
@@ -147,10 +147,10 @@ _KINDS: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
 
 
 @dataclass(frozen=True)
-class Token:
-    """What the token of a node (`kind` NN), publisher (MP), subscriber (MS), service (SS) or client
-    (SC) says: its session's id in Zenoh, the numbers of its node and itself within that, and its
-    name. The rest is that of all but nodes.
+class RosToken:
+    """The token of a node (`kind` NN), publisher (MP), subscriber (MS), service (SS) or client
+    (SC): its session's id in Zenoh, the numbers of its node and itself within that, and its
+    name. Nodes have no more than these.
     """
 
     domain: int
@@ -181,8 +181,8 @@ class Token:
         return "/".join(parts)
 
 
-def read_token(text: str) -> Token | None:
-    """What a token says. What later versions append is passed over."""
+def read_token(text: str) -> RosToken | None:
+    """The token in a text. Parts that later versions append are passed over."""
     if len(text) > _LONGEST_TOKEN or not text.isprintable():
         return None
     parts = text.split("/")
@@ -197,7 +197,7 @@ def read_token(text: str) -> Token | None:
         if len(rest) < _OF_ENDPOINT - _OF_NODE:
             return None
     topic, dds_type, type_hash, qos = rest
-    return Token(
+    return RosToken(
         int(domain),
         session,
         node_number,
@@ -259,7 +259,7 @@ def attachment_bytes(attachment: Attachment, *, named: bool = False) -> bytes:
 
 
 def attachment_writer(gid: bytes, *, named: bool = False) -> Callable[[int, int], bytes]:
-    """What writes the attachments of a publisher, `write(sequence, stamp_ns)`."""
+    """The writer of a publisher's attachments, `write(sequence, stamp_ns)`."""
     if not named:
         return lambda sequence, stamp_ns: _PLAIN.pack(sequence, stamp_ns, _GID_SIZE, gid)
     first, second, third = _NAMES
@@ -269,7 +269,7 @@ def attachment_writer(gid: bytes, *, named: bool = False) -> Callable[[int, int]
 
 
 def read_attachment(data: bytes) -> Attachment | None:
-    """An attachment, with names or without. What later versions append is passed over."""
+    """An attachment, with names or without. Bytes that later versions append are passed over."""
     if data.startswith(_WITH_NAMES):
         if len(data) < _NAMED.size:
             return None

@@ -19,7 +19,7 @@ from tfbus.ros.inferred import (
     type_of_dataclass,
     type_of_values,
 )
-from tfbus.ros.message_type import FLOAT, MSGPACK, NUMBER, Message, TypeNames
+from tfbus.ros.message_type import FLOAT, MSGPACK, NUMBER, MessageType, TypeNames
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
 from tfbus.wire.codec import type_name as name_of
 from tfbus.wording import printable
@@ -32,13 +32,13 @@ class MessageCodec:
     """Writes and reads the messages of one type, as maps of their fields.
 
     `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
-    floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only where the
+    floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only if the
     type is that of a dataclass, an integer in a field of floats comes back as the float that is the
     same number.
     """
 
     def __init__(
-        self, message: Message, definition: Definition, counterpart: Counterpart | None = None
+        self, message: MessageType, definition: Definition, counterpart: Counterpart | None = None
     ) -> None:
         self._message = message
         self._codec = codec_of(message)
@@ -47,7 +47,7 @@ class MessageCodec:
 
     @staticmethod
     def of_type(message_type: type, names: TypeNames | None = None) -> "MessageCodec":
-        """The codec of a dataclass, that of ROS's own type where it has one that says the same.
+        """The codec of a dataclass, that of ROS's own type if it has one that says the same.
         Messages get names of their own among `names`.
         """
         name = name_of(message_type)
@@ -62,7 +62,7 @@ class MessageCodec:
     def of_values(
         type_name: str, values: Mapping[str, Any], names: TypeNames | None = None
     ) -> "MessageCodec":
-        """The codec that the values of one message of an unknown type suggest; RAW where ROS
+        """The codec that the values of one message of an unknown type suggest; RAW if ROS
         cannot express them as fields.
         """
         return _codec(type_of_values(type_name, values), names)
@@ -72,9 +72,9 @@ class MessageCodec:
         definition: Definition, counterpart: Counterpart | None = None
     ) -> "MessageCodec":
         """The codec of a type of a file: any type of ROS 2, or one of ours. Its values are those of
-        our `counterpart`, where there is one.
+        our `counterpart`, if there is one.
 
-        Raises DecodeError where the definition is not valid, or has a wstring.
+        Raises DecodeError if the definition is not valid, or has a wstring.
         """
         return MessageCodec(message_of(definition), definition, counterpart)
 
@@ -84,7 +84,7 @@ class MessageCodec:
         return self._counterpart is not None
 
     def encode(self, values: Mapping[str, Any]) -> bytes | None:
-        """The message with these values; None where they are not of this type."""
+        """The message with these values; None if they are not of this type."""
         writer = CdrWriter()
         try:
             if self._counterpart is not None:
@@ -107,7 +107,7 @@ class MessageCodec:
             return None
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """The values of a message by field. Raises DecodeError where the bytes are none."""
+        """The values of a message by field. Raises DecodeError if the bytes are none."""
         reader = ValueReader(data)
         if self._codec.least_size > reader.left:
             raise DecodeError(
@@ -121,7 +121,7 @@ class MessageCodec:
         return values if self._counterpart is None else self._counterpart.of_ros(values)
 
 
-def _codec(message: Message, names: TypeNames | None) -> MessageCodec:
+def _codec(message: MessageType, names: TypeNames | None) -> MessageCodec:
     message = (names or TypeNames()).named(message)
     return MessageCodec(message, definition_of(message))
 
@@ -141,22 +141,22 @@ class MessageCodecs:
 
     A type of tfbus.messages has its own definition from the start. Any other has that of its first
     message, and another one, under a name with a number, once a message does not fit; after eight,
-    and where ROS cannot express a message at all, it is RAW.
+    and if ROS cannot express a message at all, it is RAW.
 
-    What is not `exact` is for eyes: numbers that are integers and floats in turn are all floats, so
-    that the definition stays.
+    Without `exact`, for eyes, numbers that are integers and floats in turn are all floats, so that
+    the definition stays.
     """
 
     def __init__(self, *, exact: bool = True) -> None:
         self._names = TypeNames()
         self._floats = FLOAT if exact else NUMBER
         # Of each type the one used last first, each with its message as it would be named alone.
-        self._of_type: dict[str, list[tuple[MessageCodec, Message]]] = {}
+        self._of_type: dict[str, list[tuple[MessageCodec, MessageType]]] = {}
 
     def encode(self, type_name: str, values: Mapping[str, Any]) -> tuple[MessageCodec, bytes]:
         """A message of a type of this name, `Pose`, and the codec that reads it.
 
-        Where the name is not known, that of the topic will do. Raises InvalidArgumentException for
+        If the name is not known, that of the topic will do. Raises InvalidArgumentException for
         a text that is not valid Unicode, and an integer of more than 64 bits.
         """
         codecs = self._of_type.get(type_name)
@@ -175,7 +175,10 @@ class MessageCodecs:
         return self._encode_new(type_name, codecs, values)
 
     def _encode_new(
-        self, type_name: str, codecs: list[tuple[MessageCodec, Message]], values: Mapping[str, Any]
+        self,
+        type_name: str,
+        codecs: list[tuple[MessageCodec, MessageType]],
+        values: Mapping[str, Any],
     ) -> tuple[MessageCodec, bytes]:
         message = type_of_values(type_name, values, self._floats)
         if message.kind == "fields" and len(codecs) < _MOST_CODECS:
@@ -189,8 +192,10 @@ class MessageCodecs:
             )
         return RAW, data
 
-    def _wider(self, message: Message, codecs: list[tuple[MessageCodec, Message]]) -> Message:
-        """A type that takes the messages of a known one as well, where ROS can express both; for
+    def _wider(
+        self, message: MessageType, codecs: list[tuple[MessageCodec, MessageType]]
+    ) -> MessageType:
+        """A type that takes the messages of a known one as well, if ROS can express both; for
         the last of a type anyhow. A type of ROS's own stays as it is.
         """
         for codec, before in codecs:
@@ -201,7 +206,9 @@ class MessageCodecs:
                     return both
         return message
 
-    def _add(self, codecs: list[tuple[MessageCodec, Message]], message: Message) -> MessageCodec:
+    def _add(
+        self, codecs: list[tuple[MessageCodec, MessageType]], message: MessageType
+    ) -> MessageCodec:
         codec = _codec(message, self._names)
         codecs.insert(0, (codec, message))
         return codec

@@ -2,7 +2,7 @@
 
 A message with the frames of one before is written by joining what stands between its numbers with
 them, and read by copying them from their places; both are kept. That takes less than a microsecond
-a transform, where libraries that read any message take ten to twenty.
+a transform; libraries that read any message take ten to twenty.
 """
 
 import struct

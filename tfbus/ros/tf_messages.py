@@ -1,4 +1,4 @@
-"""Reads many messages of transforms at once: those with the same frames in one step."""
+"""Reads many messages of transforms at once, all with the same frames in one step."""
 
 import sys
 from collections.abc import Collection, Iterator, Sequence

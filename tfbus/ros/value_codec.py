@@ -19,7 +19,7 @@ from tfbus.ros.message_type import (
     FLOAT,
     NUMBER,
     SCALARS,
-    Message,
+    MessageType,
     Scalar,
     Sequence,
     Text,
@@ -83,7 +83,7 @@ class ValueReader(CdrReader):
 
 
 def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCodec:
-    """The codec of a type; `made` are those of messages in it that are made already, by name."""
+    """The codec of a type; `made` has the codecs of messages in it made already, by name."""
     made = {} if made is None else made
     if isinstance(type_, Scalar):
         return _scalar_codec(type_)
@@ -140,7 +140,7 @@ _CHECKS: dict[Scalar, Callable[[Any], None]] = {
 _OF_TYPE = {"bool": bool, "float64": float}
 
 
-class _Numbers:
+class _ScalarRun:
     """Scalars that follow each other, with what fills up between them.
 
     That depends on where they begin, modulo 8.
@@ -180,7 +180,7 @@ class _Numbers:
 
 
 def _scalar_codec(scalar: Scalar) -> ValueCodec:
-    numbers = _Numbers([scalar])
+    numbers = _ScalarRun([scalar])
     return ValueCodec(
         numbers.least_size,
         lambda writer, value: numbers.write(writer, [value]),
@@ -305,7 +305,7 @@ def _items_codec(item: ValueCodec) -> _Items:
 # Messages
 
 
-def _message_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+def _message_codec(message: MessageType, made: dict[str, ValueCodec]) -> ValueCodec:
     if message.kind == "msgpack":
         return ValueCodec(4, _write_packed, _read_packed)
     if message.kind == "unknown":
@@ -317,7 +317,7 @@ def _message_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
     return _fields_codec(message, made)
 
 
-def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+def _fields_codec(message: MessageType, made: dict[str, ValueCodec]) -> ValueCodec:
     keys = [field.key for field in message.fields]
     parts = _parts(message, made)
     is_list = message.kind == "list"
@@ -358,10 +358,10 @@ def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
     return ValueCodec(least if keys else 1, write, read)
 
 
-_Part = tuple[int, int, _Numbers | None, ValueCodec]
+_Part = tuple[int, int, _ScalarRun | None, ValueCodec]
 
 
-def _parts(message: Message, made: dict[str, ValueCodec]) -> list[_Part]:
+def _parts(message: MessageType, made: dict[str, ValueCodec]) -> list[_Part]:
     """The fields from one index up to another, either numbers that follow each other, or one."""
     parts: list[_Part] = []
     scalars: list[Scalar] = []
@@ -370,17 +370,17 @@ def _parts(message: Message, made: dict[str, ValueCodec]) -> list[_Part]:
             scalars.append(field.type)
             continue
         if scalars:
-            parts.append((at - len(scalars), at, _Numbers(scalars), _nothing))
+            parts.append((at - len(scalars), at, _ScalarRun(scalars), _nothing))
             scalars = []
         if field is not None:
             parts.append((at, at + 1, None, codec_of(field.type, made)))
     return parts
 
 
-def _map_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+def _map_codec(message: MessageType, made: dict[str, ValueCodec]) -> ValueCodec:
     entries = message.fields[0].type
-    assert isinstance(entries, Sequence) and isinstance(entries.item, Message)
-    as_list = Message(entries.item.name, entries.item.fields, "list")
+    assert isinstance(entries, Sequence) and isinstance(entries.item, MessageType)
+    as_list = MessageType(entries.item.name, entries.item.fields, "list")
     codec = _sequence_codec(Sequence(as_list), {**made, as_list.name: _fields_codec(as_list, made)})
 
     def write(writer: CdrWriter, value: Any) -> None:

@@ -90,7 +90,7 @@ class RosSender(Protocol):
         """End it. Twice is fine."""
 
 
-class Closing(Protocol):
+class Endable(Protocol):
     """An object that ends."""
 
     def close(self) -> None:
@@ -117,7 +117,7 @@ class Leg(Protocol):
     def publisher(self, topic: RosTopic) -> RosSender:
         """Begin to publish a topic."""
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:

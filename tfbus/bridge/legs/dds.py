@@ -8,7 +8,7 @@ from typing import Any
 
 from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     Offer,
@@ -91,13 +91,13 @@ class _Domains:
         self._lock = threading.Lock()
         self._domains: dict[int, tuple[Domain, int]] = {}
 
-    def take(self, number: int, config: str) -> None:
+    def acquire(self, number: int, config: str) -> None:
         """Make it, or use that which is there. Raises DDSException if it cannot be made."""
         with self._lock:
             domain, users = self._domains.get(number) or (_domain(number, config), 0)
             self._domains[number] = domain, users + 1
 
-    def give_back(self, number: int) -> None:
+    def release(self, number: int) -> None:
         """End it with its last user."""
         with self._lock:
             domain, users = self._domains.pop(number)
@@ -127,12 +127,12 @@ class DdsSender:
         self._leg = leg
         self._topic = topic.name
         self._sample = writer.data_type
-        self._writer: DataWriter[RawSample] | None = writer
+        self.writer: DataWriter[RawSample] | None = writer
 
     @property
     def heard(self) -> bool:
         """Whether a reader matches."""
-        writer = self._writer
+        writer = self.writer
         try:
             return writer is not None and bool(writer.get_matched_subscriptions())
         except DDSException:
@@ -140,7 +140,7 @@ class DdsSender:
 
     def send(self, payload: bytes) -> None:
         """Publish one message. Raises TfbusError if it is none of the topic's type."""
-        writer = self._writer
+        writer = self.writer
         if writer is None:
             raise TfbusError(f"the publisher of {self._topic} is closed")
         try:
@@ -150,7 +150,7 @@ class DdsSender:
 
     def close(self) -> None:
         """It is gone, and what it kept."""
-        writer, self._writer = self._writer, None
+        writer, self.writer = self.writer, None
         if writer is not None:
             self._leg.drop_sender(self, writer)
 
@@ -171,7 +171,7 @@ class DdsSubscription:
         # Held while it calls; a call may close it.
         self._lock = threading.RLock()
 
-    def take(self, watch: "DdsWatch") -> None:
+    def receive(self, watch: "DdsWatch") -> None:
         """Hand on all that is there."""
         while taken := self._taken():
             for sample in taken:
@@ -220,7 +220,7 @@ class DdsLeg:
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
         others = udp_sockets()
         try:
-            _DOMAINS.take(self._number, configuration(settings.connect, log))
+            _DOMAINS.acquire(self._number, configuration(settings.connect, log))
         except DDSException as error:
             raise TfbusError(
                 f"DDS cannot join domain {self._number}{_by(settings.connect)}; Cyclone DDS says "
@@ -229,15 +229,15 @@ class DdsLeg:
         try:
             self._join()
         except DDSException as error:
-            _DOMAINS.give_back(self._number)
+            _DOMAINS.release(self._number)
             raise TfbusError(f"DDS cannot join domain {self._number}: {error}") from error
-        self._sockets = udp_sockets() - others
+        self.sockets = udp_sockets() - others
 
     def _join(self) -> None:
         # What makes a participant one of ROS, and in which enclave it is.
         enclave = Policy.Userdata(b"enclave=/;")
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
-        self._gid = self._participant.guid
+        self.gid = self._participant.guid
         self._joined_s = time.monotonic()
         # Of what follows, and of what ROS hears of it.
         self._lock = threading.RLock()
@@ -248,13 +248,13 @@ class DdsLeg:
         graph = RosTopic(GRAPH_TOPIC, graph_definition(self._gid_size), retained=True, depth=1)
         topic = self._topic(GRAPH_TOPIC, graph.definition)
         others = Qos(Policy.History.KeepAll, base=_qos(graph) + _IGNORING_OWN)
-        self._graph = DataWriter(self._participant, topic, qos=_qos(graph))
+        self.graph = DataWriter(self._participant, topic, qos=_qos(graph))
         nodes = DataReader(self._participant, topic, qos=others)
-        self._watch = DdsWatch(self._participant, nodes, self._gid_size)
+        self.watch = DdsWatch(self._participant, nodes, self._gid_size)
         self._tell_nodes()
         self._waits = WaitSet(self._participant)
         self._end = GuardCondition(self._participant)
-        for condition in (self._end, *self._watch.conditions):
+        for condition in (self._end, *self.watch.conditions):
             self._waits.attach(condition)
         self._thread = threading.Thread(target=self._run, name="tfbus-dds", daemon=True)
         self._thread.start()
@@ -270,7 +270,7 @@ class DdsLeg:
             self._tell_nodes()
         return sender
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         with self._lock:
             hashed = f"typehash={type_hash(topic.definition)};".encode()
@@ -290,8 +290,8 @@ class DdsLeg:
         """The publishers of a topic that are there now, each once its node is known."""
         return [
             RosPublisher(each.gid, node)
-            for each in self._watch.writers(dds_topic(topic))
-            if (node := self._watch.node_of(each)) or self._watch.is_nameless(each)
+            for each in self.watch.writers(dds_topic(topic))
+            if (node := self.watch.node_of(each)) or self.watch.is_nameless(each)
         ]
 
     def lost(self) -> Mapping[str, int]:
@@ -303,7 +303,7 @@ class DdsLeg:
         with self._lock:
             topics = [each.topic for each in self._subscriptions]
         # Some programs speak ROS's DDS and tell no node.
-        if not self._watch.sees_ros and not self._has_writers(topics):
+        if not self.watch.sees_ros and not self._has_writers(topics):
             if time.monotonic() < self._joined_s + _DISCOVERY_S:
                 return []
             return [
@@ -313,7 +313,7 @@ class DdsLeg:
         return [*self._dropped(), *(said for topic in topics for said in self._unheard(topic))]
 
     def _dropped(self) -> Sequence[str]:
-        if not dropped_datagrams(self._sockets):
+        if not dropped_datagrams(self.sockets):
             return []
         return [
             "This process was too slow for what came by DDS, and the system has dropped some of "
@@ -322,7 +322,7 @@ class DdsLeg:
         ]
 
     def _has_writers(self, topics: Sequence[RosTopic]) -> bool:
-        return any(self._watch.writers(dds_topic(each.name)) for each in topics)
+        return any(self.watch.writers(dds_topic(each.name)) for each in topics)
 
     def drop_sender(self, sender: DdsSender, writer: DataWriter[RawSample]) -> None:
         """It is closed."""
@@ -354,14 +354,14 @@ class DdsLeg:
         if threading.current_thread() is not self._thread:
             self._thread.join()
         with self._lock:
-            ends: list[Closing] = [*self._senders, *self._subscriptions]
+            ends: list[Endable] = [*self._senders, *self._subscriptions]
         for each in ends:
             each.close()
-        for condition in (self._end, *self._watch.conditions):
+        for condition in (self._end, *self.watch.conditions):
             self._waits.detach(condition)
         # With all that it has.
         _end(self._participant)
-        _DOMAINS.give_back(self._number)
+        _DOMAINS.release(self._number)
 
     def _run(self) -> None:
         while True:
@@ -369,11 +369,11 @@ class DdsLeg:
             if self._closing:
                 return
             # Who publishes comes before what is published.
-            self._safely(self._watch.update)
+            self._safely(self.watch.update)
             with self._lock:
                 subscriptions = list(self._subscriptions)
             for each in subscriptions:
-                self._safely(each.take, self._watch)
+                self._safely(each.receive, self.watch)
 
     def _safely(self, call: Any, *values: Any) -> None:
         try:
@@ -399,14 +399,14 @@ class DdsLeg:
             [bytes.fromhex(each.gid) for each in self._subscriptions],
             [bytes.fromhex(each.gid) for each in self._senders],
         )
-        info = encode_nodes(ParticipantNodes(self._gid.bytes, [node]), self._gid_size)
-        self._graph.write(self._graph.data_type(info))
+        info = encode_nodes(ParticipantNodes(self.gid.bytes, [node]), self._gid_size)
+        self.graph.write(self.graph.data_type(info))
 
     def _unheard(self, topic: RosTopic) -> Sequence[str]:
         """Publishers of a topic that does not come here."""
         offers = [
-            Offer(self._watch.node_of(each), each.type, each.is_reliable, each.is_retained)
-            for each in self._watch.writers(dds_topic(topic.name))
+            Offer(self.watch.node_of(each), each.type, each.is_reliable, each.is_retained)
+            for each in self.watch.writers(dds_topic(topic.name))
         ]
         return unheard(topic, dds_type(topic.definition.name), offers)
 

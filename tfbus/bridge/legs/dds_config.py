@@ -30,7 +30,7 @@ def configuration(
 ) -> str:
     """The configuration of Cyclone DDS, as XML.
 
-    `connect` are names of network interfaces to use, and hosts to ask where multicast does not
+    `connect` are names of network interfaces to use, and hosts to ask if multicast does not
     reach them. Without any, it is as ROS's variables say: ROS_LOCALHOST_ONLY,
     ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. The settings of CYCLONEDDS_URI hold as well.
 
@@ -83,7 +83,7 @@ def _mistake_in_peer(peer: str, environ: Mapping[str, str]) -> str:
 
 
 def _family(environ: Mapping[str, str]) -> socket.AddressFamily:
-    """Which addresses Cyclone uses: those of IPv4, unless its configuration says otherwise."""
+    """The kind of addresses that Cyclone uses: IPv4's, unless its configuration says otherwise."""
     uri = environ.get("CYCLONEDDS_URI", "")
     if "udp6" in uri:
         return socket.AF_INET6

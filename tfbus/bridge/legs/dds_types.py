@@ -7,7 +7,7 @@ from cyclonedds.idl import make_idl_struct, types
 
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
-from tfbus.ros.message_type import PLACEHOLDER, Message, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import PLACEHOLDER, MessageType, Scalar, Sequence, Text, Type
 from tfbus.ros.rmw import dds_type
 
 # Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
@@ -74,7 +74,7 @@ def raw_type(definition: Definition) -> type[RawSample]:
     return type("RawMessage", (RawSample,), {"__slots__": (), "__idl__": idl})
 
 
-def _struct(message: Message) -> Any:
+def _struct(message: MessageType) -> Any:
     fields = {field.name: _type(field.type) for field in message.fields}
     dotted = _OWN + dds_type(message.name).replace("::", ".")
     leaf = dotted.rpartition(".")[2]

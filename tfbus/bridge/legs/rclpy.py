@@ -11,7 +11,7 @@ from typing import Any
 
 from tfbus.bridge.legs import (
     LEAST_READER_DEPTH,
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     Offer,
@@ -81,7 +81,7 @@ class _OwnMessages:
             if len(self._waiting) > _MOST_OWN:
                 del self._waiting[next(iter(self._waiting))]
 
-    def take(self, key: int) -> bool:
+    def remove(self, key: int) -> bool:
         """Whether one that came is one of them."""
         with self._lock:
             count = self._waiting.pop(key, 0)
@@ -138,11 +138,11 @@ class RclpySubscription:
         # Held while it calls; a call may close it.
         self._lock = threading.RLock()
 
-    def take(self, payload: bytes, info: dict[str, Any]) -> None:
+    def receive(self, payload: bytes, info: dict[str, Any]) -> None:
         """A message for it."""
         # Only distributions since Kilted have it.
         gid = _gid(told["data"]) if (told := info.get("publisher_gid")) else ""
-        if self._leg.has_sent(gid) if gid else self.own.take(hash(payload)):
+        if self._leg.has_sent(gid) if gid else self.own.remove(hash(payload)):
             return
         number = info.get("publication_sequence_number", _UNNUMBERED)
         if gid and number != _UNNUMBERED:
@@ -213,7 +213,7 @@ class RclpyLeg:
             self._senders.append(sender)
         return sender
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic."""
         message = _message_class(topic.definition.name)
         subscription = RclpySubscription(self, topic, on_message)
@@ -221,7 +221,7 @@ class RclpyLeg:
 
         # rclpy counts the arguments of a function, to know whether it wants the info.
         def take(payload: bytes, info: dict[str, Any]) -> None:
-            subscription.take(payload, info)
+            subscription.receive(payload, info)
 
         with self._lock:
             self._subscriptions.append(subscription)

@@ -21,7 +21,7 @@ from tfbus.runtime.log_once import LogOnce
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
 
 # How often the master is asked what there is, and how long it may take to answer.
-_LOOK_EVERY_S = 1.0
+_POLL_EVERY_S = 1.0
 _ANSWER_WITHIN_S = 2.0
 
 
@@ -100,7 +100,7 @@ def _wait_for_master(client: Ros1Master, master: str, log: logging.Logger) -> No
             if not said:
                 log.warning("Waiting for the ROS master at %s (%s)", master, error)
             said = True
-        time.sleep(_LOOK_EVERY_S / 2)
+        time.sleep(_POLL_EVERY_S / 2)
 
 
 def _check_name_is_free(master: Ros1Master, name: str) -> None:
@@ -132,7 +132,7 @@ class RospyLeg:
         self._log = log
         self._once = LogOnce(log)
         self._lock = threading.Lock()
-        self._ends: dict[tuple[str, str], list[_Sender | _Subscription]] = {}
+        self._ends: dict[tuple[str, str], list[RospySender | RospySubscription]] = {}
         self._state_lock = threading.Lock()
         self._publishers: Mapping[str, Sequence[str]] = {}
         self._is_simulated = False
@@ -151,13 +151,13 @@ class RospyLeg:
         for thread in self._threads:
             thread.start()
 
-    def publisher(self, topic: RosTopic) -> "_Sender":
+    def publisher(self, topic: RosTopic) -> "RospySender":
         """Begin to publish a topic."""
-        return _Sender(self, self._rospy, topic, _gid(self._full_name))
+        return RospySender(self, self._rospy, topic, _gid(self._full_name))
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> "_Subscription":
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> "RospySubscription":
         """Call `on_message(payload, gid)` on rospy's threads, one at a time."""
-        return _Subscription(self, self._rospy, topic, on_message, self._full_name, self._once)
+        return RospySubscription(self, self._rospy, topic, on_message, self._full_name, self._once)
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
         """The publishers of others that the master knew when it was last asked, or that have sent
@@ -191,12 +191,12 @@ class RospyLeg:
             if threading.current_thread() is not thread:
                 thread.join(_ANSWER_WITHIN_S)
 
-    def began(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
-        """One of its ends began."""
+    def began(self, kind: str, name: str, end: "RospySender | RospySubscription") -> None:
+        """An end of a connection began."""
         with self._lock:
             self._ends.setdefault((kind, name), []).append(end)
 
-    def ended(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
+    def ended(self, kind: str, name: str, end: "RospySender | RospySubscription") -> None:
         """It ended."""
         with self._lock:
             ends = self._ends.get((kind, name), [])
@@ -233,7 +233,7 @@ class RospyLeg:
 
     def _watch_master(self) -> None:
         master = self._new_master()
-        while not self._closed.wait(_LOOK_EVERY_S):
+        while not self._closed.wait(_POLL_EVERY_S):
             if self._rospy.is_shutdown():
                 self._log.error(
                     "ROS has ended this node: another one took its name, %s; give one of them "
@@ -258,7 +258,7 @@ class RospyLeg:
 
     def _watch_nodes(self) -> None:
         master = self._new_master()
-        while not self._closed.wait(_LOOK_EVERY_S):
+        while not self._closed.wait(_POLL_EVERY_S):
             if self._is_there:
                 with suppress(OSError):  # the master is gone: then all nodes are as they were
                     self._call_nodes(master)
@@ -298,7 +298,7 @@ class RospyLeg:
                 Ros1Master(uri, "/master").call("publisherUpdate", name, uris)
 
 
-class _Sender:
+class RospySender:
     """A publisher of rospy's, of messages that are bytes already."""
 
     def __init__(self, leg: RospyLeg, rospy: Any, topic: RosTopic, gid: str) -> None:
@@ -337,7 +337,7 @@ class _Sender:
         self._publisher.unregister()
 
 
-class _Subscription:
+class RospySubscription:
     """A subscriber of rospy's, whose messages stay bytes."""
 
     def __init__(

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from tfbus.bridge.legs import (
-    Closing,
+    Endable,
     LegSettings,
     LostMessages,
     OnMessage,
@@ -32,7 +32,7 @@ try:
         NO_TYPE_HASH,
         Kind,
         Qos,
-        Token,
+        RosToken,
         attachment_writer,
         check_node_name,
         check_topic_name,
@@ -68,7 +68,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
 class ZenohLeg:
     """A node in ROS over Zenoh, until `close()`; see `tfbus.bridge.legs.Leg`.
 
-    Where no router answers it keeps trying, and what was declared meanwhile is declared then.
+    If no router answers it keeps trying, and declares then what was asked for meanwhile.
     """
 
     name = "rmw_zenoh"
@@ -110,14 +110,14 @@ class ZenohLeg:
             self._session.end(declared)
             self._session.end(publication)
 
-        return _Sender(publication, gid, named=self._wire.has_named_fields, close=close)
+        return ZenohSender(publication, gid, named=self._wire.has_named_fields, close=close)
 
-    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Endable:
         """Call `on_message(payload, gid)` for each message of others on a topic. Errors as of
         `publisher`.
         """
         key = self._key(topic)
-        subscription = _Subscription(on_message)
+        subscription = ZenohSubscription(on_message)
 
         def on_sample(payload: bytes, attachment: bytes | None, sample: Any) -> None:
             gid = attachment and self._by_source.get(source_in(attachment))
@@ -147,7 +147,7 @@ class ZenohLeg:
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
-        """What the user should know of the ROS around."""
+        """Notes on the ROS around, for the user."""
         if trouble := self._session.trouble:
             return [trouble]
         found = self.graph.mismatches(list(self._topics.values()))
@@ -181,7 +181,7 @@ class ZenohLeg:
         number = "0" if topic is None else str(next(self._numbers))
         namespace = f"/{self._settings.namespace}"
         node = self._settings.node
-        token = Token(self.domain, self._session.id, "0", number, kind, node, namespace)
+        token = RosToken(self.domain, self._session.id, "0", number, kind, node, namespace)
         if topic is not None:
             token = replace(
                 token,
@@ -193,7 +193,7 @@ class ZenohLeg:
         return token.text
 
     def _publisher_of(self, topic: str, attachment: bytes | None, sample: Any) -> str:
-        """The gid of the publisher of a message; "" where this session has sent it, or the message
+        """The gid of the publisher of a message; "" if this session has sent it, or the message
         has none.
         """
         read = None if attachment is None else read_attachment(attachment)
@@ -222,7 +222,7 @@ class ZenohLeg:
         )
 
 
-class _Sender:
+class ZenohSender:
     """Publishes one topic."""
 
     def __init__(
@@ -241,8 +241,8 @@ class _Sender:
         return self._publication.heard
 
     def send(self, payload: bytes) -> None:
-        """Publish one message in CDR, with its header. Safe from any thread. Raises BusError where
-        it is closed.
+        """Publish one message in CDR, with its header. Safe from any thread. Raises BusError if it
+        is closed.
         """
         with self._lock:
             # From 1, as rmw_zenoh counts.
@@ -254,7 +254,7 @@ class _Sender:
         self._close()
 
 
-class _Subscription:
+class ZenohSubscription:
     """Calls back for one message after the other, until it ends."""
 
     def __init__(self, on_message: OnMessage) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tfbus.bridge.legs import RosPublisher
-from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
+from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, RosToken, gid_of, read_token, ros_type_name
 from tfbus.runtime import scheduler
 from tfbus.wording import listed, printable
 
@@ -31,7 +31,7 @@ class _Untold:
 
 
 class RosGraph:
-    """The tokens of others that are alive: those of the session `own` are left out."""
+    """The tokens of others that are alive: tokens of the session `own` are left out."""
 
     def __init__(
         self, domain: int, own: str, clock_s: Callable[[], float] = lambda: scheduler.monotonic()
@@ -40,10 +40,10 @@ class RosGraph:
         self.dropped = 0
         self._domain = domain
         self._own = own
-        self._clock_s = clock_s
+        self.clock_s = clock_s
         self._lock = threading.Lock()
         self._elsewhere: Counter[int] = Counter()
-        self._tokens: dict[str, Token] = {}
+        self._tokens: dict[str, RosToken] = {}
         self._publishers: dict[str, dict[str, RosPublisher]] = {}
         # Those of all publishers.
         self.gids: set[str] = set()
@@ -62,7 +62,7 @@ class RosGraph:
                 elif token.session != self._own:
                     self._add(text, token)
 
-    def _add(self, text: str, token: Token) -> None:
+    def _add(self, text: str, token: RosToken) -> None:
         self._tokens[text] = token
         if token.domain != self._domain:
             self._elsewhere[token.domain] += 1
@@ -90,14 +90,14 @@ class RosGraph:
             return
         with self._lock:
             if gid not in self.gids:
-                self._untold[topic, gid] = _Untold(session(), self._clock_s())
+                self._untold[topic, gid] = _Untold(session(), self.clock_s())
                 if len(self._untold) > _MOST_UNTOLD:
                     del self._untold[next(iter(self._untold))]
 
     def publishers(self, topic: str) -> list[RosPublisher]:
-        """The publishers of a topic, in order of their gids. One that puts other gids into its
-        messages than that of its token, as zenoh-ros2-sdk does, is there with these too, if its
-        session has no other publisher of the topic.
+        """The publishers of a topic, in order of their gids. A publisher that puts other
+        gids into its messages than that of its token, as zenoh-ros2-sdk does, is there with these
+        too, if its session has no other publisher of the topic.
         """
         with self._lock:
             there = self._publishers.get(topic, {})
@@ -112,7 +112,7 @@ class RosGraph:
         if untold.token not in there:
             untold.token = ""
             of_session = [each for each in there if self._tokens[each].session == untold.session]
-            is_late = self._clock_s() >= untold.since_s + _MADE_UP_AFTER_S
+            is_late = self.clock_s() >= untold.since_s + _MADE_UP_AFTER_S
             if is_late and len(of_session) == 1:
                 untold.token = of_session[0]
         return untold.token
@@ -125,8 +125,8 @@ class RosGraph:
             return sorted(+self._elsewhere)
 
     def mismatches(self, wanted: Sequence[tuple[str, str, str]]) -> list[str]:
-        """What publishers and subscribers of topics have other types than `wanted`, each a topic,
-        its type on the wire and the hash of that: a sentence for each topic.
+        """A sentence for each topic of which nodes have another type than `wanted`: topics, each
+        with its type on the wire and the hash of that.
         """
         with self._lock:
             tokens = [each for each in self._tokens.values() if each.domain == self._domain]
@@ -144,7 +144,7 @@ class RosGraph:
         return found
 
 
-def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[Token]) -> str:
+def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[RosToken]) -> str:
     nodes = listed(sorted({printable(each.full_node_name, 60) for each in others}), most=3)
     alone = len({each.full_node_name for each in others}) == 1
     have, run = ("has", "runs") if alone else ("have", "run")

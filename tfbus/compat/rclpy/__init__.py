@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from tfbus.compat.missing import missing_names
+from tfbus.compat.modules import missing_names
 from tfbus.compat.rclpy import (
     callback_groups,
     clock,
@@ -69,7 +69,8 @@ def init(
     """Begin; of the arguments of the process, or `args`, those after `--ros-args` count. The bus
     has no domains.
 
-    What it returns ends in a `with`, too. Raises RuntimeError if it was called before.
+    The context that it returns ends with a `with`, too. Raises RuntimeError if it was called
+    before.
     """
     if unknown:
         raise TypeError(f"rclpy.init of tfbus.compat does not take {', '.join(unknown)}")

@@ -1,4 +1,4 @@
-"""ROS's rclpy.callback_groups: those of tfbus."""
+"""ROS's rclpy.callback_groups: the groups of tfbus."""
 
 from tfbus.runtime.callback_groups import (
     CallbackGroup,

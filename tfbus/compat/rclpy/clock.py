@@ -10,7 +10,7 @@ __all__ = ["Clock", "ClockType", "ROSClock"]
 
 
 class Clock:
-    """A clock; that of a node follows the topic `clock` where time is simulated."""
+    """A clock; that of a node follows the topic `clock` if time is simulated."""
 
     def __init__(
         self,

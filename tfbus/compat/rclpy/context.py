@@ -1,4 +1,4 @@
-"""What `rclpy.init` begins and `rclpy.shutdown` ends: the nodes of this process."""
+"""A context, from `rclpy.init` to `rclpy.shutdown`: the nodes of this process."""
 
 import atexit
 import sys
@@ -93,7 +93,7 @@ def end() -> None:
 
 
 def split_arguments(args: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The arguments of the program, and those of its nodes: from --ros-args to -- or the end, and
+    """The arguments of the program, and its nodes' arguments: from --ros-args to -- or the end, and
     the options that `tfbus launch` puts before all others, which begin with --name.
     """
     own: list[str] = []

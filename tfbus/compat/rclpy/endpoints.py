@@ -10,9 +10,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.bus_types import BusType
-from tfbus.compat.rclpy.task import Future
+from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.compat.rclpy.work import Work
 from tfbus.errors import ServiceError
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.node import Node as TfbusNode
@@ -24,7 +23,7 @@ from tfbus.runtime.timer import Timer as TfbusTimer
 from tfbus.runtime.timer import timer_name
 
 if TYPE_CHECKING:
-    from tfbus.compat.transform_topics import TransformsPublisher
+    from tfbus.compat.bus_types import TransformsPublisher
 
 # How often a call that waits for its service looks whether the client is still open.
 _LOOKS_EVERY_S = 0.5

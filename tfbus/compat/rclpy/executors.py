@@ -9,8 +9,7 @@ from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat.rclpy import context
-from tfbus.compat.rclpy.task import Future
-from tfbus.compat.rclpy.work import Job, Work
+from tfbus.compat.rclpy.task import Future, Job, Work
 from tfbus.runtime.executor import Executor as Threads
 from tfbus.runtime.signals import Wakeup
 
@@ -184,7 +183,7 @@ class SingleThreadedExecutor(Executor):
 
 class MultiThreadedExecutor(Executor):
     """Runs callbacks in `num_threads` threads, by default as many as there are processors, and at
-    least two; those of a mutually exclusive group one at a time.
+    least two; callbacks of a mutually exclusive group one at a time.
 
     A callback without a group is in its node's default group, which is mutually exclusive. An
     exception of a callback ends `spin` in the thread that spins.

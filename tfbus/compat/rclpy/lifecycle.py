@@ -55,7 +55,7 @@ _UNCONFIGURED, _INACTIVE, _ACTIVE, _FINALIZED = (
 )
 
 
-class _Step(NamedTuple):
+class _StateChange(NamedTuple):
     """A transition: its number, from which states, to which, and the callback."""
 
     id: int
@@ -65,13 +65,17 @@ class _Step(NamedTuple):
 
 
 _STEPS = {
-    "configure": _Step(
+    "configure": _StateChange(
         _Transition.TRANSITION_CONFIGURE, (_UNCONFIGURED,), _INACTIVE, "on_configure"
     ),
-    "cleanup": _Step(_Transition.TRANSITION_CLEANUP, (_INACTIVE,), _UNCONFIGURED, "on_cleanup"),
-    "activate": _Step(_Transition.TRANSITION_ACTIVATE, (_INACTIVE,), _ACTIVE, "on_activate"),
-    "deactivate": _Step(_Transition.TRANSITION_DEACTIVATE, (_ACTIVE,), _INACTIVE, "on_deactivate"),
-    "shutdown": _Step(
+    "cleanup": _StateChange(
+        _Transition.TRANSITION_CLEANUP, (_INACTIVE,), _UNCONFIGURED, "on_cleanup"
+    ),
+    "activate": _StateChange(_Transition.TRANSITION_ACTIVATE, (_INACTIVE,), _ACTIVE, "on_activate"),
+    "deactivate": _StateChange(
+        _Transition.TRANSITION_DEACTIVATE, (_ACTIVE,), _INACTIVE, "on_deactivate"
+    ),
+    "shutdown": _StateChange(
         _Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
         (_UNCONFIGURED, _INACTIVE, _ACTIVE),
         _FINALIZED,

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from tfbus.compat import transform_topics as of
-from tfbus.compat.bus_types import bus_type_of
+from tfbus.compat import bus_types as of
+from tfbus.compat.fields import TFMessage
 from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy import context as contexts
 from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
@@ -13,17 +13,16 @@ from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subsc
 from tfbus.compat.rclpy.logging import RosLogger
 from tfbus.compat.rclpy.node_graph import NamesAndTypes, NodeGraph
 from tfbus.compat.rclpy.node_parameters import (
-    NodeParameters,
     OnSet,
     ParameterDescriptor,
+    RclpyParameters,
     SetParametersResult,
     names_in,
 )
 from tfbus.compat.rclpy.parameter import Parameter
 from tfbus.compat.rclpy.qos import applied
+from tfbus.compat.rclpy.task import Work
 from tfbus.compat.rclpy.time import ClockType
-from tfbus.compat.rclpy.work import Work
-from tfbus.compat.used_messages import TFMessage
 from tfbus.node.node import Node as TfbusNode
 from tfbus.runtime.callback_groups import join
 from tfbus.runtime.structs import replace
@@ -55,9 +54,9 @@ class Node:
     """A node with ROS's methods.
 
     `tfbus_node` is the node of tfbus that it is. Its callbacks run while it is spun, as in ROS: in
-    the thread that spins it, or the threads of a MultiThreadedExecutor, where those of
-    `default_callback_group` run one at a time. Of the arguments of the process those after
-    `--ros-args` count, and those of `tfbus launch`; and the environment (`TFBUS_...`).
+    the thread that spins it, or the threads of a MultiThreadedExecutor, where callbacks of
+    `default_callback_group` run one at a time. Of the arguments of the process the ones after
+    `--ros-args` count, and the options of `tfbus launch`; and the environment (`TFBUS_...`).
 
     Raises NotInitializedException before `rclpy.init()`; ends the process with the reason if the
     bus cannot be joined, or an argument is wrong.
@@ -99,7 +98,7 @@ class Node:
         self._elsewhere: dict[str, TfbusNode] = {}
         self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
         self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
-        self._parameters = NodeParameters(
+        self._parameters = RclpyParameters(
             self.tfbus_node, self.work, allow_undeclared=allow_undeclared_parameters
         )
         if automatically_declare_parameters_from_overrides:
@@ -127,7 +126,7 @@ class Node:
 
     @property
     def context(self) -> "contexts.Context":
-        """What `rclpy.init()` returned."""
+        """The context that `rclpy.init()` returned."""
         return self._context
 
     def get_name(self) -> str:
@@ -147,7 +146,7 @@ class Node:
         return self._logger
 
     def get_clock(self) -> Clock:
-        """Its clock, which follows the topic `clock` where time is simulated."""
+        """Its clock, which follows the topic `clock` if time is simulated."""
         return self._clock
 
     def say_once(self, text: str) -> None:
@@ -189,7 +188,7 @@ class Node:
         if msg_type is TFMessage and (found := of.transforms_topic(self.tfbus_node, topic)):
             sender = of.TransformsPublisher(self.node_in(found.namespace), found.kind)
             return Publisher(sender, of.ON_TRANSFORM_TOPICS, msg_type)
-        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
+        on_bus = of.bus_type_of(msg_type, topic, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
         return Publisher(publisher, on_bus, msg_type)
 
@@ -220,7 +219,7 @@ class Node:
                 self.tfbus_node, found, subscription.receive
             )
             return subscription
-        on_bus = bus_type_of(msg_type, topic, self.tfbus_node.clock)
+        on_bus = of.bus_type_of(msg_type, topic, self.tfbus_node.clock)
         group = self.group_of(callback_group)
         subscription = Subscription(self.work, on_bus, callback, depth, group, topic)
         subscription.endpoint = self.tfbus_node.create_subscription(

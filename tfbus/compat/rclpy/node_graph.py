@@ -39,7 +39,7 @@ class NodeGraph:
         return _sorted(found)
 
     def services(self) -> NamesAndTypes:
-        """The full names of services, sorted, each with its types; those of actions are none."""
+        """The full names of services, sorted, each with its types; an action has none."""
         found = {
             self._full(name): {_service_in_ros(each) for each in service.types}
             for name, service in self._graph().services.items()

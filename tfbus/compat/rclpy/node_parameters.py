@@ -18,7 +18,7 @@ from tfbus.errors import ParameterError
 from tfbus.runtime.callback_groups import MutuallyExclusiveCallbackGroup
 
 if TYPE_CHECKING:
-    from tfbus.compat.rclpy.work import Work
+    from tfbus.compat.rclpy.task import Work
     from tfbus.node.node import Node as TfbusNode
     from tfbus.node.parameters import Parameter as TfbusParameter
 
@@ -33,8 +33,8 @@ _LOOKS_EVERY_S = 0.5
 OnSet = Callable[[list[Parameter]], Any]
 
 
-class NodeParameters:
-    """The parameters of one node. One without a value exists here only, until it has a value."""
+class RclpyParameters:
+    """The parameters of a node. A parameter without a value exists here only, until it has one."""
 
     def __init__(self, node: "TfbusNode", work: "Work", *, allow_undeclared: bool) -> None:
         self.callbacks: list[OnSet] = []

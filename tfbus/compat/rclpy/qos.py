@@ -46,7 +46,7 @@ class ReliabilityPolicy(IntEnum):
 
 
 class DurabilityPolicy(IntEnum):
-    """Whether the last message is kept for those who come later: TRANSIENT_LOCAL is `retained`."""
+    """Whether the last message is kept for late subscribers: TRANSIENT_LOCAL is `retained`."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1

@@ -1,11 +1,11 @@
-"""ROS's rclpy.time, and what counts as a time in a call."""
+"""ROS's rclpy.time."""
 
 from enum import IntEnum
 from functools import total_ordering
 from typing import Any
 
+from tfbus.compat.fields import TimeBase, TimeMessage
 from tfbus.compat.rclpy.duration import Duration
-from tfbus.compat.used_messages import Time as TimeMessage
 
 __all__ = ["ClockType", "Duration", "Time"]
 
@@ -21,7 +21,7 @@ class ClockType(IntEnum):
 
 
 @total_ordering
-class Time:
+class Time(TimeBase):
     """A time since the Unix epoch, of `seconds` and `nanoseconds` together.
 
     `Time()` is 0, which asks a lookup for the latest. A time of `node.get_clock()` or `from_msg` is
@@ -29,7 +29,7 @@ class Time:
     negative, OverflowError if it does not fit 64 bits.
     """
 
-    __slots__ = ("_clock_type", "_nanoseconds")
+    __slots__ = ("_clock_type",)
 
     def __init__(
         self,
@@ -120,22 +120,3 @@ class Time:
 
     def __repr__(self) -> str:
         return f"Time(nanoseconds={self._nanoseconds}, clock_type={self._clock_type.name})"
-
-
-def stamp_ns_of(time: Any, what: str = "time") -> int:
-    """Nanoseconds since the epoch of a Time, or of a message's stamp; of rclpy's and rospy's too.
-
-    Raises TypeError for another type, such as seconds as a number.
-    """
-    if type(time) is Time:
-        return time._nanoseconds
-    if type(time) is TimeMessage or hasattr(time, "nanosec"):
-        return int(time.sec) * _SECOND_NS + int(time.nanosec)
-    if hasattr(time, "nanoseconds") and not isinstance(time, Duration):
-        return int(time.nanoseconds)
-    if hasattr(time, "nsecs"):
-        return int(time.secs) * _SECOND_NS + int(time.nsecs)
-    hint = ": write Time(seconds=...), or Time() for the latest"
-    raise TypeError(
-        f"{what} must be a Time or the stamp of a message, not a {type(time).__name__}{hint}"
-    )

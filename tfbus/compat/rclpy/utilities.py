@@ -11,7 +11,7 @@ __all__ = ["get_default_context", "ok", "remove_ros_args"]
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
-    """The arguments, by default `sys.argv`, without those of nodes: from --ros-args to -- or the
-    end, and those of `tfbus launch`.
+    """The arguments, by default `sys.argv`, without the ones of nodes: from --ros-args to -- or the
+    end, and the options of `tfbus launch`.
     """
     return split_arguments(sys.argv if args is None else args)[0]

@@ -1,6 +1,6 @@
 """ROS's package rosidl_runtime_py: messages as maps and texts, and types by their names."""
 
-from tfbus.compat.missing import missing_names
+from tfbus.compat.modules import missing_names
 from tfbus.compat.rosidl_runtime_py.convert import (
     get_message_slot_types,
     message_to_csv,

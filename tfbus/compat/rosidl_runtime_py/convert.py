@@ -21,7 +21,7 @@ def message_to_ordereddict(
     """The fields by name, arrays as lists; of long ones and long texts the first `truncate_length`
     items. With `no_arr` and `no_str` only the lengths of arrays and texts.
     """
-    fields: OrderedDict[str, Any] = _Shown(truncate_length, no_arr, no_str).message(msg)
+    fields: OrderedDict[str, Any] = _ShownParts(truncate_length, no_arr, no_str).message(msg)
     return fields
 
 
@@ -36,7 +36,7 @@ def message_to_yaml(
     """The message as YAML, in one line with `flow_style`; options as of the map."""
     import yaml  # slow
 
-    values = _plain(_Shown(truncate_length, no_arr, no_str).message(msg))
+    values = _plain(_ShownParts(truncate_length, no_arr, no_str).message(msg))
     text: str = yaml.safe_dump(
         values,
         allow_unicode=True,
@@ -51,7 +51,7 @@ def message_to_csv(
     msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False
 ) -> str:
     """All values in one line, with commas; the options of `message_to_ordereddict`."""
-    values = _Shown(truncate_length, no_arr, no_str).message(msg)
+    values = _ShownParts(truncate_length, no_arr, no_str).message(msg)
     return ",".join(str(each) for each in _leaves(values))
 
 
@@ -61,7 +61,7 @@ def get_message_slot_types(msg: Any) -> "OrderedDict[str, str]":
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _ShownParts:
     """The part of a message that is shown."""
 
     most: int | None

@@ -6,11 +6,10 @@ from concurrent.futures import Future as Ended
 from functools import partial
 from typing import Any
 
-from tfbus.compat.fields import message_of
+from tfbus.compat.fields import message_of, stamp_ns_of
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.node import Node, tfbus_node_of
 from tfbus.compat.rclpy.task import Future, Run
-from tfbus.compat.rclpy.time import stamp_ns_of
 from tfbus.compat.tf2_py import BufferCore, in_ros_words
 from tfbus.compat.tf2_ros.buffer_interface import BufferInterface
 from tfbus.errors import TransformException
@@ -147,7 +146,7 @@ class TransformFuture(Future):
             super().__init__(run=run)
         self._look = look
         if not self._is_there():
-            loop = scheduler.of_process(_Waiting).loop
+            loop = scheduler.of_process(_FuturesThread).loop
             waiting = asyncio.run_coroutine_threadsafe(self._wait(wait), loop)
             self.when_ended(partial(_cancel, waiting))
 
@@ -173,7 +172,7 @@ def _cancel(waiting: "Ended[None]") -> None:
     waiting.cancel()
 
 
-class _Waiting:
+class _FuturesThread:
     """The thread on which all futures of a process wait."""
 
     def __init__(self) -> None:

@@ -22,7 +22,7 @@ class StaticTransformBroadcaster:
         self.tfbus_broadcaster = TfbusBroadcaster(node_of_transforms(node, "/tf_static"))
 
     def sendTransform(self, transform: Any) -> None:
-        """Add a TransformStamped, or several, or replace those of the same child frame.
+        """Add a TransformStamped, or several, or replace the ones of the same child frame.
 
         Raises as `TransformBroadcaster.sendTransform`.
         """

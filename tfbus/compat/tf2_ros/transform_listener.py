@@ -22,7 +22,7 @@ class TransformListener:
 
     `spin_thread=True` spins the node for its other callbacks, as in ROS. QoS is not applied, which
     is logged. `tfbus_listener` is the listener of tfbus underneath. The topics say whose transforms
-    they are: `/tf` those of the node's namespace, `/robot7/tf` those of robot7. Raises TypeError
+    they are: `/tf` the transforms of the node's namespace, `/robot7/tf` robot7's. Raises TypeError
     for topics of other names.
     """
 
@@ -104,7 +104,7 @@ class TransformListener:
 
 
 def warn_of_qos(node: Any, what: str, *profiles: Any) -> None:
-    """Log once that transforms are sent as they are, where a QoS was given."""
+    """Log once that transforms are sent as they are, if a QoS was given."""
     if any(profile is not None for profile in profiles):
         log = tfbus_node_of(node).log
         log.warning(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tfbus.compat.rclpy.action.status import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
+from tfbus.compat.rclpy.action.server import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import TfbusError
@@ -55,7 +55,7 @@ class ClientGoalHandle(TakesTypes):
 
     def cancel_goal_async(self) -> Future:
         """Ask the server to cancel it: a future of a CancelGoal.Response, in whose
-        `goals_canceling` it is where the server does.
+        `goals_canceling` it is if the server does.
         """
         future = Future(run=self._node.work.submit)
 

@@ -6,15 +6,36 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tfbus.compat.rclpy.action.status import GoalStatus, uuid_of
+from tfbus.compat.message_classes import interface_class, message_class
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.errors import ServiceError
+from tfbus.errors import DecodeError, ServiceError
 from tfbus.runtime.arguments import is_async
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.node import Node
     from tfbus.node.action import GoalHandle
+
+
+GoalStatus: Any = message_class("action_msgs/msg/GoalStatus")
+GoalInfo: Any = message_class("action_msgs/msg/GoalInfo")
+UUID: Any = message_class("unique_identifier_msgs/msg/UUID")
+CancelGoal: Any = interface_class("action_msgs/srv/CancelGoal")
+
+ENDINGS = {
+    "succeeded": GoalStatus.STATUS_SUCCEEDED,
+    "canceled": GoalStatus.STATUS_CANCELED,
+    "aborted": GoalStatus.STATUS_ABORTED,
+}
+
+
+def uuid_of(goal_id: str) -> Any:
+    """The id of a goal of tfbus as ROS has it."""
+    try:
+        return UUID(uuid=bytes.fromhex(goal_id))
+    except (ValueError, DecodeError):  # another server's
+        return UUID()
+
 
 __all__ = [
     "ActionServer",

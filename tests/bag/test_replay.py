@@ -27,9 +27,9 @@ from tfbus import (
     TransformListener,
 )
 from tfbus.bag.moved_stamps import moved
-from tfbus.bag.played_time import PlayedTime
-from tfbus.bag.player import Pace, Player
+from tfbus.bag.player import Player
 from tfbus.bag.player_services import serve
+from tfbus.bag.playhead import Pace, PausableClock
 from tfbus.bag.replay import Replay
 from tfbus.bag.replayed_names import ReplayedNames
 from tfbus.bag.replayed_stream import ReplayedStream
@@ -143,9 +143,7 @@ class Played:
             look_back_s=look_back_s,
             **chosen,
         )
-        self.replay = NotedReplay(
-            self.node, self._reader, lambda: self.player.progress, **chosen, **given
-        )
+        self.replay = NotedReplay(self.node, self._reader, self.player, **chosen, **given)
         self._run = InAThread(lambda: self.player.run(self.replay))
 
     def step(self, messages: int = 1) -> None:
@@ -528,14 +526,14 @@ def test_a_stream_that_left_before_a_seek_is_gone_after_it(played: Any, buffer: 
 def test_a_pause_takes_no_time() -> None:
     """What was sent before it is kept as long as if there were none."""
     clock = FakeClock()
-    played = PlayedTime(clock)
+    played = PausableClock(clock)
     clock.now_ns = 5
     assert played() == 5
     for is_paused in (True, True):
-        played.stand(is_paused)
+        played.pause(is_paused)
         clock.now_ns += 100
         assert played() == 5
-    played.stand(False)
+    played.pause(False)
     clock.now_ns += 1
     assert played() == 6
 

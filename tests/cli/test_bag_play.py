@@ -13,7 +13,8 @@ from tests.builders import S, at, x_of
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
-from tfbus.bag.player import Player, Progress
+from tfbus.bag.player import Player
+from tfbus.bag.playhead import Progress
 from tfbus.cli.bag.play import command
 from tfbus.cli.bag.play_keys import follow
 from tfbus.cli.bag.play_status import bar_text, end_text, log_text

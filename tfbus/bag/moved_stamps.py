@@ -5,7 +5,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from tfbus.bag.in_force import Source
-from tfbus.bag.player import Pace
+from tfbus.bag.playhead import Pace
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import TransformItem
 from tfbus.recording.selection import Selection

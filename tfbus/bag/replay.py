@@ -1,13 +1,12 @@
 """Replays a recording on the bus: its streams and topics as they were."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 from tfbus import messages
 from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns, with_stamps
-from tfbus.bag.played_time import PlayedTime
-from tfbus.bag.player import Pace, Progress
+from tfbus.bag.playhead import Pace, Playhead, Progress
 from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
 from tfbus.bag.replayed_names import ReplayedNames
 from tfbus.bag.replayed_stream import ReplayedStream
@@ -40,8 +39,7 @@ class Replay:
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
     at another rate than 1 the times between them are scaled too. The stamps in messages of topics
     are moved as well: each `stamp_ns`, and those of ROS's headers. With `clock_hz`
-    it publishes the time of the recording at this rate, for nodes with simulated time; `progress`
-    is then that of the player.
+    it publishes the time of the recording at this rate, for nodes with simulated time.
 
     Raises InvalidNameError if two streams would get the same name.
     """
@@ -50,7 +48,7 @@ class Replay:
         self,
         node: Node,
         reader: RecordingReader,
-        progress: Callable[[], Progress],
+        playhead: Playhead,
         *,
         selection: Selection = ALL,
         names: ReplayedNames | None = None,
@@ -62,21 +60,20 @@ class Replay:
         self._names = names or ReplayedNames()
         self._stamps = stamps
         self._log_once = LogOnce(node.log)
-        self._ahead_ns = stamps_ahead_ns(reader, selection, progress().start_ns)
+        self._ahead_ns = stamps_ahead_ns(reader, selection, playhead.start_ns)
         self._clock = None
         if clock_hz is not None:
             self._clock = ReplayedClock(
                 node,
                 clock_hz,
-                progress,
+                playhead,
                 ahead_ns=self._ahead_ns,
                 recorded_topic=clock_topic_of(reader),
             )
         # How far what is recorded lies in the past; None before it begins.
         self._past_ns: int | None = None
         # A paused recording keeps what it has sent for listeners that come late.
-        self._played = PlayedTime()
-        self._played.stand(progress().is_paused)
+        self._played_ns = playhead.clock
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
@@ -155,7 +152,6 @@ class Replay:
 
     def follow(self, progress: Progress) -> None:
         """The clock stands still, or goes at another rate."""
-        self._played.stand(progress.is_paused)
         if self._clock is not None:
             self._clock.follow()
 
@@ -262,7 +258,12 @@ class Replay:
         key = self._names.stream_key(recorded)
         self._node.settings.check_right("nodes", key.replace("@tfbus/stream/", ""))
         return ReplayedStream(
-            new_name, key, description, self._node, is_described=bool(first), time_ns=self._played
+            new_name,
+            key,
+            description,
+            self._node,
+            is_described=bool(first),
+            time_ns=self._played_ns,
         )
 
     # Topics

@@ -1,8 +1,8 @@
 """The simulated time while a recording is replayed: what nodes with simulated time follow."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
-from tfbus.bag.player import Progress
+from tfbus.bag.playhead import Playhead, Progress
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
 from tfbus.node.node import Node
@@ -33,13 +33,13 @@ class ReplayedClock:
         self,
         node: Node,
         rate_hz: float,
-        progress: Callable[[], Progress],
+        playhead: Playhead,
         *,
         ahead_ns: int = 0,
         recorded_topic: str = "",
     ) -> None:
         self._publisher = node.create_clock_publisher()
-        self._progress = progress
+        self._playhead = playhead
         self._ahead_ns = ahead_ns
         self._recorded_topic = recorded_topic
         # What the recorded clock said last; None where it has not said anything yet.
@@ -54,12 +54,12 @@ class ReplayedClock:
         said = [clock for item in state if (clock := self._clock_of(item)) is not None]
         with self._lock:
             self._recorded = said[-1] if said else None
-            self._publish(self._progress())
+            self._publish(self._playhead.progress)
 
     def follow(self) -> None:
         """Publish the time, if it stands still from now on, or goes at another rate."""
         with self._lock:
-            self._publish(self._progress())
+            self._publish(self._playhead.progress)
 
     def take(self, item: TopicItem) -> None:
         """Take a message of the recorded clock."""
@@ -68,7 +68,7 @@ class ReplayedClock:
             return
         with self._lock:
             self._recorded = said
-            self._publish(self._progress())
+            self._publish(self._playhead.progress)
 
     def _clock_of(self, item: Item) -> Clock | None:
         """Time of the recorded clock in an item; None in others, and where it cannot be read."""
@@ -81,7 +81,7 @@ class ReplayedClock:
 
     def _tick(self) -> None:
         with self._lock:
-            progress = self._progress()
+            progress = self._playhead.progress
             if not progress.is_paused:
                 self._publish(progress)
 

@@ -63,7 +63,7 @@ class RecordedRobots:
 
     def robots(self) -> Sequence[ShownRobot]:
         """The robots as they were described at the cursor."""
-        log_ns = self._replay.playhead.cursor.at_ns
+        log_ns = self._replay.playhead.progress.log_ns
         found = [self._shown(_at(same, log_ns)) for same in self._described.values()]
         return [*(robot for robot in found if robot is not None), *self._given.robots()]
 

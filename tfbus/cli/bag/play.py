@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.bag.player import FASTEST, SLOWEST, AtEnd
+from tfbus.bag.playhead import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.ros_options import OF_PLAY
 from tfbus.cli.bag.selecting import Asked, selecting
@@ -221,9 +221,9 @@ def command(
     tools show the frames as if they were live; with --clock they stay, and nodes with --sim-time
     follow the recorded time, its pauses and jumps.
 
-    In a terminal the space key pauses, . plays one message, the arrows seek by 5 s and change the
-    rate, q ends. The services player/pause, resume, toggle_paused, play_next, seek, set_rate,
-    progress and stop do the same.
+    In a terminal the space key pauses, . plays one message and , the one before, the arrows seek by
+    5 s and change the rate, q ends. The services player/pause, resume, toggle_paused, play_next,
+    seek, set_rate, progress and stop do the same.
     """
     from tfbus.bag.replayed_names import ReplayedNames
 
@@ -336,7 +336,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         replay = Replay(
             node,
             reader,
-            lambda: player.progress,
+            player,
             selection=selection,
             names=plan.names,
             stamps=plan.stamps,

@@ -1,6 +1,6 @@
 """The display of `tfbus bag play` while it plays."""
 
-from tfbus.bag.player import Progress
+from tfbus.bag.playhead import Progress
 from tfbus.cli.bag.record_status import StatusLine
 from tfbus.cli.output import paint, width
 from tfbus.wording import counted, cut, duration

@@ -10,9 +10,8 @@ from tests.builders import S, at
 from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
 from tfbus import InvalidArgumentException
-from tfbus.bag.player import Player
+from tfbus.bag.player import Player, ReadAhead
 from tfbus.bag.playhead import Pace, Progress
-from tfbus.bag.read_ahead import ReadAhead
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem

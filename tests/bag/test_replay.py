@@ -26,14 +26,11 @@ from tfbus import (
     TransformException,
     TransformListener,
 )
-from tfbus.bag.moved_stamps import moved
 from tfbus.bag.player import Player
-from tfbus.bag.player_services import serve
 from tfbus.bag.playhead import Pace, PausableClock
-from tfbus.bag.replay import Replay
-from tfbus.bag.replayed_names import ReplayedNames
-from tfbus.bag.replayed_stream import ReplayedStream
-from tfbus.bag.stream_epochs import StreamEpochs
+from tfbus.bag.replay import Republisher, serve
+from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
+from tfbus.bag.replayed_time import moved
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.stream_state import StreamState
@@ -99,7 +96,7 @@ def gone(s: float, stream: RecordedStream = SIM) -> EventItem:
     return EventItem(BEGAN_NS + round(s * S), "stream gone", stream.name)
 
 
-class NotedReplay(Replay):
+class NotedRepublisher(Republisher):
     """A replay that says whether it has begun: what is in force at the beginning is sent."""
 
     has_begun = False
@@ -143,7 +140,7 @@ class Played:
             look_back_s=look_back_s,
             **chosen,
         )
-        self.replay = NotedReplay(self.node, self._reader, self.player, **chosen, **given)
+        self.replay = NotedRepublisher(self.node, self._reader, self.player, **chosen, **given)
         self._run = InAThread(lambda: self.player.run(self.replay))
 
     def step(self, messages: int = 1) -> None:

@@ -4,14 +4,14 @@
 the page of `tfbus view` asks with each picture how far it is.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.former import last_item
 from tfbus.recording.items import Item
 from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.state import ItemsInOrder, last_item
 from tfbus.runtime import scheduler
 
 SLOWEST, FASTEST = 1e-3, 1e4
@@ -283,15 +283,6 @@ class Playhead:
     def _jump(self) -> None:
         self.jumps += 1
         self.changed.notify_all()
-
-
-class ItemsInOrder(Protocol):
-    """Items by their log times: a RecordingReader."""
-
-    def items(
-        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
-    ) -> Iterator[Item]:
-        """The items of a span in the order of their log times."""
 
 
 def stepped_ns(

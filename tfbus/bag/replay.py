@@ -1,17 +1,31 @@
-"""Replays a recording on the bus: its streams and topics as they were."""
+"""Replays a recording on the bus: its streams and topics as they were; services of the player."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 from tfbus import messages
-from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns, with_stamps
+from tfbus.bag.player import Player
 from tfbus.bag.playhead import Pace, Playhead, Progress
-from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
-from tfbus.bag.replayed_names import ReplayedNames
-from tfbus.bag.replayed_stream import ReplayedStream
-from tfbus.bag.stream_epochs import StreamEpochs
-from tfbus.errors import BusError, DecodeError, InvalidNameError
+from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
+from tfbus.bag.replayed_time import (
+    ReplayedClock,
+    clock_topic_of,
+    is_clock,
+    moved,
+    moved_ns,
+    moved_to,
+    stamps_ahead_ns,
+    with_stamps,
+)
+from tfbus.errors import (
+    BusError,
+    DecodeError,
+    InvalidArgumentException,
+    InvalidNameError,
+    ServiceError,
+)
+from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
@@ -33,7 +47,7 @@ Stamps = Literal["now", "recorded"]
 _NAMED = 5
 
 
-class Replay:
+class Republisher:
     """Publishes what a player plays: a Stage.
 
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
@@ -388,3 +402,48 @@ def _stream_of(item: Item) -> str:
 def _is_supplied(type_name: str) -> bool:
     """Whether tfbus.messages has a type of this name."""
     return isinstance(getattr(messages, type_name, None), type)
+
+
+def serve(node: Node, player: Player, stop: Callable[[], object]) -> None:
+    """Serve `~/pause`, `resume`, `toggle_paused`, `play_next`, `seek`, `set_rate`, `progress` and
+    `stop`, which calls `stop()`.
+    """
+
+    def done_by(job: Callable[[], object]) -> Callable[[Empty.Request], Empty.Response]:
+        def handle(request: Empty.Request) -> Empty.Response:
+            job()
+            return Empty.Response()
+
+        return handle
+
+    def set_rate(request: SetRate.Request) -> SetRate.Response:
+        try:
+            player.set_rate(request.rate)
+        except InvalidArgumentException as error:
+            raise ServiceError(str(error)) from error
+        return SetRate.Response()
+
+    def play_next(request: PlayNext.Request) -> PlayNext.Response:
+        player.step(request.messages)
+        return PlayNext.Response()
+
+    def seek(request: Seek.Request) -> Seek.Response:
+        base_ns = request.log_ns or player.progress.start_ns
+        player.seek(base_ns + round(request.offset_s * 1e9))
+        progress = player.progress
+        return Seek.Response(progress.log_ns, progress.played_s)
+
+    def progress(request: PlayProgress.Request) -> PlayProgress.Response:
+        now = player.progress
+        return PlayProgress.Response(
+            now.log_ns, now.start_ns, now.end_ns, now.rate, now.is_paused, now.sent, now.loops
+        )
+
+    node.create_service(Empty, "~/pause", done_by(player.pause))
+    node.create_service(Empty, "~/resume", done_by(player.resume))
+    node.create_service(Empty, "~/toggle_paused", done_by(player.toggle_paused))
+    node.create_service(Empty, "~/stop", done_by(stop))
+    node.create_service(SetRate, "~/set_rate", set_rate)
+    node.create_service(PlayNext, "~/play_next", play_next)
+    node.create_service(Seek, "~/seek", seek)
+    node.create_service(PlayProgress, "~/progress", progress)

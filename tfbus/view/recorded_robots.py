@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tfbus.errors import DecodeError, UrdfError
 from tfbus.recording.items import TopicItem
 from tfbus.recording.selection import Selection
-from tfbus.robot.described import read_described
+from tfbus.robot.robot import read_described
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import GivenRobots, Joints

@@ -16,10 +16,10 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: the extra foxglove")
 
 from tfbus.bag.player import Player
-from tfbus.bag.playhead import FASTEST, SLOWEST, AtEnd, Progress
 from tfbus.cli.bag.play_keys import follow
 from tfbus.foxglove import playback
 from tfbus.foxglove.protocol import PlaybackControl
+from tfbus.recording.playhead import FASTEST, SLOWEST, AtEnd, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.runtime import scheduler
 from tfbus.testing.network import Network

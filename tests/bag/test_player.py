@@ -11,10 +11,10 @@ from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
 from tfbus import InvalidArgumentException
 from tfbus.bag.player import Player, ReadAhead
-from tfbus.bag.playhead import Pace, Progress
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, Progress
 
 SIM = RecordedStream("sim", "/sim", epoch_ns=1)
 MS = 1_000_000

@@ -27,7 +27,6 @@ from tfbus import (
     TransformListener,
 )
 from tfbus.bag.player import Player
-from tfbus.bag.playhead import Pace, PausableClock
 from tfbus.bag.replay import Republisher, serve
 from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
 from tfbus.bag.replayed_time import moved
@@ -46,6 +45,7 @@ from tfbus.messages import (
     SetRate,
 )
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, PausableClock
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter

@@ -12,7 +12,7 @@ from tests.builders import S
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.bag.playhead import Playhead, Progress
+from tfbus.recording.playhead import Playhead, Progress
 from tfbus.view.model.timeline import Mark, Timeline
 from tfbus.view.panels.markup import Channel
 from tfbus.view.panels.player import PlayerBar

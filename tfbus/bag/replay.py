@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 from tfbus import messages
 from tfbus.bag.player import Player
-from tfbus.bag.playhead import Pace, Playhead, Progress
 from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
 from tfbus.bag.replayed_time import (
     ReplayedClock,
@@ -29,6 +28,7 @@ from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.definitions import Definition

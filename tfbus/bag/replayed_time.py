@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from tfbus.bag.playhead import Pace, Playhead, Progress
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.recording.items import Item, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import Playable

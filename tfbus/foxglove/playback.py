@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.bag.player import Player
-from tfbus.bag.playhead import AtEnd, Pace, Progress, nearest_rate
 from tfbus.errors import DecodeError, ParameterError, TfbusError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front
@@ -28,6 +27,7 @@ from tfbus.foxglove.topics import TopicChannel, is_description
 from tfbus.foxglove.transforms import TransformChannels
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate
 from tfbus.recording.reader import RecordingReader, TopicSummary
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from tfbus.bag.playhead import Playhead, stepped_ns
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import Item, TransformItem
+from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
 from tfbus.view.recorded_marks import known_timeline, whole_timeline

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.bag.playhead import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.ros_options import OF_PLAY
 from tfbus.cli.bag.selecting import Asked, selecting
@@ -25,6 +24,7 @@ from tfbus.command.options import bus_options
 from tfbus.command.recordings import open_recording, wall
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, MomentType, Number
 from tfbus.errors import TfbusError
+from tfbus.recording.playhead import FASTEST, SLOWEST, AtEnd
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.wording import counted, did_you_mean, duration, printable
 

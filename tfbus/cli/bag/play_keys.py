@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tfbus.bag.playhead import Playhead, nearest_rate
+from tfbus.recording.playhead import Playhead, nearest_rate
 
 KEYS = (
     "space pauses, . plays one message, , the one before, left and right seek 5 s, up and down "

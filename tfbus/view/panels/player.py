@@ -11,7 +11,7 @@ from typing import Any
 
 import viser
 
-from tfbus.bag.playhead import nearest_rate
+from tfbus.recording.playhead import nearest_rate
 from tfbus.view.model.timeline import KINDS, MarkKind, Timeline
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.text import FIRST_DATE_NS

@@ -4,8 +4,8 @@ import pytest
 
 from tests.builders import S
 from tests.fakes import Clock
-from tfbus.bag.playhead import AtEnd, Playhead, Progress
 from tfbus.errors import InvalidArgumentException
+from tfbus.recording.playhead import AtEnd, Playhead, Progress
 
 START, END = 100 * S, 110 * S
 

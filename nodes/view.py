@@ -228,7 +228,7 @@ def _show_recording(
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import Cursor, GivenRobots, Page, RecordedRobots, Replay, ShownRobot
+    from tfbus.view import GivenRobots, Page, RecordedRobots, Replay, ShownRobot
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span
@@ -236,7 +236,8 @@ def _show_recording(
         at_ns = (opened.at_ns if bag.at is not None else end_ns) if is_still else start_ns
         replay = Replay(
             opened.reader,
-            cursor=Cursor(at_ns, plays=not is_still),
+            at_ns=at_ns,
+            plays=not is_still,
             start_ns=start_ns,
             end_ns=end_ns,
             namespace=settings.namespace,

@@ -23,7 +23,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-from tfbus.bag.sources import TransformSource
+from tfbus.bag.raw_queue import TransformSource
 from tfbus.messages import Vector3
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.keys import transforms_key

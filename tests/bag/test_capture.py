@@ -17,10 +17,8 @@ from tests.live_bus import Bus
 from tests.ros2_on_zenoh import Ros2
 from tfbus import TransformBroadcaster
 from tfbus.bag import capture as capture_module
-from tfbus.bag.capture import Capture
-from tfbus.bag.node_roster import NodeRoster
-from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.sources import EVENTS
+from tfbus.bag.capture import Capture, NodeRoster
+from tfbus.bag.raw_queue import EVENTS, RawQueue
 from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo
 from tfbus.messages import Clock

@@ -7,10 +7,16 @@ import pytest
 
 from tests.builders import at, description, payload
 from tests.fakes import Clock
-from tfbus.bag.missed import MissedMessages
+from tfbus.bag.keeping import MissedMessages
 from tfbus.bag.parts_written import existing_parts, part_paths, path_of_recording
-from tfbus.bag.raw_queue import OVERHEAD_BYTES, RawQueue
-from tfbus.bag.sources import EVENTS, Names, TopicSource, TransformSource
+from tfbus.bag.raw_queue import (
+    EVENTS,
+    OVERHEAD_BYTES,
+    FullNames,
+    RawQueue,
+    TopicSource,
+    TransformSource,
+)
 from tfbus.bag.trigger import Condition, Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.items import EventItem, RecordedStream
@@ -122,11 +128,11 @@ class TestSources:
 
     def test_names_are_as_without_a_namespace(self) -> None:
         """Relative names get the namespace in front, absolute ones lose their slash."""
-        names = Names("robot7")
+        names = FullNames("robot7")
         assert names.full("turtle1/pose") == "robot7/turtle1/pose"
         assert names.full("/map") == "map"
         assert names.namespace("arm") == "robot7/arm"
-        assert (names.namespace(""), Names("").namespace("")) == ("robot7", "")
+        assert (names.namespace(""), FullNames("").namespace("")) == ("robot7", "")
 
 
 class TestMissed:

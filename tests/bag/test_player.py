@@ -10,11 +10,11 @@ from tests.builders import S, at
 from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
 from tfbus import InvalidArgumentException
-from tfbus.bag.player import Pace, Player, Progress
-from tfbus.bag.read_ahead import ReadAhead
+from tfbus.bag.player import Player, ReadAhead
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, Progress
 
 SIM = RecordedStream("sim", "/sim", epoch_ns=1)
 MS = 1_000_000
@@ -111,7 +111,7 @@ def times_of(tape: Tape, **given: Any) -> list[int]:
             came_ns.append(clock.now_ns)
 
     player = Player(tape, real_ns=clock, wall_ns=clock, **given)
-    player._changed = Sleepless(clock)
+    player.changed = Sleepless(clock)
     player.run(Timed())
     return came_ns
 
@@ -209,8 +209,42 @@ def test_a_second_seek_back_is_one_too(
     run.player.step(50)
     eventually(lambda: len(run.taken) == 50)
     run.player.seek(40 * S)
-    eventually(lambda: len(run.stage.begins) == 3)
+    eventually(lambda: len(run.stage.begins) == 2)
     assert run.stage.begins[1][1:] == (40 * S, True)
+
+
+def test_a_step_back_plays_the_message_before_again(quick: list[Playing]) -> None:
+    """It stays at the first; what comes next is the one after it."""
+    run = Playing(numbered(100), paused=True)
+    quick.append(run)
+    run.player.step(4)
+    eventually(lambda: run.taken == [0, 1, 2, 3])
+    run.player.step(-2)
+    eventually(lambda: run.taken[4:] == [1])
+    assert run.player.progress.log_ns == S
+    run.player.step(-9)
+    eventually(lambda: run.taken[5:] == [0])
+    run.player.step(-1)
+    eventually(lambda: run.taken[6:] == [0])
+    run.player.step()
+    eventually(lambda: run.taken[7:] == [1])
+
+
+def test_a_seek_is_where_it_goes_while_that_is_read(quick: list[Playing]) -> None:
+    """Not where it was before: a service answers with it."""
+    seen: list[int] = []
+
+    class Slow(Tape):
+        def state_at(self, log_ns: int, *given: Any) -> TapeState:
+            seen.append(run.player.progress.log_ns if log_ns else 0)
+            return super().state_at(log_ns, *given)
+
+    run = Playing(Slow([topic(0), topic(9 * S, 9)]), paused=True)
+    quick.append(run)
+    eventually(lambda: run.stage.begins)
+    run.player.seek(5 * S)
+    eventually(lambda: len(run.stage.begins) == 2)
+    assert seen == [0, 5 * S]
 
 
 def test_a_seek_back_stays_one_with_another_rate(quick: list[Playing]) -> None:

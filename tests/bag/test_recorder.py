@@ -17,9 +17,8 @@ from tests.fakes import Lines
 from tfbus.bag.keeping import Splits
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.past import Past
-from tfbus.bag.raw_queue import Raw, RawQueue
+from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
 from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.sources import EVENTS, TopicSource, TransformSource
 from tfbus.bag.trigger import Condition, Triggers
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem

@@ -26,14 +26,10 @@ from tfbus import (
     TransformException,
     TransformListener,
 )
-from tfbus.bag.moved_stamps import moved
-from tfbus.bag.played_time import PlayedTime
-from tfbus.bag.player import Pace, Player
-from tfbus.bag.player_services import serve
-from tfbus.bag.replay import Replay
-from tfbus.bag.replayed_names import ReplayedNames
-from tfbus.bag.replayed_stream import ReplayedStream
-from tfbus.bag.stream_epochs import StreamEpochs
+from tfbus.bag.player import Player
+from tfbus.bag.replay import Republisher, serve
+from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
+from tfbus.bag.replayed_time import moved
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamState
@@ -49,6 +45,7 @@ from tfbus.messages import (
     SetRate,
 )
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, PausableClock
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
@@ -99,7 +96,7 @@ def gone(s: float, stream: RecordedStream = SIM) -> EventItem:
     return EventItem(BEGAN_NS + round(s * S), "stream gone", stream.name)
 
 
-class NotedReplay(Replay):
+class NotedRepublisher(Republisher):
     """A replay that says whether it has begun: what is in force at the beginning is sent."""
 
     has_begun = False
@@ -143,9 +140,7 @@ class Played:
             look_back_s=look_back_s,
             **chosen,
         )
-        self.replay = NotedReplay(
-            self.node, self._reader, lambda: self.player.progress, **chosen, **given
-        )
+        self.replay = NotedRepublisher(self.node, self._reader, self.player, **chosen, **given)
         self._run = InAThread(lambda: self.player.run(self.replay))
 
     def step(self, messages: int = 1) -> None:
@@ -528,14 +523,14 @@ def test_a_stream_that_left_before_a_seek_is_gone_after_it(played: Any, buffer: 
 def test_a_pause_takes_no_time() -> None:
     """What was sent before it is kept as long as if there were none."""
     clock = FakeClock()
-    played = PlayedTime(clock)
+    played = PausableClock(clock)
     clock.now_ns = 5
     assert played() == 5
     for is_paused in (True, True):
-        played.stand(is_paused)
+        played.pause(is_paused)
         clock.now_ns += 100
         assert played() == 5
-    played.stand(False)
+    played.pause(False)
     clock.now_ns += 1
     assert played() == 6
 

@@ -13,7 +13,7 @@ from tfbus import Node
 from tfbus.bag.capture import Capture
 from tfbus.bag.player import Player
 from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.replay import Replay
+from tfbus.bag.replay import Republisher
 from tfbus.bus.session import Session
 from tfbus.discover.ros_types import RosTypes
 from tfbus.recording.items import TopicItem
@@ -94,7 +94,7 @@ def test_a_type_of_ros_survives_the_bus(
             writer.write(item)
     with RecordingReader(tmp_path / "first.mcap") as reader:
         player = Player(reader, paused=True, at_end="loop", rate=50.0)
-        replay = Replay(bus.node("player"), reader, lambda: player.progress, stamps="recorded")
+        replay = Republisher(bus.node("player"), reader, player, stamps="recorded")
         run = InAThread(lambda: player.run(replay))
         player.resume()
         eventually(lambda: recorded.items("hand"))

@@ -12,6 +12,8 @@ from click.testing import CliRunner, Result
 
 from tests.builders import at
 from tests.recording.foreign_files import RawTransform, Sent, write_bag
+from tests.recordings import at as log_at
+from tests.recordings import publisher, sent, write
 from tfbus import Buffer, Trajectory
 from tfbus.buffer import trajectories
 from tfbus.cli import main
@@ -194,6 +196,18 @@ def test_poses_are_exported(drive: Path) -> None:
     assert laser.xyz[:, 0] == pytest.approx(np.arange(199) / 2 + 1)
     wrote("export", drive, "world", "base", "--from", "+2s", "--to", "+3s", "-o", "a.kitti")
     assert len(Path("a.kitti").read_text().splitlines()) == 11
+
+
+def test_a_span_without_the_frame_is_refused_by_its_name(tmp_path: Path) -> None:
+    """Though other frames came in it."""
+    os.chdir(tmp_path)
+    sim = publisher("sim")
+    early = [sent(sim, s / 10, ("world", "base", 1.0), stamp_ns=log_at(s / 10)) for s in range(10)]
+    all_along = [sent(sim, s, ("world", "arm", 1.0), stamp_ns=log_at(s)) for s in range(1, 20)]
+    path = write(tmp_path / "run.mcap", [*early, *all_along])
+    refused = run("export", path, "world", "base", "--from", "+10s", "-o", "base.csv")
+    assert refused.exit_code == 2 and not Path("base.csv").exists()
+    assert "'base' has no pose in 'world' in that span" in " ".join(refused.output.split())
 
 
 def test_all_transforms_are_exported(drive: Path) -> None:

@@ -13,12 +13,13 @@ from tests.builders import S, at, x_of
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
-from tfbus.bag.player import Player, Progress
+from tfbus.bag.player import Player
 from tfbus.cli.bag.play import command
 from tfbus.cli.bag.play_keys import follow
 from tfbus.cli.bag.play_status import bar_text, end_text, log_text
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
 

@@ -31,7 +31,6 @@ from tfbus.frames.recorded_poses import poses_at
 from tfbus.frames.recording import Recording
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
-from tfbus.view.model.playhead import Cursor
 from tfbus.view.replay import Replay
 
 SETTINGS = NodeSettings("test")
@@ -243,7 +242,7 @@ def test_a_moment_has_one_answer(drawn: tuple[Drawn, BagChoice]) -> None:
                 continue
             frames.seek(stamp_ns)
             played.advance(stamp_ns)
-            shown = Replay(reader, cursor=Cursor(stamp_ns))
+            shown = Replay(reader, at_ns=stamp_ns)
             whole = recording.buffer(None, stamp_ns)
             for pair in PAIRS:
                 answers = [

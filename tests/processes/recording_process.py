@@ -11,9 +11,8 @@ from pathlib import Path
 
 from tests.builders import at, description, payload
 from tfbus.bag.parts_written import PartsWritten
-from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.raw_queue import RawQueue, TransformSource
 from tfbus.bag.recorder import Recorder
-from tfbus.bag.sources import TransformSource
 from tfbus.recording.items import Item
 from tfbus.recording.selection import ALL
 from tfbus.recording.writer import RecordingWriter

@@ -14,8 +14,7 @@ from tfbus.recording.damage import Damage, united
 from tfbus.recording.edit import Span, cut
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.layout import topic_metadata
-from tfbus.recording.ordered import in_order
-from tfbus.recording.reader import RecordingReader
+from tfbus.recording.reader import RecordingReader, in_order
 from tfbus.recording.records import FOOTER_FIELDS, MAGIC
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.definitions import Definition

@@ -404,7 +404,7 @@ def test_a_file_that_unpacks_to_more_than_the_disk_has_is_refused(
     folder = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="FILE")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     full = shutil.disk_usage(tmp_path)._replace(free=10**9)
-    monkeypatch.setattr("tfbus.recording.unpacked.disk_usage", lambda _: full)
+    monkeypatch.setattr("tfbus.recording.records.disk_usage", lambda _: full)
     with pytest.raises(DecodeError, match="has no room: TMPDIR"), opened(folder):
         pass
     assert [each.name for each in tmp_path.iterdir()] == ["run"]

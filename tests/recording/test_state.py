@@ -1,8 +1,14 @@
 """What is in force: what a new file, or a replay from the middle, begins with."""
 
+from pathlib import Path
+
+import pytest
+
 from tests.builders import S, in_recording, moved
-from tfbus.recording.items import EventItem
-from tfbus.recording.state import MOST_GONE, BusState
+from tests.recordings import at, publisher, sent, write
+from tfbus.recording.items import EventItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.state import MOST_GONE, BusState, last_item
 
 
 def test_streams_that_are_long_gone_are_no_longer_in_force() -> None:
@@ -39,3 +45,25 @@ def test_a_stream_that_is_there_stays_in_force() -> None:
         state.take(EventItem(number, "stream gone", f"s{number}"))
     assert laser.stream.name in state.streams
     assert state.statics == {laser.stream.name: laser}
+
+
+def test_the_last_item_before_a_moment_is_found_however_far_back(tmp_path: Path) -> None:
+    """Both ends are included, items that are not wanted are passed over; None where there is
+    none.
+    """
+    pytest.importorskip("mcap")
+    sim, drone = publisher("sim"), publisher("drone")
+    items = [sent(drone, 0.0, ("world", "drone", 1.0), stamp_ns=at(0.0))]
+    items += [sent(sim, s / 10, ("world", "sim", 1.0), stamp_ns=at(s / 10)) for s in range(300)]
+    items.sort(key=lambda item: item.log_ns)
+
+    def is_drone(item: object) -> bool:
+        return isinstance(item, TransformItem) and item.stream.name == "drone"
+
+    with RecordingReader(write(tmp_path / "run.mcap", items)) as reader:
+        found = [
+            last_item(reader, at(0.0), at(12.34)),
+            last_item(reader, at(0.0), at(29.0), is_wanted=is_drone),
+            last_item(reader, at(0.05), at(29.0), is_wanted=is_drone),
+        ]
+    assert [None if item is None else item.log_ns for item in found] == [at(12.3), at(0.0), None]

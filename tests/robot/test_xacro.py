@@ -142,7 +142,7 @@ def test_what_would_never_end_is_a_mistake(
     arm: Path, expression: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After 30 s of CPU, here 1 s, or 2 GB: a power, a list, macros that call macros."""
-    limited = "tfbus.robot.xacro_child"
+    limited = "tfbus.robot.xacro_file"
     program = f"import {limited} as x; x.MOST_CPU_S = 1; x.main()"
     monkeypatch.setattr(
         "tfbus.robot.xacro_file.command_of", lambda module: [sys.executable, "-c", program]

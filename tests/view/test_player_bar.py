@@ -12,7 +12,7 @@ from tests.builders import S
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.model.playhead import Cursor, Playhead
+from tfbus.recording.playhead import Playhead, Progress
 from tfbus.view.model.timeline import Mark, Timeline
 from tfbus.view.panels.markup import Channel
 from tfbus.view.panels.player import PlayerBar
@@ -52,7 +52,7 @@ def gui() -> Gui:
 @pytest.fixture
 def playhead() -> Playhead:
     """Held at the beginning of ten seconds."""
-    return Playhead(START, END, Cursor(START))
+    return Playhead(START, END, paused=True)
 
 
 def bar(gui: Gui, playhead: Playhead, *marks: Mark) -> Channel:
@@ -102,7 +102,7 @@ def test_events_that_no_browser_of_ours_sends_change_nothing(
 ) -> None:
     """Any program may send them."""
     bar(gui, playhead).receive(json.dumps(event), 1)
-    assert playhead.cursor == Cursor(START)
+    assert playhead.progress == Progress(START, END, START, is_paused=True)
 
 
 def test_the_last_place_of_a_drag_counts(gui: Gui, playhead: Playhead) -> None:
@@ -111,7 +111,7 @@ def test_the_last_place_of_a_drag_counts(gui: Gui, playhead: Playhead) -> None:
     for client, number, second in ((1, 11, 6), (1, 10, 5), (2, 3, 7), (1, 12, 4)):
         channel.receive(json.dumps({"do": "seek", "n": number, "s": second}), client)
         expected = {5: 6}.get(second, second)
-        assert playhead.cursor.at_ns == START + expected * S
+        assert playhead.progress.log_ns == START + expected * S
 
 
 def test_keys_move_the_playhead(gui: Gui, playhead: Playhead) -> None:
@@ -121,7 +121,7 @@ def test_keys_move_the_playhead(gui: Gui, playhead: Playhead) -> None:
     seen = []
     for key in ("N", "N", "N", "P", "L", "J", "end", "home"):
         gui.keys[key](None)
-        seen.append((playhead.cursor.at_ns - START) / S)
+        seen.append((playhead.progress.log_ns - START) / S)
     assert seen == [2.0, 6.0, 6.0, 2.0, 7.0, 2.0, 10.0, 0.0]
     gui.keys["space"](None)
-    assert playhead.cursor.plays
+    assert not playhead.progress.is_paused

@@ -8,7 +8,6 @@ import pytest
 from tests.recordings import publisher, sent, write
 from tests.view.recordings import at, record
 from tfbus.frames.state import state
-from tfbus.view.model.playhead import Cursor
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 
@@ -27,7 +26,7 @@ def path(tmp_path: Path) -> Path:
 def replay(path: Path) -> Iterator[Replay]:
     """Held at the beginning."""
     with RecordingReader(path) as reader:
-        yield Replay(reader, cursor=Cursor(0))
+        yield Replay(reader, at_ns=0)
 
 
 def shown(replay: Replay, frame: str = "base") -> tuple[str, float]:
@@ -69,21 +68,22 @@ def test_frames_are_as_they_were_at_the_cursor(
 def test_playing_shows_the_same_as_seeking(path: Path) -> None:
     """Picture by picture, thirty a second, until it ends and stops."""
     with RecordingReader(path) as reader, RecordingReader(path) as other:
-        played = Replay(reader, cursor=Cursor(0, plays=True))
-        sought = Replay(other, cursor=Cursor(0))
+        played = Replay(reader, at_ns=0, plays=True)
+        sought = Replay(other, at_ns=0)
         for picture in range(400):
             played.move(picture / 30, is_watched=True)
             if picture % 20 == 0:
-                sought.playhead.seek(played.playhead.cursor.at_ns)
+                sought.playhead.seek(played.playhead.progress.log_ns)
                 sought.move(0.0, is_watched=True)
                 assert shown(played) == shown(sought)
-        assert played.playhead.cursor == Cursor(at(12.0), plays=False)
+        progress = played.playhead.progress
+        assert (progress.log_ns, progress.is_paused) == (at(12.0), True)
         assert shown(played) == ("dynamic", 12.0)
 
 
 def test_it_waits_for_a_browser(replay: Replay) -> None:
     """A recording plays while it is watched only."""
-    replay.playhead.play(True)
+    replay.playhead.resume()
     replay.move(10.0, is_watched=False)
     replay.move(10.1, is_watched=False)
     assert replay.now_ns() == at(0.0)
@@ -93,7 +93,7 @@ def test_it_waits_for_a_browser(replay: Replay) -> None:
 
 def test_a_machine_that_slept_plays_on_where_it_was(replay: Replay) -> None:
     """A picture is never more than a quarter of a second after the one before."""
-    replay.playhead.play(True)
+    replay.playhead.resume()
     replay.move(0.0, is_watched=True)
     replay.move(3600.0, is_watched=True)
     assert replay.now_ns() == at(0.25)
@@ -111,7 +111,7 @@ def test_steps_go_from_message_to_message(replay: Replay) -> None:
 
 def test_browsers_follow_what_they_cannot_foresee(replay: Replay) -> None:
     """A jump, and the end of a play; not a picture of it."""
-    replay.playhead.seek(at(11.9), plays=True)
+    replay.playhead.seek(at(11.9), paused=False)
     assert replay.move(0.0, is_watched=True)
     assert not replay.move(0.05, is_watched=True)
     assert replay.move(0.25, is_watched=True)
@@ -130,7 +130,7 @@ def test_a_trail_has_as_much_of_the_past_as_it_needs(replay: Replay) -> None:
 def test_a_part_of_a_recording_has_its_own_timeline(path: Path) -> None:
     """The cursor stays in it, and its frames are those of the whole."""
     with RecordingReader(path) as reader:
-        replay = Replay(reader, cursor=Cursor(0), start_ns=at(5.5), end_ns=at(7.0))
+        replay = Replay(reader, at_ns=0, start_ns=at(5.5), end_ns=at(7.0))
         assert shown(replay) == ("gone", 4.95)
         assert [mark.kind for mark in replay.timeline.marks] == ["gone", "back"]
         replay.playhead.seek(at(100.0))
@@ -158,13 +158,13 @@ def test_damage_is_said_while_the_cursor_is_in_it(
     spoilt[middle : middle + 8] = bytes(8)
     path.write_bytes(spoilt)
     with RecordingReader(path) as reader:
-        replay = Replay(reader, cursor=Cursor(at(7.0)))
+        replay = Replay(reader, at_ns=at(7.0))
         for second in (7.0, 7.0, 11.0, 7.0):
-            replay.playhead.seek(at(second), plays=False)
+            replay.playhead.seek(at(second), paused=True)
             replay.move(second, is_watched=True)
             is_in_it = chunk.from_ns <= at(second) <= chunk.to_ns
             assert ("cannot be read" in replay.mistake) is is_in_it
-        replay.playhead.seek(at(11.0), plays=False)
+        replay.playhead.seek(at(11.0), paused=True)
         replay.move(20.0, is_watched=True)
         assert (replay.mistake, shown(replay)) == ("", ("dynamic", 11.0))
     assert sum("is damaged" in each.getMessage() for each in caplog.records) == 1
@@ -185,5 +185,5 @@ def test_a_fleet_has_the_frames_of_all_robots(tmp_path: Path) -> None:
         (None, set()),
     ):
         with RecordingReader(path) as reader:
-            replay = Replay(reader, cursor=Cursor(reader.end_ns), fleet=fleet)
+            replay = Replay(reader, at_ns=reader.end_ns, fleet=fleet)
             assert set(replay.buffer.frames()) == frames

@@ -21,7 +21,6 @@ from tfbus.recording.items import TopicItem
 from tfbus.robot.model import Mesh
 from tfbus.view.local import _Program
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.model.playhead import Cursor
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.page import Page, Serving
 from tfbus.view.robot_source import GivenRobots
@@ -277,7 +276,7 @@ def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
         TopicItem(at(9.0), "other", "Other", {"x": 1.0}),
     )
     with RecordingReader(path) as reader:
-        replay = Replay(reader, cursor=Cursor(at(0.0)))
+        replay = Replay(reader, at_ns=at(0.0))
         robots = RecordedRobots(reader, replay)
         shown = []
         for seconds in (0.0, 3.0, 5.0):

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 
-from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw
-from tfbus.bag.sources import TransformSource
+from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw, TransformSource
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session

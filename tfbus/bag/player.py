@@ -1,81 +1,24 @@
-"""Plays a recording by a clock: each item at its time, at any rate; knows no bus.
+"""Plays a recording by a clock: each item at its time, read ahead; knows no bus.
 
-A `Player` runs on the thread that calls `run`, and hands what it plays to a `Stage`: the bus, a
+A `Player` runs on the thread that calls `run`, and hands its items to a `Stage`: the bus, a
 viewer, a test. Any other thread may pause it, seek, and so on.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Protocol
 
-from tfbus.bag.in_force import Source, in_force
-from tfbus.bag.read_ahead import ReadAhead
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item
+from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.playhead import AtEnd, Pace, Playhead, Progress, stepped_ns
 from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.state import Playable, items_of_state
 from tfbus.runtime import scheduler
-
-SLOWEST, FASTEST = 1e-3, 1e4
-
-# What to do at the end: return from `run`, begin again, or wait for a seek.
-AtEnd = Literal["stop", "loop", "wait"]
 
 # Items that are later than this, as on a machine that is too slow for the rate, delay all that
 # follow: they are not played in a burst.
 _MOST_LATE_NS = 50_000_000
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How the time of the recording goes with the real one: at `log_ns` it was `real_ns` of the
-    monotonic clock and `wall_ns` of the system's, and since then `rate` recorded seconds pass in a
-    second.
-    """
-
-    log_ns: int
-    real_ns: int
-    wall_ns: int
-    rate: float = 1.0
-
-    def log_at(self, real_ns: int) -> int:
-        """The time in the recording at a time of the monotonic clock, both in ns."""
-        return self.log_ns + round((real_ns - self.real_ns) * self.rate)
-
-    def real_at(self, log_ns: int) -> int:
-        """The time of the monotonic clock at a time in the recording."""
-        past_ns = log_ns - self.log_ns
-        # Without rounding where there is nothing to round.
-        return self.real_ns + (past_ns if self.rate == 1.0 else round(past_ns / self.rate))
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a recording is played. Times are log times in ns.
-
-    It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played. `loops` is
-    which round of a loop it is, from 1; 0 if it does not loop. `late_ns` is by how much it is
-    behind in all, if the machine is too slow for the rate.
-    """
-
-    start_ns: int
-    end_ns: int
-    log_ns: int
-    rate: float = 1.0
-    is_paused: bool = False
-    is_at_end: bool = False
-    sent: int = 0
-    loops: int = 0
-    late_ns: int = 0
-
-    @property
-    def played_s(self) -> float:
-        """The seconds of the recording before the present moment."""
-        return (self.log_ns - self.start_ns) / 1e9
-
-    @property
-    def duration_s(self) -> float:
-        """The seconds of the recording that are played in all."""
-        return (self.end_ns - self.start_ns) / 1e9
 
 
 class Stage(Protocol):
@@ -93,7 +36,7 @@ class Stage(Protocol):
         """It was paused, resumed, or has another rate, or has come to its end."""
 
 
-class Player:
+class Player(Playhead):
     """Plays what a recording has of `selection` from `start_ns` to `end_ns`, log times in ns.
 
     If it begins or is sought to, the last message so far on each of the topics `lasting` belongs
@@ -107,7 +50,7 @@ class Player:
 
     def __init__(
         self,
-        source: Source,
+        source: Playable,
         *,
         selection: Selection = ALL,
         start_ns: int | None = None,
@@ -120,152 +63,87 @@ class Player:
         real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
         wall_ns: Callable[[], int] = lambda: scheduler.time_ns(),
     ) -> None:
-        self._source = source
-        self._selection = selection
-        self._start_ns = source.start_ns if start_ns is None else max(start_ns, source.start_ns)
-        self._end_ns = source.end_ns if end_ns is None else min(end_ns, source.end_ns)
-        if self._end_ns < self._start_ns:
+        start_ns = source.start_ns if start_ns is None else max(start_ns, source.start_ns)
+        end_ns = source.end_ns if end_ns is None else min(end_ns, source.end_ns)
+        if end_ns < start_ns:
             raise InvalidArgumentException(
                 "there is nothing to play between start and end: the recording lasts "
                 f"{(source.end_ns - source.start_ns) / 1e9:.3f} s"
             )
-        self._at_end: AtEnd = at_end
+        super().__init__(
+            start_ns,
+            end_ns,
+            rate=rate,
+            paused=paused,
+            at_end=at_end,
+            real_ns=real_ns,
+            wall_ns=wall_ns,
+        )
+        self._source = source
+        self._selection = selection
         self._lasting = lasting
         self._look_back_ns = round(look_back_s * 1e9)
-        self._real_ns, self._wall_ns = real_ns, wall_ns
-        # Guards all that follows; notified at each change that `run` waits for.
-        self._changed = scheduler.Condition()
-        self._pace = Pace(self._start_ns, real_ns(), wall_ns(), _checked(rate))
-        self._is_paused = paused
-        self._pace_is_news = self._is_stopped = self._is_at_end = False
+        self._reached_ns = start_ns
+        # Where it goes next, and where it is going while that is read.
         self._seek_ns: int | None = None
-        self._steps = 0
-        # It has come no further than here: the item that is next, or that was last.
-        self._reached_ns = self._start_ns
-        self._sent = self._late_ns = 0
-        self._loops = 1 if at_end == "loop" else 0
-
-    # What others ask of it
-
-    def pause(self) -> None:
-        """Stand still; twice is fine."""
-        with self._changed:
-            self._set_paused(True)
-
-    def resume(self) -> None:
-        """Go on; twice is fine."""
-        with self._changed:
-            self._set_paused(False)
-
-    def toggle_paused(self) -> None:
-        """Stand still, or go on."""
-        with self._changed:
-            self._set_paused(not self._is_paused)
-
-    def step(self, messages: int = 1) -> None:
-        """Pause, and play this many messages more."""
-        with self._changed:
-            self._set_paused(True)
-            self._steps += messages
-            self._changed.notify_all()
-
-    def set_rate(self, rate: float) -> None:
-        """Play this many recorded seconds in a second, from now on.
-
-        Raises InvalidArgumentException if it is not between 0.001 and 10,000.
-        """
-        with self._changed:
-            self._anchor(self._played_ns(), _checked(rate))
-            self._tell()
-
-    def seek(self, log_ns: int) -> None:
-        """Go on from this moment of the recording; from start or end if it is not between."""
-        with self._changed:
-            self._seek_ns = min(max(log_ns, self._start_ns), self._end_ns)
-            self._steps = 0
-            self._changed.notify_all()
-
-    def seek_by(self, offset_s: float) -> None:
-        """Go on this many seconds later, or earlier if it is negative."""
-        with self._changed:
-            self.seek(self._position_ns() + round(offset_s * 1e9))
+        self._goes_to_ns: int | None = None
+        # Of the last message that was played since it began, or was sought to.
+        self._last_ns: int | None = None
+        self._is_stopped = False
 
     def stop(self) -> None:
         """Make `run` return; twice is fine."""
-        with self._changed:
+        with self.changed:
             self._is_stopped = True
-            self._changed.notify_all()
-
-    @property
-    def progress(self) -> Progress:
-        """How far it is."""
-        with self._changed:
-            return Progress(
-                self._start_ns,
-                self._end_ns,
-                self._position_ns(),
-                self._pace.rate,
-                self._is_paused,
-                self._is_at_end,
-                self._sent,
-                self._loops,
-                self._late_ns,
-            )
+            self.changed.notify_all()
 
     # Playing
 
     def run(self, stage: Stage) -> None:
         """Play to the end, or until `stop`. Raises what reading the recording raises."""
-        at_ns, is_back = self._start_ns, False
+        at_ns, is_back = self.start_ns, False
         while True:
-            state = in_force(
+            state = items_of_state(
                 self._source, at_ns, self._selection, self._lasting, self._look_back_ns
             )
-            items = self._source.items(at_ns, self._end_ns, self._selection)
-            with ReadAhead(items, self._changed) as ahead:
+            items = self._source.items(at_ns, self.end_ns, self._selection)
+            with ReadAhead(items, self.changed) as ahead:
                 self._begin(stage, state, at_ns, is_back)
-                jump = self._play(stage, ahead)
-            if jump is None:
+                goes_on = self._play(stage, ahead)
+            if not goes_on:
                 return
-            at_ns, is_back = jump
+            at_ns, is_back = self._next_start()
 
     def _begin(self, stage: Stage, state: list[Item], at_ns: int, is_back: bool) -> None:
-        with self._changed:
-            self._reached_ns = at_ns
+        with self.changed:
+            self._reached_ns, self._last_ns, self._goes_to_ns = at_ns, None, None
             self._anchor(at_ns)
             pace = self._pace
         stage.begin(state, pace, is_back=is_back)
-        with self._changed:
+        with self.changed:
             # That may have taken a moment.
             self._anchor(at_ns)
 
-    def _play(self, stage: Stage, ahead: ReadAhead) -> tuple[int, bool] | None:
-        """Play to the end of `ahead`: where to go on, and whether that is back; None to end."""
+    def _play(self, stage: Stage, ahead: "ReadAhead") -> bool:
+        """Play until it goes on elsewhere; False to end."""
         while True:
-            with self._changed:
+            with self.changed:
                 if self._is_stopped:
-                    return None
-                if self._seek_ns is not None:
-                    next_ns, self._seek_ns = self._seek_ns, None
-                    is_back = next_ns < self._played_ns() or self._is_at_end
-                    self._is_at_end = False
-                    return next_ns, is_back
+                    return False
+                if self._seek_ns is not None or self._steps < 0:
+                    return True
                 is_news, self._pace_is_news = self._pace_is_news, False
                 if not is_news and self._has_ended(ahead):
-                    is_here, self._is_at_end = self._is_at_end, True
                     if self._at_end == "stop" or (self._at_end == "loop" and not self._sent):
-                        return None
-                    if self._at_end == "loop" and not self._is_paused:
-                        self._loops += 1
-                        self._is_at_end = False
-                        return self._start_ns, True
-                    is_news = not (is_here and self._is_paused)
-                    if not self._is_paused:
-                        self._anchor(self._end_ns)
-                    self._is_paused = True
+                        return False
+                    is_news = not self._is_at_end
+                    self._arrive(can_loop=True)
+                    if self._seek_ns is not None:
+                        return True
+                    self._pace_is_news = False
                 item = None if is_news else self._next(ahead)
                 if item is None and not is_news:
-                    self._changed.wait(self._left_s(ahead))
+                    self.changed.wait(self._left_s(ahead))
                     continue
                 pace = self._pace
             if item is not None:
@@ -273,19 +151,39 @@ class Player:
             else:
                 stage.follow(self.progress)
 
-    def _has_ended(self, ahead: ReadAhead) -> bool:
+    def _next_start(self) -> tuple[int, bool]:
+        """Where it goes on, and whether that is back. A step back plays the message there again."""
+        steps = min(self._steps, 0)
+        back_ns = stepped_ns(self._source, self, steps, _is_message, self._selection)
+        with self.changed:
+            if self._seek_ns is None:
+                here_ns = self._played_ns()
+                # Resumed meanwhile, it goes on from here.
+                later = self._steps - steps if self._is_paused else 0
+                is_again = back_ns is not None or self._last_ns == here_ns
+                self.seek(here_ns if back_ns is None else back_ns)
+                self._steps = later + (is_again and self._is_paused)
+            assert self._seek_ns is not None
+            at_ns = self._goes_to_ns = self._seek_ns
+            is_back = at_ns < self._played_ns() or self._is_at_end
+            self._seek_ns, self._is_at_end = None, False
+            return at_ns, is_back
+
+    def _has_ended(self, ahead: "ReadAhead") -> bool:
         if not ahead.is_at_end:
             return False
-        self._reached_ns = self._end_ns
-        return self._is_due(self._end_ns)
+        self._reached_ns = self.end_ns
+        if self._is_paused:
+            self._steps = 0  # there is nothing to step to
+        return self._is_due(self.end_ns)
 
-    def _next(self, ahead: ReadAhead) -> Item | None:
+    def _next(self, ahead: "ReadAhead") -> Item | None:
         """The item to play now; None if it is not time yet."""
         first = ahead.first()
         if first is None:
             return None
         self._reached_ns = max(first.log_ns, self._pace.log_ns)
-        is_message = not isinstance(first, EventItem)
+        is_message = _is_message(first)
         if self._is_paused:
             if not self._steps:
                 return None
@@ -294,59 +192,167 @@ class Player:
         elif not self._is_due(first.log_ns):
             return None
         self._sent += is_message
+        self._last_ns = self._reached_ns if is_message else self._last_ns
         return ahead.take()
 
     def _is_due(self, log_ns: int) -> bool:
         if self._is_paused:
             # What is left of the last step.
             return self._pace.log_ns >= log_ns
-        late_ns = self._real_ns() - self._pace.real_at(log_ns)
+        late_ns = self.clock() - self._pace.real_at(log_ns)
         if late_ns > _MOST_LATE_NS:
             self._late_ns += late_ns
             self._anchor(max(log_ns, self._pace.log_ns))
         return late_ns >= 0
 
-    def _left_s(self, ahead: ReadAhead) -> float | None:
+    def _left_s(self, ahead: "ReadAhead") -> float | None:
         """How long to wait for the next item, or the end; None until something changes."""
         first = ahead.first()
         if self._is_paused or (first is None and not ahead.is_at_end):
             return None
-        due_ns = self._end_ns if first is None else first.log_ns
-        left_s = max(self._pace.real_at(due_ns) - self._real_ns(), 0) / 1e9
+        due_ns = self.end_ns if first is None else first.log_ns
+        left_s = max(self._pace.real_at(due_ns) - self.clock(), 0) / 1e9
         return min(left_s, scheduler.TIMEOUT_MAX)
 
     # With the lock held
 
+    def _go_to(self, log_ns: int, *, since_ns: int | None = None) -> None:
+        self._seek_ns = log_ns
+
     def _position_ns(self) -> int:
-        return self._played_ns() if self._seek_ns is None else self._seek_ns
-
-    def _played_ns(self) -> int:
-        """How far it has played, whatever seek is to come."""
-        if self._is_paused:
-            return self._pace.log_ns
-        return max(min(self._pace.log_at(self._real_ns()), self._reached_ns), self._pace.log_ns)
-
-    def _anchor(self, log_ns: int, rate: float | None = None) -> None:
-        """From now on the time goes on from here."""
-        rate = self._pace.rate if rate is None else rate
-        self._pace = Pace(log_ns, self._real_ns(), self._wall_ns(), rate)
-
-    def _set_paused(self, is_paused: bool) -> None:
-        if is_paused is self._is_paused:
-            return
-        self._anchor(self._played_ns())
-        self._is_paused = is_paused
-        self._steps = 0
-        self._tell()
-
-    def _tell(self) -> None:
-        self._pace_is_news = True
-        self._changed.notify_all()
+        for goes_to_ns in (self._seek_ns, self._goes_to_ns):
+            if goes_to_ns is not None:
+                return goes_to_ns
+        return self._played_ns()
 
 
-def _checked(rate: float) -> float:
-    if not SLOWEST <= rate <= FASTEST:
-        raise InvalidArgumentException(
-            f"the rate must be from {SLOWEST:g} to {FASTEST:,.0f}, not {rate:g}"
-        )
-    return rate
+def _is_message(item: Item) -> bool:
+    return not isinstance(item, EventItem)
+
+
+# At most this many items are kept ready, and about this much memory. Then reading waits until half
+# of it is played.
+_MOST_ITEMS = 2000
+_MOST_BYTES = 64 * 2**20
+
+# With this many ready, reading gives way to playing for this long each time it has read so much. To
+# do so after each item would cost more than to read it.
+_ENOUGH_ITEMS = 100
+_GIVES_WAY_S = 0.0002
+_AT_ONCE = 16
+_BYTES_AT_ONCE = 2**20
+
+# What Python's objects of an item take, about, and the columns of one transform.
+_ITEM_BYTES = 1000
+_ROW_BYTES = 8 + 8 + 56
+
+
+class ReadAhead:
+    """Keeps the next items of `items` ready; use it in a `with`, which ends its thread.
+
+    `changed` is notified when an item comes if there was none, and at the end. Hold it around
+    each call.
+    """
+
+    def __init__(self, items: Iterator[Item], changed: scheduler.Condition) -> None:
+        self._items = items
+        self._changed = changed
+        self._has_room = scheduler.Condition(scheduler.Lock())
+        self._ready: deque[Item] = deque()
+        self._bytes = 0
+        self._is_read = self._is_closed = self._waits_for_room = False
+        self._error: Exception | None = None
+        self._thread = scheduler.Thread(target=self._read, name="read ahead", daemon=True)
+
+    def __enter__(self) -> "ReadAhead":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        with self._has_room:
+            self._is_closed = True
+            self._has_room.notify()
+        self._thread.join()
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether all items were taken. Raises what reading them raised."""
+        if self._ready or not self._is_read:
+            return False
+        if self._error is not None:
+            raise self._error
+        return True
+
+    def first(self) -> Item | None:
+        """The next item, which stays; None if none is ready."""
+        return self._ready[0] if self._ready else None
+
+    def take(self) -> Item:
+        """The next item; `first` must have returned one."""
+        item = self._ready.popleft()
+        with self._has_room:
+            self._bytes -= _size(item)
+            if self._waits_for_room and (self._is_half_empty or not self._ready):
+                self._has_room.notify()
+        return item
+
+    def _read(self) -> None:
+        batch: list[Item] = []
+        size = 0
+        try:
+            for item in self._items:
+                batch.append(item)
+                size += _size(item)
+                is_enough = len(self._ready) > _ENOUGH_ITEMS
+                if is_enough and len(batch) < _AT_ONCE and size < _BYTES_AT_ONCE:
+                    continue
+                if not self._add(batch, size):
+                    return
+                batch, size = [], 0
+                if is_enough:
+                    scheduler.sleep(_GIVES_WAY_S)
+        except Exception as error:  # raised again where the items are taken
+            self._error = error
+        self._add(batch, size)
+        with self._changed:
+            self._is_read = True
+            self._changed.notify_all()
+
+    def _add(self, batch: list[Item], size: int) -> bool:
+        """Add items once there is room; False if no further ones are wanted."""
+        with self._has_room:
+            if len(self._ready) >= _MOST_ITEMS or self._bytes + size > _MOST_BYTES:
+                self._waits_for_room = True
+                while self._ready and not self._is_closed and not self._is_half_empty:
+                    self._has_room.wait()
+                self._waits_for_room = False
+            self._bytes += size
+            if self._is_closed:
+                return False
+        with self._changed:
+            was_empty = not self._ready
+            self._ready.extend(batch)
+            if was_empty:
+                self._changed.notify_all()
+        return True
+
+    @property
+    def _is_half_empty(self) -> bool:
+        return len(self._ready) <= _MOST_ITEMS // 2 and self._bytes <= _MOST_BYTES // 2
+
+
+def _size(item: Item) -> int:
+    """About how many bytes an item takes."""
+    if isinstance(item, TransformItem):
+        return _ITEM_BYTES + _ROW_BYTES * item.rows.count
+    if isinstance(item, EventItem):
+        return _ITEM_BYTES
+    # Long ones are images, or arrays of numbers.
+    return _ITEM_BYTES + sum(
+        len(value) for value in item.values.values() if isinstance(value, bytes | str | list)
+    )

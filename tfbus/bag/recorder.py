@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakSet
 
-from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
-from tfbus.bag.missed import MissedMessages
+from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, MissedMessages, Splits
 from tfbus.bag.parts_written import PartsWritten, WrittenPart
 from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import Raw, RawQueue, Source
-from tfbus.bag.sources import EVENTS
+from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
 from tfbus.bag.trigger import Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
@@ -131,7 +129,7 @@ class Recorder:
         self._on_file = on_file
         self._pending: deque[Raw] = deque()
         # Sources whose messages wait no further.
-        self._undescribed: WeakSet[Source] = WeakSet()
+        self._undescribed: WeakSet[MessageSource] = WeakSet()
         # Questions come from any thread, until the writing one has ended.
         self._asking = scheduler.Lock()
         self._has_ended = False

@@ -1,21 +1,34 @@
-"""Replays a recording on the bus: its streams and topics as they were."""
+"""Replays a recording on the bus: its streams and topics as they were; services of the player."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 from tfbus import messages
-from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns, with_stamps
-from tfbus.bag.played_time import PlayedTime
-from tfbus.bag.player import Pace, Progress
-from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
-from tfbus.bag.replayed_names import ReplayedNames
-from tfbus.bag.replayed_stream import ReplayedStream
-from tfbus.bag.stream_epochs import StreamEpochs
-from tfbus.errors import BusError, DecodeError, InvalidNameError
+from tfbus.bag.player import Player
+from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpochs
+from tfbus.bag.replayed_time import (
+    ReplayedClock,
+    clock_topic_of,
+    is_clock,
+    moved,
+    moved_ns,
+    moved_to,
+    stamps_ahead_ns,
+    with_stamps,
+)
+from tfbus.errors import (
+    BusError,
+    DecodeError,
+    InvalidArgumentException,
+    InvalidNameError,
+    ServiceError,
+)
+from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.definitions import Definition
@@ -34,14 +47,13 @@ Stamps = Literal["now", "recorded"]
 _NAMED = 5
 
 
-class Replay:
+class Republisher:
     """Publishes what a player plays: a Stage.
 
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
     at another rate than 1 the times between them are scaled too. The stamps in messages of topics
     are moved as well: each `stamp_ns`, and those of ROS's headers. With `clock_hz`
-    it publishes the time of the recording at this rate, for nodes with simulated time; `progress`
-    is then that of the player.
+    it publishes the time of the recording at this rate, for nodes with simulated time.
 
     Raises InvalidNameError if two streams would get the same name.
     """
@@ -50,7 +62,7 @@ class Replay:
         self,
         node: Node,
         reader: RecordingReader,
-        progress: Callable[[], Progress],
+        playhead: Playhead,
         *,
         selection: Selection = ALL,
         names: ReplayedNames | None = None,
@@ -62,21 +74,20 @@ class Replay:
         self._names = names or ReplayedNames()
         self._stamps = stamps
         self._log_once = LogOnce(node.log)
-        self._ahead_ns = stamps_ahead_ns(reader, selection, progress().start_ns)
+        self._ahead_ns = stamps_ahead_ns(reader, selection, playhead.start_ns)
         self._clock = None
         if clock_hz is not None:
             self._clock = ReplayedClock(
                 node,
                 clock_hz,
-                progress,
+                playhead,
                 ahead_ns=self._ahead_ns,
                 recorded_topic=clock_topic_of(reader),
             )
         # How far what is recorded lies in the past; None before it begins.
         self._past_ns: int | None = None
         # A paused recording keeps what it has sent for listeners that come late.
-        self._played = PlayedTime()
-        self._played.stand(progress().is_paused)
+        self._played_ns = playhead.clock
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
@@ -155,7 +166,6 @@ class Replay:
 
     def follow(self, progress: Progress) -> None:
         """The clock stands still, or goes at another rate."""
-        self._played.stand(progress.is_paused)
         if self._clock is not None:
             self._clock.follow()
 
@@ -262,7 +272,12 @@ class Replay:
         key = self._names.stream_key(recorded)
         self._node.settings.check_right("nodes", key.replace("@tfbus/stream/", ""))
         return ReplayedStream(
-            new_name, key, description, self._node, is_described=bool(first), time_ns=self._played
+            new_name,
+            key,
+            description,
+            self._node,
+            is_described=bool(first),
+            time_ns=self._played_ns,
         )
 
     # Topics
@@ -387,3 +402,48 @@ def _stream_of(item: Item) -> str:
 def _is_supplied(type_name: str) -> bool:
     """Whether tfbus.messages has a type of this name."""
     return isinstance(getattr(messages, type_name, None), type)
+
+
+def serve(node: Node, player: Player, stop: Callable[[], object]) -> None:
+    """Serve `~/pause`, `resume`, `toggle_paused`, `play_next`, `seek`, `set_rate`, `progress` and
+    `stop`, which calls `stop()`.
+    """
+
+    def done_by(job: Callable[[], object]) -> Callable[[Empty.Request], Empty.Response]:
+        def handle(request: Empty.Request) -> Empty.Response:
+            job()
+            return Empty.Response()
+
+        return handle
+
+    def set_rate(request: SetRate.Request) -> SetRate.Response:
+        try:
+            player.set_rate(request.rate)
+        except InvalidArgumentException as error:
+            raise ServiceError(str(error)) from error
+        return SetRate.Response()
+
+    def play_next(request: PlayNext.Request) -> PlayNext.Response:
+        player.step(request.messages)
+        return PlayNext.Response()
+
+    def seek(request: Seek.Request) -> Seek.Response:
+        base_ns = request.log_ns or player.progress.start_ns
+        player.seek(base_ns + round(request.offset_s * 1e9))
+        progress = player.progress
+        return Seek.Response(progress.log_ns, progress.played_s)
+
+    def progress(request: PlayProgress.Request) -> PlayProgress.Response:
+        now = player.progress
+        return PlayProgress.Response(
+            now.log_ns, now.start_ns, now.end_ns, now.rate, now.is_paused, now.sent, now.loops
+        )
+
+    node.create_service(Empty, "~/pause", done_by(player.pause))
+    node.create_service(Empty, "~/resume", done_by(player.resume))
+    node.create_service(Empty, "~/toggle_paused", done_by(player.toggle_paused))
+    node.create_service(Empty, "~/stop", done_by(stop))
+    node.create_service(SetRate, "~/set_rate", set_rate)
+    node.create_service(PlayNext, "~/play_next", play_next)
+    node.create_service(Seek, "~/seek", seek)
+    node.create_service(PlayProgress, "~/progress", progress)

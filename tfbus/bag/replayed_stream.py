@@ -1,8 +1,9 @@
-"""A recorded stream, on the bus again."""
+"""A recorded stream on the bus again: its name, its epochs and its messages."""
 
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from tfbus.broadcast.announcer import FrameAnnouncer, FrameRows
 from tfbus.broadcast.history import Entry, SentHistory, answer_from_history
@@ -13,11 +14,93 @@ from tfbus.bus.retained import declare_retained_publisher
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.node.node import Node
+from tfbus.recording.items import RecordedStream
 from tfbus.runtime import scheduler
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.keys import static_transforms_key_beside, transforms_key_beside
+from tfbus.wire.keys import (
+    check_namespace,
+    check_no_transforms,
+    check_topic,
+    escape,
+    static_transforms_key_beside,
+    transforms_key_beside,
+)
 from tfbus.wire.transforms import TransformMessage, encode_transforms
+
+
+@dataclass(frozen=True)
+class ReplayedNames:
+    """`prefix` is a namespace that all names go into, "" for none. `remappings` have another name
+    for some, which gets no prefix. Names are full, with or without a slash before them.
+
+    Raises InvalidNameError if the prefix is no namespace.
+    """
+
+    prefix: str = ""
+    remappings: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prefix", check_namespace(self.prefix))
+        pairs = {old.lstrip("/"): new.lstrip("/") for old, new in self.remappings.items()}
+        object.__setattr__(self, "remappings", pairs)
+
+    def topic(self, name: str) -> str:
+        """The name of a topic. Raises InvalidNameError if no topic can have it."""
+        new = self.remappings.get(name) or self._below(name)
+        return check_no_transforms(check_topic(new))
+
+    def stream(self, stream: RecordedStream) -> str:
+        """The name of a stream."""
+        return self.remappings.get(stream.name) or self._below(stream.name)
+
+    def stream_key(self, stream: RecordedStream) -> str:
+        """The key of a stream's token and description, as `wire.keys.stream_key` with its namespace
+        before it.
+        """
+        if new := self.remappings.get(stream.name):
+            namespace, _, own = new.rpartition("/")
+        else:
+            namespace = self._below(stream.namespace) if stream.namespace else self.prefix
+            own = stream.name.removeprefix(f"{stream.namespace}/" if stream.namespace else "")
+        key = f"@tfbus/stream/{escape(own)}"
+        return f"{check_namespace(namespace)}/{key}" if namespace else key
+
+    def _below(self, name: str) -> str:
+        return f"{self.prefix}/{name}" if self.prefix else name
+
+
+# Epochs of one run: more than a stream has in a recording. In ns, a millisecond.
+_APART_NS = 1_000_000
+
+
+class StreamEpochs:
+    """Gives each recorded epoch one of now, in the same order.
+
+    Within a run, from one jump back to the next, a restart of a publisher is one again. Each run
+    comes after the one before, so that listeners forget that. `recorded` are streams and their
+    epochs.
+    """
+
+    def __init__(
+        self,
+        recorded: Iterable[tuple[str, int]],
+        clock_ns: Callable[[], int] = lambda: scheduler.time_ns(),
+    ) -> None:
+        self._clock_ns = clock_ns
+        self._run_ns = 0
+        self._recorded: dict[str, list[int]] = {}
+        for stream, epoch_ns in sorted(set(recorded)):
+            self._recorded.setdefault(stream, []).append(epoch_ns)
+
+    def begin_run(self) -> None:
+        """From now on all epochs are later than those before."""
+        self._run_ns = max(self._clock_ns(), self._run_ns + _APART_NS)
+
+    def of(self, stream: str, epoch_ns: int) -> int:
+        """The epoch now, in ns, of a recorded one."""
+        return self._run_ns + bisect_left(self._recorded.get(stream, []), epoch_ns)
+
 
 # How long a stream without a description keeps its messages, as a TransformBroadcaster does.
 _HISTORY_S = 10.0

@@ -139,8 +139,7 @@ def _cache(file: Path, names: LiveNames) -> None:
 def names_in(paths: Iterable[Path], namespace: str) -> LiveNames:
     """The names in the recording in these files; none if it cannot be read."""
     try:
-        from tfbus.recording.reader import RecordingReader
-        from tfbus.recording.topics import topics_of
+        from tfbus.recording.reader import RecordingReader, topics_of
 
         with RecordingReader(*paths) as reader:
             frames: dict[str, set[str]] = {}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tfbus.bag.player import FASTEST, SLOWEST, AtEnd, Pace, Player, Progress
+from tfbus.bag.player import Player
 from tfbus.errors import DecodeError, ParameterError, TfbusError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front
@@ -27,6 +27,7 @@ from tfbus.foxglove.topics import TopicChannel, is_description
 from tfbus.foxglove.transforms import TransformChannels
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate
 from tfbus.recording.reader import RecordingReader, TopicSummary
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
@@ -89,7 +90,7 @@ class PlaybackBridge(Requests):
         self._nodes: dict[str, NodeDescription] = {}
         self._streams: dict[str, StreamDescription] = {}
         start_ns, end_ns = span
-        self._player = Player(
+        self.player = Player(
             self._reader, start_ns=start_ns, end_ns=end_ns, rate=rate, paused=True, at_end=at_end
         )
         capabilities = [
@@ -138,7 +139,7 @@ class PlaybackBridge(Requests):
             with Wakeup() as self._at_end:
                 player.start()
                 signals.wait(wakeup=self._at_end)
-                self._player.stop()
+                self.player.stop()
                 player.join()
         finally:
             signals.uninstall()
@@ -147,7 +148,7 @@ class PlaybackBridge(Requests):
 
     def _play(self) -> None:
         try:
-            self._player.run(self)
+            self.player.run(self)
         except TfbusError as error:
             self._error = error
         finally:
@@ -155,7 +156,7 @@ class PlaybackBridge(Requests):
 
     def stop(self) -> None:
         """Make `run` return; from any thread."""
-        self._player.stop()
+        self.player.stop()
 
     def close(self) -> None:
         """Stop serving; `run` must have returned."""
@@ -191,19 +192,18 @@ class PlaybackBridge(Requests):
 
     def control(self, request: PlaybackControl) -> PlaybackState | None:
         """The answer to a seek follows once the recording is there, before what is sent of it."""
-        player, progress = self._player, self._player.progress
+        player, progress = self.player, self.player.progress
         speed = request.speed
         if math.isfinite(speed) and speed != progress.rate:
-            player.set_rate(min(max(speed, SLOWEST), FASTEST))
-        is_play = request.is_play
-        (player.resume if is_play else player.pause)()
+            player.set_rate(nearest_rate(speed))
         seek_ns = request.seek_ns
-        if seek_ns is None and is_play and progress.is_at_end:
-            seek_ns = progress.start_ns
+        if seek_ns is None and request.is_play and progress.is_at_end:
+            seek_ns = player.start_ns
         if seek_ns is None:
+            (player.resume if request.is_play else player.pause)()
             return _state_of(player.progress, request_id=request.request_id)
         self._request_id = request.request_id
-        player.seek(seek_ns)
+        player.seek(seek_ns, paused=not request.is_play)
         return None
 
     # As a stage of the player, on its thread
@@ -211,7 +211,7 @@ class PlaybackBridge(Requests):
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
         """Send what is in force, and where all was just before."""
         request_id, self._request_id = self._request_id, None
-        progress = self._player.progress
+        progress = self.player.progress
         self._server.tell_time(pace.log_ns)
         self._server.tell_playback(
             _state_of(progress, did_seek=self._has_begun, request_id=request_id, at_ns=pace.log_ns)
@@ -299,7 +299,7 @@ class PlaybackBridge(Requests):
 
     def _send_present(self) -> None:
         with self._looking_back:
-            at_ns = self._player.progress.log_ns
+            at_ns = self.player.progress.log_ns
             self._frames.seek(at_ns)
             self._transforms.send_present(self._frames.buffer, at_ns)
 
@@ -311,7 +311,7 @@ class PlaybackBridge(Requests):
             first = {item.topic: item for item in found if item is not None}
             self._described = {**first, **self._described}
             for topic, item in self._described.items():
-                self._send_description(self._topics[topic], item, self._player.progress.log_ns)
+                self._send_description(self._topics[topic], item, self.player.progress.log_ns)
 
     def _undescribed(self) -> list[str]:
         """The topics of descriptions of which none was sent yet."""
@@ -325,15 +325,15 @@ class PlaybackBridge(Requests):
 
     def _send_robot(self) -> None:
         if self._robot is not None:
-            self._robot.send(self._player.progress.log_ns)
+            self._robot.send(self.player.progress.log_ns)
 
     def _tell_time(self) -> None:
-        progress = self._player.progress
+        progress = self.player.progress
         if not progress.is_paused:
             self._server.tell_time(progress.log_ns)
 
     def _tell_state(self) -> None:
-        self._server.tell_playback(_state_of(self._player.progress))
+        self._server.tell_playback(_state_of(self.player.progress))
 
     # Nodes
 

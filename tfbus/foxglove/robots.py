@@ -19,10 +19,9 @@ from tfbus.foxglove.server import Server
 from tfbus.foxglove.topics import TopicChannel
 from tfbus.messages import RobotDescription
 from tfbus.node.robot_meshes import MOST_BYTES
-from tfbus.robot.described import read_described, remedy_of_missing
 from tfbus.robot.mesh_files import BESIDE, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
-from tfbus.robot.robot import Robot
+from tfbus.robot.robot import Robot, read_described, remedy_of_missing
 from tfbus.robot.xml import Element, read_xml
 from tfbus.ros.schema import MessageCodecs
 from tfbus.runtime.log_once import LogOnce

@@ -31,8 +31,7 @@ from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
-from tfbus.recording.selection import ALL, Selection
-from tfbus.recording.viewpoint import Viewpoint
+from tfbus.recording.selection import ALL, Selection, Viewpoint
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames

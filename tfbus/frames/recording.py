@@ -28,8 +28,7 @@ from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.lasting_statics import STATICS, Statics
 from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
-from tfbus.recording.selection import ALL, Selection, is_of_transforms
-from tfbus.recording.viewpoint import Viewpoint
+from tfbus.recording.selection import ALL, Selection, Viewpoint, is_of_transforms
 from tfbus.runtime import scheduler
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamps import other_clock

@@ -2,19 +2,20 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError, InvalidNameError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.foreign.decoders import (
+from tfbus.recording.foreign.foxglove import ns_of
+from tfbus.recording.foreign.messages import (
+    ForeignChannel,
+    ForeignMessage,
     ValuesDecoder,
     transforms_decoder,
     values_decoder,
 )
-from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.counterparts import counterpart_of_ros
@@ -191,7 +192,9 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
     def read(message: ForeignMessage) -> TopicItem:
         values, encoded = decode(message.data)
         if is_clock:
-            return TopicItem(message.log_ns, topic, "Clock", _clock_of(values))
+            # ROS's simulated time says neither rate nor pause.
+            clock = {"stamp_ns": ns_of(values["clock"]), "rate": 1.0, "paused": False}
+            return TopicItem(message.log_ns, topic, "Clock", clock)
         type_name, is_retained = channel.type_name, channel.retained
         if counterpart is not None and encoded is not None:
             type_name, values = counterpart.type_name, counterpart.of_ros(dict(values))
@@ -200,13 +203,6 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
         return TopicItem(message.log_ns, topic, type_name, values, encoded, is_retained)
 
     return read
-
-
-def _clock_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """ROS's simulated time as ours; it says neither rate nor pause."""
-    clock = values["clock"]
-    nanoseconds = clock["nanosec"] if "nanosec" in clock else clock["nsec"]
-    return {"stamp_ns": clock["sec"] * _NS_PER_S + nanoseconds, "rate": 1.0, "paused": False}
 
 
 def _check_stamps(rows: Columns) -> None:

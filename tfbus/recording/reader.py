@@ -1,16 +1,19 @@
 """Reads recordings: the items of one or several files, in order of time, from any moment on."""
 
+import heapq
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
+from pathlib import Path
+from typing import TypeVar
 
+from tfbus.errors import DecodeError
 from tfbus.recording.damage import Damage, united
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.ordered import in_order
+from tfbus.recording.mcap_file import how_to_import
 from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
-from tfbus.recording.parts import files_of
 from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
@@ -19,6 +22,68 @@ from tfbus.ros.tf_message import TFMessageReader
 from tfbus.runtime.closing import Closing
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
+from tfbus.wording import printable
+
+T = TypeVar("T")
+
+# What an item takes in memory besides the bytes of its message.
+_ITEM_BYTES = 750
+
+# Groups whose times overlap are in memory together; more of them are refused.
+_MOST_WAITING = 2**30
+
+
+def in_order(
+    groups: Iterable[tuple[int, Collection[T], int]], time_of: Callable[[T], int]
+) -> Iterator[T]:
+    """The items of all groups by their times; equal ones in the order of the groups.
+
+    Each group comes with the least time of its items, and the bytes that they have, and groups come
+    in order of that time. Raises DecodeError if items that wait for their turn are beyond 1 GB.
+    """
+    # The time of each, its number, its bytes, and the item.
+    waiting: list[tuple[int, int, int, T]] = []
+    taken = held = 0
+    for from_time, items, size in groups:
+        while waiting and waiting[0][0] < from_time:
+            _, _, left, item = heapq.heappop(waiting)
+            held -= left
+            yield item
+        each = _ITEM_BYTES + size // max(1, len(items))
+        held += each * len(items)
+        if held > _MOST_WAITING:
+            raise DecodeError("the chunks of the recording overlap in time too much to be read")
+        for item in items:
+            heapq.heappush(waiting, (time_of(item), taken, each, item))
+            taken += 1
+    while waiting:
+        yield heapq.heappop(waiting)[3]
+
+
+SUFFIX = ".mcap"
+
+
+def files_of(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """The files that these paths name: of a folder those in it that end in `.mcap`, by name.
+
+    Raises FileNotFoundError for a path that is not there, and DecodeError for a folder without
+    recordings.
+    """
+    found = [file for path in paths for file in _files_at(Path(path))]
+    return list(dict.fromkeys(found))
+
+
+def _files_at(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    files = sorted(each for each in path.iterdir() if each.suffix == SUFFIX and each.is_file())
+    if not files:
+        import_it = how_to_import(path)
+        advice = f": {import_it}" if import_it else ""
+        raise DecodeError(f"{printable(str(path))} is a folder without {SUFFIX} files{advice}")
+    return files
+
 
 _LOG = library_log("tfbus.recording")
 
@@ -320,3 +385,39 @@ class RecordingReader(Closing):
 
 def _log_ns(item: Item | UnreadItem) -> int:
     return item.log_ns
+
+
+TRANSFORMS_TYPE = "TransformMessage"
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic: its name, the name of its type, "" if unknown, and how many messages came."""
+
+    name: str
+    type: str
+    messages: int
+
+
+def topics_of(reader: RecordingReader) -> dict[str, RecordedTopic]:
+    """All topics by name; `tf/STREAM` and `tf_static/STREAM` have the transforms of a stream."""
+    found: dict[str, RecordedTopic] = {}
+    for topic in reader.topics:
+        found[topic.name] = RecordedTopic(topic.name, topic.type_name, topic.messages)
+    for each in reader.streams:
+        for kind, count in (
+            (TRANSFORMS, each.messages),
+            (STATIC_TRANSFORMS, each.static_messages),
+        ):
+            name = topic_of_stream(kind, each.stream.name, each.stream.namespace)
+            if count:
+                before = found[name].messages if name in found else 0
+                found[name] = RecordedTopic(name, TRANSFORMS_TYPE, before + count)
+    return dict(sorted(found.items()))
+
+
+def topic_of_stream(kind: str, stream: str, namespace: str) -> str:
+    """The topic with the transforms of a stream, of the kind `tf` or `tf_static`."""
+    if not namespace:
+        return f"{kind}/{stream}"
+    return f"{namespace}/{kind}/{stream.removeprefix(f'{namespace}/')}"

@@ -11,8 +11,8 @@ from tfbus.errors import DecodeError
 from tfbus.recording.damage import Damage, time_text, united
 from tfbus.recording.items import Item
 from tfbus.recording.mcap_file import McapFile
-from tfbus.recording.ordered import in_order
 from tfbus.recording.part import Part, UnreadItem, read_items
+from tfbus.recording.reader import in_order
 from tfbus.recording.records import (
     ATTACHMENT,
     CHANNEL,

@@ -1,8 +1,11 @@
-"""The state of a bus at one moment: static sets, retained messages, streams and nodes."""
+"""State at a moment of a recording: all that stands for the time before it."""
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.selection import ALL, Selection
 
 # Streams come and go: as a listener remembers, at most this many that are gone are in force.
 MOST_GONE = 1000
@@ -105,3 +108,122 @@ def _is_same_set(former: TransformItem | None, item: TransformItem) -> bool:
         and [(ours.frames[a], ours.frames[b]) for a, b in ours.pairs()]
         == [(others.frames[a], others.frames[b]) for a, b in others.pairs()]
     )
+
+
+# This much is read at first, and then four times as much each time.
+_FIRST_SPAN_NS = 200_000_000
+
+
+class ItemsInOrder(Protocol):
+    """Items by their log times: a RecordingReader."""
+
+    def items(
+        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
+    ) -> Iterator[Item]:
+        """The items of a span in the order of their log times."""
+
+
+def last_item(
+    source: ItemsInOrder,
+    start_ns: int,
+    until_ns: int,
+    selection: Selection = ALL,
+    is_wanted: Callable[[Item], bool] = lambda item: True,
+) -> Item | None:
+    """The last item that is wanted from one log time to another, both included; None if there
+    is none.
+    """
+    span_ns = _FIRST_SPAN_NS
+    while until_ns >= start_ns:
+        from_ns = max(until_ns - span_ns, start_ns)
+        found = None
+        for item in source.items(from_ns, until_ns, selection):
+            if is_wanted(item):
+                found = item
+        if found is not None:
+            return found
+        until_ns, span_ns = from_ns - 1, 4 * span_ns
+    return None
+
+
+class StateItems(Protocol):
+    """The state at a moment of a recording, as items."""
+
+    def items(self, log_ns: int) -> list[Item]:
+        """The events and static sets that stand for it."""
+
+
+class Playable(ItemsInOrder, Protocol):
+    """A recording that can be played: a RecordingReader."""
+
+    @property
+    def start_ns(self) -> int:
+        """The log time of the first item."""
+
+    @property
+    def end_ns(self) -> int:
+        """The log time of the last item."""
+
+    def state_at(self, log_ns: int, selection: Selection = ALL) -> StateItems:
+        """The state at a log time."""
+
+
+def items_of_state(
+    source: Playable, at_ns: int, selection: Selection, lasting: Sequence[str], look_back_ns: int
+) -> list[Item]:
+    """The last messages of the topics `lasting`, then the events and static sets, and where each
+    frame was last, if that was within `look_back_ns`. Streams that are gone come at the end.
+    """
+    state = source.state_at(at_ns, selection).items(at_ns)
+    gone = [item for item in state if _is_gone(item)]
+    there = [item for item in state if not _is_gone(item)]
+    before: list[TransformItem] = []
+    if look_back_ns and at_ns > source.start_ns:
+        former = source.items(max(at_ns - look_back_ns, source.start_ns), at_ns - 1, selection)
+        before = _last_of_each(former, there)
+    return [*_last_messages(source, at_ns, lasting), *there, *before, *gone]
+
+
+def _last_messages(source: Playable, at_ns: int, topics: Sequence[str]) -> Iterator[Item]:
+    for topic in topics:
+        of_topic = Selection(topics=(topic,))
+        item = last_item(source, source.start_ns, at_ns, of_topic, _is_message)
+        if item is not None:
+            yield item
+
+
+def _last_of_each(former: Iterable[Item], state: Iterable[Item]) -> list[TransformItem]:
+    """Of these items the last dynamic transforms of each stream and frames; none of former epochs,
+    nor of frames that were removed.
+    """
+    last: dict[tuple[str, tuple[str, ...]], TransformItem] = {}
+    epochs: dict[str, int] = {}
+    for item in former:
+        if isinstance(item, TransformItem) and not item.static:
+            name = item.stream.name
+            epochs[name] = item.stream.epoch_ns
+            key = (name, item.rows.frames)
+            # So the order is that of the messages.
+            last.pop(key, None)
+            last[key] = item
+    children: dict[str, set[str]] = {}
+    for event in state:
+        if isinstance(event, EventItem) and event.kind == "stream":
+            epochs[event.name] = event.facts.get("epoch", epochs.get(event.name))
+            children[event.name] = {row[1] for row in event.facts.get("frames", ())}
+    found = []
+    for (name, _), item in last.items():
+        if item.stream.epoch_ns != epochs[name]:
+            continue
+        rows = item.rows.only(children[name]) if children.get(name) else item.rows
+        if rows.count:
+            found.append(replace(item, rows=rows))
+    return found
+
+
+def _is_message(item: Item) -> bool:
+    return isinstance(item, TopicItem)
+
+
+def _is_gone(item: Item) -> bool:
+    return isinstance(item, EventItem) and item.kind == "stream gone"

@@ -17,9 +17,8 @@ from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import Transform, make_transform
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.robot.configurations import ManySteps
-from tfbus.robot.kinematics import Steps, local_pose, plane_axes
-from tfbus.robot.mesh_files import MeshFiles
+from tfbus.robot.kinematics import ManySteps, Steps, local_pose, plane_axes
+from tfbus.robot.mesh_files import MeshFiles, folder_of_source
 from tfbus.robot.model import Collision, Joint, Link, Model, Visual
 from tfbus.robot.positions import Position, Positions
 from tfbus.robot.urdf import read_model
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 else:
     from tfbus.core import lazy_numpy as np
+
 
 FilePath = str | os.PathLike[str]
 
@@ -359,3 +359,23 @@ def _folders(given: FilePath | Iterable[FilePath]) -> list[Path]:
 def _argument(value: object) -> str:
     """An argument as xacro has it: a text."""
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def read_described(urdf: str, source: str, package_path: Sequence[Path], called: str) -> Robot:
+    """The robot of a description; if it has no `source`, mistakes call it `called`.
+
+    Files of this machine are only in `package_path` and in what is installed: a `source` counts
+    if it lies in one of those folders. Raises UrdfError.
+    """
+    folder, within = folder_of_source(source, package_path) or (None, None)
+    files = MeshFiles(folder, package_path, within)
+    return Robot(read_model(urdf, printable(source or called), files), urdf)
+
+
+def remedy_of_missing(package: str) -> str:
+    """The stand-in of a described mesh, of this package or "" for none, that is not on this
+    machine.
+    """
+    if package:
+        return f"--package-path names the folder with package {printable(package, 60)!r}"
+    return "--package-path names a folder around its URDF, --urdf shows the robot of a file"

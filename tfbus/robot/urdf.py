@@ -23,12 +23,15 @@ from tfbus.robot.model import (
     Mesh,
     Mimic,
     Model,
+    Placed,
     Shape,
     Sphere,
     Vector,
     Visual,
+    check_mimics,
+    from_the_root,
+    near,
 )
-from tfbus.robot.tree import Placed, check_mimics, from_the_root, near
 from tfbus.robot.xml import Element, read_xml
 from tfbus.wording import counted, listed, printable
 

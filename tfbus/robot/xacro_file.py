@@ -1,19 +1,106 @@
-"""Expands a xacro file into a URDF, in a process with limits."""
+"""Expands a xacro file into a URDF, in a process with limits.
+
+Expressions and macros can take for ever. The request of that process, which runs `main`, comes on
+standard input, its answer goes to standard output, both in JSON.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
 import subprocess
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tfbus.errors import UrdfError
 from tfbus.robot.mesh_files import MeshFiles
-from tfbus.robot.xacro_child import MOST_CPU_S
-from tfbus.runtime.limited_process import command_of
+from tfbus.runtime.limited_process import command_of, limit_this_process
+from tfbus.wording import printable
+
+# A robot of a thousand links takes 3 s and 0.2 GB.
+MOST_CPU_S = 30.0
+MOST_MEMORY = 2_000_000_000
+
+
+def main() -> None:
+    """Expand one file."""
+    # xacro and what it evaluates may print; that must not be taken for an answer.
+    answer = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    request = json.load(sys.stdin)
+    limit_this_process(memory_bytes=MOST_MEMORY, cpu_s=MOST_CPU_S)
+    path = request["path"]
+    files = MeshFiles(Path(path).parent, [Path(each) for each in request["package_path"]])
+    try:
+        values = _expand(path, request["arguments"], files)
+    except UrdfError as error:
+        values = {"error": str(error)}
+    except MemoryError:
+        values = {"error": f"{path}: xacro needs more than {MOST_MEMORY // 10**9} GB to expand it"}
+    with answer:
+        json.dump(values, answer)
+
+
+def _expand(path: str, arguments: Mapping[str, str], files: MeshFiles) -> dict[str, Any]:
+    import xacro
+    from xacro import substitution_args
+
+    def find(package: str) -> str:
+        folder = files.package(package)
+        if folder is None:
+            raise UrdfError(
+                f"no package '{printable(package, 60)}' for $(find ...); --package-path (in Python "
+                "package_path) names the folder that it is in"
+            )
+        return str(folder)
+
+    warnings: list[str] = []
+
+    def warn(*words: object, **_: object) -> None:
+        said = " ".join(" ".join(map(str, words)).split())
+        warnings.append(f"{path}: xacro: {printable(said, 300)}")
+
+    with (
+        _patched(substitution_args, "_eval_find", find),
+        # It would print them.
+        _patched(xacro, "warning", warn),
+    ):
+        try:
+            document = xacro.process_file(path, mappings=dict(arguments))
+            text = document.toprettyxml(indent="  ")
+        except UrdfError as error:
+            raise UrdfError(f"{path}: {error}") from None
+        except MemoryError:
+            raise
+        # It raises all kinds of errors, of what it evaluates too.
+        except Exception as error:
+            raise UrdfError(_mistake(xacro, path, error)) from None
+    included = [os.path.abspath(each) for each in dict.fromkeys(xacro.all_includes)]
+    return {"text": text, "included": included, "warnings": warnings}
+
+
+@contextlib.contextmanager
+def _patched(module: Any, name: str, value: Any) -> Iterator[None]:
+    before = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, before)
+
+
+def _mistake(xacro: Any, path: str, error: Exception) -> str:
+    """The failure of xacro, and in which file and macro."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    stack = [each for each in (xacro.filestack or []) if each and each != path]
+    inside = f" (in {stack[-1]})" if stack else ""
+    return f"{path}{inside}: xacro cannot expand it: {printable(reason, 300)}"
+
 
 # Also of a file that waits, as a named pipe does; a busy machine takes longer than the time counts.
 _LONGEST_S = 4 * MOST_CPU_S
@@ -42,7 +129,7 @@ def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expand
     }
     try:
         done = subprocess.run(
-            command_of("tfbus.robot.xacro_child"),
+            command_of("tfbus.robot.xacro_file"),
             input=json.dumps(request).encode(),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

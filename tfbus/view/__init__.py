@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tfbus.view.local import View as View
     from tfbus.view.local import show as show
     from tfbus.view.model.placement import Placed as Placed
-    from tfbus.view.model.playhead import Cursor as Cursor
     from tfbus.view.model.settings import ViewSettings as ViewSettings
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
@@ -42,7 +41,6 @@ _MODULE_OF = {
     "RobotSource": "tfbus.view.robot_source",
     "GivenRobots": "tfbus.view.robot_source",
     "Channel": "tfbus.view.panels.markup",
-    "Cursor": "tfbus.view.model.playhead",
     "Guest": "tfbus.view.guest",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",

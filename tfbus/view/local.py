@@ -103,24 +103,24 @@ class View:
     @property
     def at_ns(self) -> int:
         """The log time that the page of a recording shows, in nanoseconds since the Unix epoch."""
-        return self._replay().playhead.cursor.at_ns
+        return self._replay().playhead.progress.log_ns
 
     def seek(self, at_ns: int) -> None:
         """Show a recording at a log time, or at its end that is nearer."""
         self._replay().playhead.seek(at_ns)
 
     def play(self, speed: float | None = None) -> None:
-        """Play a recording while a browser shows it, `speed` (0.1 to 10) times as fast; at its end
-        from the beginning.
+        """Play a recording while a browser shows it, `speed` (0.001 to 10,000) times as fast; at
+        its end from the beginning. Raises InvalidArgumentException for another speed.
         """
         playhead = self._replay().playhead
         if speed is not None:
-            playhead.set_speed(speed)
-        playhead.play(True)
+            playhead.set_rate(speed)
+        playhead.resume()
 
     def pause(self) -> None:
         """Hold a recording where it is."""
-        self._replay().playhead.play(False)
+        self._replay().playhead.pause()
 
     def _replay(self) -> "Replay":
         if isinstance(self._program, _Program):
@@ -512,7 +512,6 @@ def _access(host: str) -> "Access":
 
 def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:
     from tfbus.recording.reader import RecordingReader
-    from tfbus.view.model.playhead import Cursor
     from tfbus.view.page import Page
     from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
@@ -520,9 +519,8 @@ def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | Non
     # Its own: the program may close the recording, and a reader is for one thread.
     reader = RecordingReader(*recording.paths)
     try:
-        start_ns = reader.start_ns
-        cursor = Cursor(start_ns, plays=True) if at_ns is None else Cursor(at_ns)
-        replay = Replay(reader, cursor=cursor)
+        first_ns = reader.start_ns if at_ns is None else at_ns
+        replay = Replay(reader, at_ns=first_ns, plays=at_ns is None)
         robots = RecordedRobots(reader, replay)
         page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
     except BaseException:

@@ -370,7 +370,9 @@ class Page:
         """The poses of the frames of a playing recording, now and later; None if it is held, or
         if that is so large that they would be lost in it.
         """
-        if not self._replay or not self._replay.samples or not self._replay.playhead.cursor.plays:
+        if not self._replay or not self._replay.samples:
+            return None
+        if self._replay.playhead.progress.is_paused:
             return None
         whole = now = region_of(placed)
         for buffer in self._replay.samples:

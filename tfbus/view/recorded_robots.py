@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tfbus.errors import DecodeError, UrdfError
 from tfbus.recording.items import TopicItem
 from tfbus.recording.selection import Selection
-from tfbus.robot.described import read_described
+from tfbus.robot.robot import read_described
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import GivenRobots, Joints
@@ -63,7 +63,7 @@ class RecordedRobots:
 
     def robots(self) -> Sequence[ShownRobot]:
         """The robots as they were described at the cursor."""
-        log_ns = self._replay.playhead.cursor.at_ns
+        log_ns = self._replay.playhead.progress.log_ns
         found = [self._shown(_at(same, log_ns)) for same in self._described.values()]
         return [*(robot for robot in found if robot is not None), *self._given.robots()]
 

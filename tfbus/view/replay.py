@@ -11,11 +11,10 @@ from tfbus.errors import DecodeError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
-from tfbus.recording.former import last_item
 from tfbus.recording.items import Item, TransformItem
+from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
-from tfbus.view.model.playhead import Cursor, Playhead
 from tfbus.view.recorded_marks import known_timeline, whole_timeline
 from tfbus.wire.fleet import Fleet
 
@@ -42,7 +41,8 @@ _MOST_STEP_S = 0.25
 class Replay:
     """The host, the publishers and the buffer of a page that shows a recording.
 
-    `move` is for the page's thread; the playhead is for any. The timeline has what the file says at
+    It is at `at_ns` first, and plays if it should. `move` is for the page's thread; the playhead
+    is for any. The timeline has what the file says at
     once, and after `measure` what is only found by reading it, as gaps. `samples` are then the
     transforms at some moments, for a camera that sees where frames will be. With a `fleet` the
     frames of robots in namespaces below are there, too. `mistake` says why the
@@ -53,7 +53,8 @@ class Replay:
         self,
         reader: "RecordingReader",
         *,
-        cursor: Cursor,
+        at_ns: int,
+        plays: bool = False,
         start_ns: int | None = None,
         end_ns: int | None = None,
         namespace: str = "",
@@ -68,13 +69,17 @@ class Replay:
         start_ns = reader.start_ns if start_ns is None else start_ns
         end_ns = reader.end_ns if end_ns is None else end_ns
         self.timeline = known_timeline(reader, start_ns, end_ns)
-        self.playhead = Playhead(start_ns, end_ns, cursor)
+        # The time that has passed from picture to picture, while a browser watched.
+        self._watched_ns = 0
+        self.playhead = Playhead(
+            start_ns, end_ns, at_ns=at_ns, paused=not plays, real_ns=lambda: self._watched_ns
+        )
         self._ended = threading.Event()
         self._signals: StopSignals | None = None
         self._moved_s: float | None = None
         self._before_s = _before_s(reader)
         self._restart()
-        self._try(self._seek, self.playhead.cursor.at_ns)
+        self._try(self._seek, self._at_ns)
 
     # What a page needs
 
@@ -171,8 +176,10 @@ class Replay:
     def _move(self, passed_s: float, trail_s: float) -> bool:
         jumps = self.playhead.jumps
         if steps := self.playhead.take_steps():
-            self.playhead.seek(self._after_steps(steps))
-        at_ns = self.playhead.advance(passed_s).at_ns
+            at_ns = stepped_ns(self._reader, self.playhead, steps, _moves)
+            self.playhead.seek(self._at_ns if at_ns is None else at_ns)
+        self._watched_ns += round(passed_s * 1e9)
+        at_ns = self.playhead.advance().log_ns
         if trail_s > self._before_s:
             self._before_s = trail_s
             return self._seek(at_ns)
@@ -194,7 +201,7 @@ class Replay:
     @property
     def mistake(self) -> str:
         """Why the files cannot be read at the cursor; "" if they can."""
-        at_ns = self.playhead.cursor.at_ns
+        at_ns = self._at_ns
         for damage in self._reader.damage:
             from_ns, to_ns = damage.from_ns, damage.to_ns
             if from_ns is not None and to_ns is not None and from_ns <= at_ns <= to_ns:
@@ -236,29 +243,14 @@ class Replay:
             if str(error) != self._error:
                 self.log.warning("%s", error)
             self._error = str(error)
-            self.playhead.play(False)
+            self.playhead.pause()
             # An iterator that has raised has ended.
             self._rest = None
             return True
 
-    def _after_steps(self, steps: int) -> int:
-        """The time of the message this many messages after the cursor, or before."""
-        at_ns = self.playhead.cursor.at_ns
-        for _ in range(abs(steps)):
-            found = self._next_ns(at_ns) if steps > 0 else self._former_ns(at_ns)
-            if found is None:
-                break
-            at_ns = found
-        return at_ns
-
-    def _next_ns(self, at_ns: int) -> int | None:
-        items = self._reader.items(at_ns + 1, self.playhead.end_ns)
-        return next((item.log_ns for item in items if _moves(item)), None)
-
-    def _former_ns(self, at_ns: int) -> int | None:
-        start_ns = self.playhead.start_ns
-        found = last_item(self._reader, start_ns, at_ns - 1, is_wanted=_moves)
-        return None if found is None else found.log_ns
+    @property
+    def _at_ns(self) -> int:
+        return self.playhead.progress.log_ns
 
 
 def _moves(item: Item) -> bool:

@@ -14,8 +14,7 @@ from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
-from tfbus.robot.described import read_described
-from tfbus.robot.robot import Robot
+from tfbus.robot.robot import Robot, read_described
 from tfbus.runtime.log_once import LogOnce
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.shown_robot import ShownRobot

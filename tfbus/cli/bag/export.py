@@ -178,7 +178,8 @@ def _pair(
     else:
         poses = recording.trajectory(*pair, *(span or ()), sampling=sampling)
     if span is not None and not len(poses):
-        raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
+        target, source = pair
+        raise click.UsageError(f"'{source}' has no pose in '{target}' in that span{_paused(bag)}")
     write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
     with new_file(output, force=force, sources=_sources(bag)) as beside:
         write(beside)

@@ -17,8 +17,8 @@ from tfbus.errors import TfbusError
 from tfbus.frames.gaps import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
+from tfbus.recording.reader import topics_of
 from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
-from tfbus.recording.topics import topics_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 

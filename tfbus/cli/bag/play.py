@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.bag.player import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.ros_options import OF_PLAY
 from tfbus.cli.bag.selecting import Asked, selecting
@@ -25,13 +24,14 @@ from tfbus.command.options import bus_options
 from tfbus.command.recordings import open_recording, wall
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, MomentType, Number
 from tfbus.errors import TfbusError
+from tfbus.recording.playhead import FASTEST, SLOWEST, AtEnd
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.wording import counted, did_you_mean, duration, printable
 
 if TYPE_CHECKING:
     from tfbus.bag.player import Player
-    from tfbus.bag.replay import Replay, Stamps
-    from tfbus.bag.replayed_names import ReplayedNames
+    from tfbus.bag.replay import Republisher, Stamps
+    from tfbus.bag.replayed_stream import ReplayedNames
     from tfbus.node.node import Node
     from tfbus.recording.reader import RecordingReader
 
@@ -221,11 +221,11 @@ def command(
     tools show the frames as if they were live; with --clock they stay, and nodes with --sim-time
     follow the recorded time, its pauses and jumps.
 
-    In a terminal the space key pauses, . plays one message, the arrows seek by 5 s and change the
-    rate, q ends. The services player/pause, resume, toggle_paused, play_next, seek, set_rate,
-    progress and stop do the same.
+    In a terminal the space key pauses, . plays one message and , the one before, the arrows seek by
+    5 s and change the rate, q ends. The services player/pause, resume, toggle_paused, play_next,
+    seek, set_rate, progress and stop do the same.
     """
-    from tfbus.bag.replayed_names import ReplayedNames
+    from tfbus.bag.replayed_stream import ReplayedNames
 
     if not (files or more_files):
         raise click.UsageError("name the recording to play: tfbus bag play FILE")
@@ -309,9 +309,8 @@ def _span(reader: "RecordingReader", plan: _Plan) -> tuple[int, int]:
 
 def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> None:
     from tfbus.bag.player import Player
-    from tfbus.bag.player_services import serve
-    from tfbus.bag.replay import Replay
-    from tfbus.bag.replayed_clock import clock_topic_of
+    from tfbus.bag.replay import Republisher, serve
+    from tfbus.bag.replayed_time import clock_topic_of
     from tfbus.cli.bag.play_status import PlayLine, end_text
     from tfbus.node.node import Node
 
@@ -333,10 +332,10 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
     error: Exception | None = None
     with Node.from_settings(settings) as node:
         node.log.addFilter(line.clear)
-        replay = Replay(
+        replay = Republisher(
             node,
             reader,
-            lambda: player.progress,
+            player,
             selection=selection,
             names=plan.names,
             stamps=plan.stamps,
@@ -369,7 +368,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         raise error
 
 
-def _check_living(node: "Node", replay: "Replay", plan: _Plan) -> None:
+def _check_living(node: "Node", replay: "Republisher", plan: _Plan) -> None:
     """Raises click.ClickException if a stream is published now, unless that is wanted."""
     living = replay.living()
     if living and not plan.force:
@@ -389,7 +388,7 @@ def _be_punctual() -> None:
 class _Run:
     """A player that plays on a thread of its own; `error` is what ended it before its end."""
 
-    def __init__(self, player: "Player", replay: "Replay") -> None:
+    def __init__(self, player: "Player", replay: "Republisher") -> None:
         self.error: Exception | None = None
         self._player = player
         self._replay = replay
@@ -418,7 +417,7 @@ class _Run:
 
 
 def _go_on(
-    node: "Node", plan: _Plan, player: "Player", replay: "Replay", run: _Run, line: Any
+    node: "Node", plan: _Plan, player: "Player", replay: "Republisher", run: _Run, line: Any
 ) -> None:
     """Show how far it is and follow keys, to the end, Ctrl-C, or the service `stop`."""
     from tfbus.cli.bag.play_keys import KEYS, follow
@@ -446,7 +445,7 @@ def _go_on(
                 logged_s, was_paused = now_s, progress.is_paused
 
 
-def _what(plan: _Plan, player: "Player", replay: "Replay") -> str:
+def _what(plan: _Plan, player: "Player", replay: "Republisher") -> str:
     """The recording that is played, in one line."""
     what = [counted(len(replay.streams), "stream"), counted(len(replay.topics), "topic")]
     stamps = "stamps are moved to now" if plan.stamps == "now" else "stamps are those recorded"

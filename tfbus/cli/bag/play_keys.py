@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from tfbus.bag.player import FASTEST, SLOWEST, Player
+from tfbus.recording.playhead import Playhead, nearest_rate
 
 KEYS = (
-    "space pauses, . plays one message, left and right seek 5 s, up and down change the rate, "
-    "q ends"
+    "space pauses, . plays one message, , the one before, left and right seek 5 s, up and down "
+    "change the rate, q ends"
 )
 
 _SEEK_S = 5.0
@@ -15,11 +15,12 @@ _SEEK_S = 5.0
 _FASTER = 1.1
 
 
-def follow(key: str, player: Player) -> bool:
+def follow(key: str, player: Playhead) -> bool:
     """Do what a key is for; whether to go on."""
     jobs: dict[str, Callable[[], object]] = {
         " ": player.toggle_paused,
         ".": player.step,
+        ",": lambda: player.step(-1),
         "right": lambda: player.seek_by(_SEEK_S),
         "left": lambda: player.seek_by(-_SEEK_S),
         "up": lambda: _change_rate(player, _FASTER),
@@ -30,6 +31,5 @@ def follow(key: str, player: Player) -> bool:
     return key not in ("q", "Q", "\x03")
 
 
-def _change_rate(player: Player, factor: float) -> None:
-    rate = round(player.progress.rate * factor, 4)
-    player.set_rate(min(max(rate, SLOWEST), FASTEST))
+def _change_rate(player: Playhead, factor: float) -> None:
+    player.set_rate(nearest_rate(round(player.progress.rate * factor, 4)))

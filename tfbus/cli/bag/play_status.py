@@ -1,8 +1,8 @@
 """The display of `tfbus bag play` while it plays."""
 
-from tfbus.bag.player import Progress
 from tfbus.cli.bag.record_status import StatusLine
 from tfbus.cli.output import paint, width
+from tfbus.recording.playhead import Progress
 from tfbus.wording import counted, cut, duration
 
 # The shortest and the longest bar, in characters.

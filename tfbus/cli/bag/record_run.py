@@ -15,8 +15,7 @@ from tfbus.bag.parts_written import PartsWritten, WrittenPart
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.trigger import Triggers
-from tfbus.bag.unmatched import unmatched
+from tfbus.bag.trigger import Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_plan import Plan
 from tfbus.cli.bag.record_status import (

@@ -23,7 +23,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError
-from tfbus.recording.topics import RecordedTopic, topics_of
+from tfbus.recording.reader import RecordedTopic, topics_of
 from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 

@@ -10,13 +10,13 @@ from tfbus.errors import BusError
 from tfbus.monitor.flow import Reading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
-from tfbus.recording.selection import Selection
-from tfbus.recording.topics import (
+from tfbus.recording.reader import (
     TRANSFORMS_TYPE,
     RecordedTopic,
     topic_of_stream,
     topics_of,
 )
+from tfbus.recording.selection import Selection
 from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.wire.transforms import TransformMessage, encode_transforms

@@ -81,16 +81,20 @@ def _columns(rows: Sequence[_Row]) -> Columns:
 
 
 def _row_of_values(values: Mapping[str, Any]) -> _Row:
-    stamp = values.get("timestamp") or {}
-    nanoseconds = stamp.get("nsec", stamp.get("nanosec", 0))
     translation, rotation = values.get("translation") or {}, values.get("rotation")
     return (
         _name(values["parent_frame_id"]),
         _name(values["child_frame_id"]),
-        _whole(stamp.get("sec", 0)) * _NS_PER_S + _whole(nanoseconds),
+        ns_of(values.get("timestamp") or {}),
         _numbers(translation, "xyz"),
         _NO_TURN if rotation is None else _numbers(rotation, "xyzw"),
     )
+
+
+def ns_of(stamp: Mapping[str, Any]) -> int:
+    """A stamp of Foxglove's, of ROS 1 or of ROS 2, in ns. Raises TypeError for no whole numbers."""
+    nanoseconds = stamp.get("nsec", stamp.get("nanosec", 0))
+    return _whole(stamp.get("sec", 0)) * _NS_PER_S + _whole(nanoseconds)
 
 
 def _name(value: Any) -> str:

@@ -8,8 +8,7 @@ from typing import Any
 
 from tfbus.errors import DecodeError
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
-from tfbus.recording.records import MOST_CHUNK_BYTES
-from tfbus.recording.unpacked import of_bz2, of_lz4, of_zstd
+from tfbus.recording.records import MOST_CHUNK_BYTES, of_bz2, of_lz4, of_zstd
 from tfbus.wording import printable
 
 # How a database of SQLite begins.

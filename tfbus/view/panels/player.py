@@ -11,7 +11,7 @@ from typing import Any
 
 import viser
 
-from tfbus.view.model.playhead import SPEEDS
+from tfbus.recording.playhead import nearest_rate
 from tfbus.view.model.timeline import KINDS, MarkKind, Timeline
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.text import FIRST_DATE_NS
@@ -29,6 +29,9 @@ _LABELS: dict[MarkKind, str] = {
 
 # A timeline has no room for more, and a browser that draws them is slow.
 _MOST_MARKS = 1000
+
+# The speeds to choose from; a program may set any.
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 # How far the keys J and L jump.
 _JUMP_S = 5.0
@@ -63,12 +66,12 @@ class PlayerBar:
         if timeline is not self._timeline:
             self._timeline = timeline
             self._line.show(_call("tfbusTimeline", _line(timeline)))
-        jumps, cursor = self._playhead.jumps, self._playhead.cursor
+        jumps, progress = self._playhead.jumps, self._playhead.progress
         state = {
-            "at": (cursor.at_ns - timeline.start_ns) / 1e9,
-            "plays": cursor.plays,
-            "speed": cursor.speed,
-            "loops": cursor.loops,
+            "at": (progress.log_ns - timeline.start_ns) / 1e9,
+            "plays": not progress.is_paused,
+            "speed": progress.rate,
+            "loops": progress.loops > 0,
             "jumps": jumps,
         }
         self._cursor.show(_call("tfbusCursor", state))
@@ -76,7 +79,10 @@ class PlayerBar:
     # What browsers ask for; numbers are checked, since any program may send an event
 
     def _on_play(self, event: Mapping[str, Any]) -> None:
-        self._playhead.play(event.get("plays") is True)
+        if event.get("plays") is True:
+            self._playhead.resume()
+        else:
+            self._playhead.pause()
 
     def _on_seek(self, event: Mapping[str, Any]) -> None:
         at_s, number = _number(event.get("s")), event.get("n")
@@ -85,7 +91,7 @@ class PlayerBar:
             return
         plays = event.get("plays")
         at_ns = self._playhead.start_ns + round(at_s * 1e9)
-        self._playhead.seek(at_ns, plays if isinstance(plays, bool) else None)
+        self._playhead.seek(at_ns, paused=not plays if isinstance(plays, bool) else None)
 
     def _is_overtaken(self, event: Mapping[str, Any], number: int) -> bool:
         with self._lock:
@@ -98,10 +104,15 @@ class PlayerBar:
 
     def _on_speed(self, event: Mapping[str, Any]) -> None:
         if (speed := _number(event.get("speed"))) is not None:
-            self._playhead.set_speed(speed)
+            self._playhead.set_rate(nearest_rate(speed))
 
     def _on_faster(self, event: Mapping[str, Any]) -> None:
-        self._playhead.change_speed(-1 if event.get("by") == -1 else 1)
+        speed = self._playhead.progress.rate
+        if event.get("by") == -1:
+            speed = max((each for each in SPEEDS if each < speed), default=speed)
+        else:
+            speed = min((each for each in SPEEDS if each > speed), default=speed)
+        self._playhead.set_rate(speed)
 
     def _on_loop(self, event: Mapping[str, Any]) -> None:
         self._playhead.loop(event.get("loops") is True)
@@ -109,7 +120,7 @@ class PlayerBar:
     def _add_keys(self, gui: viser.GuiApi) -> None:
         playhead = self._playhead
         commands: tuple[tuple[str, Any, Callable[[], object]], ...] = (
-            ("Play or pause", "space", playhead.toggle),
+            ("Play or pause", "space", playhead.toggle_paused),
             (f"{_JUMP_S:g} s back", "J", lambda: playhead.seek_by(-_JUMP_S)),
             (f"{_JUMP_S:g} s forward", "L", lambda: playhead.seek_by(_JUMP_S)),
             ("To the event before", "P", lambda: self._to_mark(-1)),
@@ -123,7 +134,7 @@ class PlayerBar:
     def _to_mark(self, by: int) -> None:
         if self._timeline is None:
             return
-        at_ns = self._playhead.cursor.at_ns
+        at_ns = self._playhead.progress.log_ns
         mark = self._timeline.next_mark(at_ns) if by > 0 else self._timeline.mark_before(at_ns)
         if mark is not None:
             self._playhead.seek(mark.start_ns)

@@ -350,12 +350,13 @@ const paint = () => {
   const left = line.more + Math.max(line.marks.length - 300, 0);
   if (left) list.append(element('div', 'tf-dim', 'and ' + left + ' more'));
   if (!count) list.hidden = true;
-  speed.replaceChildren(...line.speeds.map((each) => {
-    const option = element('option', '', each + '\u00d7');
-    option.value = each;
-    return option;
-  }));
+  speed.replaceChildren(...line.speeds.map(choice));
   parts.axis.dataset.of = '';
+};
+const choice = (speed) => {
+  const option = element('option', '', speed + '\u00d7');
+  option.value = speed;
+  return option;
 };
 // The last event before the cursor stands out in the list.
 const mark = (s) => {
@@ -377,8 +378,12 @@ const draw = () => {
   play.title = cursor.plays ? 'Pause (space)' : 'Play (space)';
   play.setAttribute('aria-label', cursor.plays ? 'Pause' : 'Play');
   loop.setAttribute('aria-pressed', String(cursor.loops));
-  if (speed.value !== String(cursor.speed) && document.activeElement !== speed)
+  if (speed.value !== String(cursor.speed) && document.activeElement !== speed) {
+    // A program may have set another one.
+    if (![...speed.options].some((each) => each.value === String(cursor.speed)))
+      speed.append(choice(cursor.speed));
     speed.value = String(cursor.speed);
+  }
   const [date, clock, from] = times.children;
   const digits = line.span < 10 ? 3 : 1;
   set(date, day(s) ? day(s) + ' ' : '');

@@ -1,5 +1,6 @@
 """The build: every extension, or none; and sources that are not installed."""
 
+import importlib.util
 import shutil
 import subprocess
 import sys
@@ -7,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-import tfbus.runtime.installation
 from tfbus.runtime.installation import why_not_installed
 
 pytestmark = pytest.mark.real
@@ -80,7 +80,7 @@ def test_the_tfbus_under_test_is_installed():
 
 def test_sources_that_are_not_installed_say_so(monkeypatch: pytest.MonkeyPatch):
     """The sentence names their folder, and both ways out."""
-    monkeypatch.setattr(tfbus.runtime.installation, "find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     mistake = why_not_installed()
     assert str(HERE) in mistake
     assert "another folder" in mistake and "--editable" in mistake

@@ -167,7 +167,7 @@ class Played:
     def _is_known(self, stream: ReplayedStream) -> bool:
         known = self._listener._registry.get(stream.name)
         return known is not None and (
-            known.reception.epochs.confirmed_ns == stream._description.epoch
+            known.reception.facts.epochs.confirmed_ns == stream._description.epoch
         )
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from tfbus import Buffer
 from tfbus.buffer import formats
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.monitor_report import as_lines
 from tfbus.cli.output import first_lines, printable_text
 from tfbus.discover.graph import graph_of
@@ -33,7 +34,9 @@ class Tools:
         self._buffer = buffer
         self._streams = streams
         node = SimpleNamespace(
-            session=SimpleNamespace(subscriber=lambda key, callback: None),
+            session=SimpleNamespace(
+                subscriber=lambda key, callback: None, settings=NodeSettings(namespace="fuzz")
+            ),
             now_ns=lambda: _NOW_NS,
         )
         listener = SimpleNamespace(streams=streams, dropped=3)

@@ -35,7 +35,7 @@ class Tools:
         self._streams = streams
         node = SimpleNamespace(
             session=SimpleNamespace(
-                subscriber=lambda key, callback: None, settings=NodeSettings(namespace="fuzz")
+                subscriber=lambda key, callback: None, settings=NodeSettings("fuzz")
             ),
             now_ns=lambda: _NOW_NS,
         )

@@ -30,9 +30,8 @@ transform-tree and pytransform3d answer with matrices; transform-tree has a fixe
 
 Between processes on loopback. A message that comes alone costs most, to wake threads and to take
 Python's lock, as with bare Zenoh. Of a path only what it needs is received, here of two hundred
-publishers of 100,000 transforms a second in all.
-
-{bus}
+publishers of 100,000 transforms a second in all. [All
+measures](performance-tables.md#the-bus) stand on the other page.
 
 ![The CPU of a listener, by publishers and by frames](performance-bus.svg)
 
@@ -86,18 +85,6 @@ _COLUMNS = {
     "pytransform3d": "pytransform3d",
 }
 
-_BUS = (
-    "single-transform messages into the buffer",
-    "transforms, 50 to a message, a core",
-    "CPU of a message that comes alone",
-    "latency of a transform, p50",
-    "latency of a transform, p99",
-    "CPU to receive what a path over one publisher needs",
-    "joint states of {joints} joints until a lookup elsewhere answers, p50",
-    "CPU of a message of one transform to ROS by the bridge",
-    "memory of a process then",
-)
-
 _FILES = (
     ("write a minute, compressed by zstd", "mcap"),
     ("write a minute, compressed by zstd", "rosbags"),
@@ -125,14 +112,10 @@ def made() -> str:
     """The whole page."""
     buffer, bus, files, robots = kept("buffer"), kept("bus"), kept("recordings"), kept("robots")
     view, resources = kept("view"), kept("resources")
-    measures = [name.format(**bus.facts) for name in _BUS]
     return _PAGE.format(
         versions=_versions(buffer),
         peers=_peers(buffer).as_markdown(),
         others=_others(bus, files, robots).as_markdown(),
-        bus=_only(
-            bus.tables["measures"], measures, ("measure", "tfbus", "beside it")
-        ).as_markdown(),
         hour=files.facts["hour"],
         files=_files(files).as_markdown(),
         arm=robots.facts["arm"],

@@ -41,8 +41,6 @@ called from Python.
 - pytransform3d takes whole series, so it has no insert; it interpolates along screws.
 - Inserts take messages, transforms or arrays made in advance, 5,000 at a time, which are in the
   processor's caches. tf2 and transform-tree have no columns of 50 edges: that is 50 calls.
-- Many stamps in one call are the same from call to call.
-- Beside inserts: another thread inserts 2,000 batches of 50 a second.
 - Memory is the growth of the process, with a million samples over 100 edges.
 {left_out}
 `python -m benchmarks.instructions "lookup 3"` counts instructions, which a busy machine does not

@@ -306,7 +306,8 @@ def _members(value: type) -> list[Member]:
             ):
                 into = found if body.name == value.__name__ else inherited
                 into.setdefault(node.name, _function(node, value.__name__))
-    return [*found.values(), *(member for name, member in inherited.items() if name not in found)]
+    said = [each for name, each in found.items() if each.text or name not in inherited]
+    return [*said, *(each for name, each in inherited.items() if name not in found)]
 
 
 def _is_public(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:

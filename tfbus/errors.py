@@ -24,7 +24,7 @@
       RightsError                     the identity may not do that on a closed bus
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong, the
-`fact`, and what to do, the `advice`; it is made when it is printed. What it names are fields.
+`fact`, and what to do, the `advice`; it is made when it is printed. Names in it are fields.
 
 If Python has an error of the same meaning, the class derives from it too, so that `except` of
 either catches it:

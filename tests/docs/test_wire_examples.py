@@ -19,6 +19,7 @@ from tests.docs.pages import ROOT
 from tests.live_bus import Bus, Process
 from tfbus import (
     Buffer,
+    Recording,
     Transform,
     TransformBroadcaster,
     TransformListener,
@@ -289,3 +290,18 @@ def test_history_is_answered(bus: Bus, tmp_path: Path) -> None:
         sent_ns = early.lookup_transform("world", "crow").stamp_ns
         with TransformListener(late, bus.node("late"), history_s=60.0):
             eventually(lambda: late.can_transform("world", "crow", sent_ns))
+
+
+def test_a_recording_that_was_written_without_tfbus_is_one(bus: Bus, tmp_path: Path) -> None:
+    """The file of write_recording.py is whole, and its stream has its publisher and its rate."""
+    needs.module("mcap")
+    file = tmp_path / "mine.mcap"
+    subprocess.run([sys.executable, str(FOLDER / "write_recording.py"), str(file)], check=True)
+    shown = bus.run("bag", "info", str(file)).stdout
+    assert "complete" in shown
+    assert ["robot", "/robot", "1", "-", "101", "50", "20", "ms"] in [
+        line.split() for line in shown.splitlines()
+    ]
+    with Recording(str(file)) as recording:
+        place = recording.lookup_transform("map", "base_link", recording.end_ns - 1_000_000)
+    assert place.transform.x == 2.0

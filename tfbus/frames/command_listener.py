@@ -122,7 +122,7 @@ class Answers:
 
     @cached_property
     def simulated(self) -> SimulatedTime:
-        """Who publishes a simulated time, and who follows it."""
+        """The publishers of a simulated time, and the nodes that follow it."""
         return simulated_time(self.nodes)
 
 

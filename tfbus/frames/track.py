@@ -1,4 +1,4 @@
-"""Where one frame was, seen from another, over time."""
+"""The poses of one frame, seen from another, over time."""
 
 from __future__ import annotations
 

@@ -368,7 +368,7 @@ def explain_recorded(
 
 
 class _InRecording(Advice):
-    """What to look at in the recording."""
+    """The advice for a recording: the place to look at."""
 
     def __init__(self, frames: RecordedFrames, files: Sequence[str]) -> None:
         self._frames = frames

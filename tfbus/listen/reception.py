@@ -101,7 +101,7 @@ class StreamReception:
 
     @property
     def counts(self) -> Counts:
-        """What has been received."""
+        """The messages that have been received, in numbers."""
         return self.facts.counts
 
     @property

@@ -1,4 +1,4 @@
-"""What a session hands to its program: messages, on Zenoh's threads, and the callbacks for them."""
+"""The calls of a session into its program: messages, on Zenoh's threads, and the callbacks for them."""
 
 import traceback
 from collections import deque

@@ -191,7 +191,7 @@ def test_a_program_shows_a_recording_and_moves_it(path: Path) -> None:
         assert view.at_ns == at(0.0)
         view.pause()
         replay = view._replay()
-        assert (replay.playhead.progress.is_paused, replay.playhead.progress.rate) == (True, 0.25)
+        assert (replay.playhead.progress.is_paused, replay.playhead.progress.rate) == (True, 0.3)
         view.seek(at(5.5))
         eventually(lambda: replay.now_ns() == at(5.5) and replay.tree().frames["base"].gone)
 

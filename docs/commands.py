@@ -24,7 +24,7 @@ _HEAD = """\
 All commands and their options, generated from the commands themselves by `make docs-api`.
 `tfbus COMMAND --help` prints the same with examples, `--help-all` the options of every node. It
 exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. Commands that [join
-the bus](#options-of-every-command-that-joins-the-bus) have `[NODE OPTIONS]`; after *Also* stand
+the bus](#options-of-every-command-that-joins-the-bus) have a leading `...`; after *Also* stand
 options that [several commands share](#options-that-several-commands-share).
 """
 
@@ -120,7 +120,7 @@ def _sections(
 
 def _usage(command: click.Command, context: click.Context, is_node: bool) -> list[str]:
     pieces = command.collect_usage_pieces(context)
-    return ["[NODE OPTIONS]", *pieces] if is_node else pieces
+    return ["...", *pieces] if is_node else pieces
 
 
 def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:

@@ -1,4 +1,4 @@
-"""The calls of a session into its program: messages on Zenoh's threads, and callbacks for them."""
+"""The calls of a session into its program: messages on Zenoh's threads, and their callbacks."""
 
 import traceback
 from collections import deque

@@ -56,7 +56,7 @@ class Robots:
         node = self._bus.node(name) if name not in self._nodes else self._nodes[name][0]
         self._nodes.setdefault(name, [node])
         if self._random.random() < 0.3:
-            send_static(node, "map", f"{name}_fixed")
+            send_static(node, parent, f"{child}_fixed")
         else:
             keep_sending(node, parent, child)
 

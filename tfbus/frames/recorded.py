@@ -26,8 +26,10 @@ from tfbus.frames.clocks import (
 from tfbus.frames.moment import BusMoment, key_of_stream
 from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.snapshot import FrameTree, frame_tree
+from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.stream_facts import Listening
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
@@ -108,6 +110,8 @@ class RecordedFrames:
         self.buffer = self._new_buffer()
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
+        self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
+        self._around = _Around(self._conflicts, self._described_reception)
         self._full_names: dict[str, _Stream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
@@ -217,9 +221,7 @@ class RecordedFrames:
             part = [
                 item
                 for item in self._source.items(from_ns - keeps_ns, min(to_ns, end_ns - 1), chosen)
-                if isinstance(item, TransformItem)
-                and not item.static
-                and not missing.isdisjoint(self._children(item))
+                if isinstance(item, TransformItem) and not missing.isdisjoint(self._children(item))
             ]
             newest_ns = part[-1].log_ns if part else 0
             found |= {id(item): item for item in part if item.log_ns > newest_ns - keeps_ns}
@@ -291,6 +293,8 @@ class RecordedFrames:
                 self._elsewhere.pop(key, None)
             if known is not None:
                 known.take_event(event, self._view.names(namespace))
+                description = known.state.description if known.state.alive else None
+                self._conflicts.judge(known.state.name, description)
         elif event.kind == "paused":
             self._pause = self._pause or self._pause_at(event.log_ns)
         elif event.kind == "resumed" and self._pause is not None:
@@ -304,11 +308,21 @@ class RecordedFrames:
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
-            name, self.buffer, _SILENT, self._clock.now_ns, _READER, now_s=self._clock.log_s
+            *(name, self.buffer, _SILENT, self._clock.now_ns, _READER),
+            around=self._around,
+            now_s=self._clock.log_s,
         )
         stream = _Stream(reception, StreamState(name), full_name)
         self._streams[name] = self._full_names[full_name] = stream
         return stream
+
+    def _described_reception(self, name: str) -> StreamReception | None:
+        """The reception of a stream whose lists of frames were recorded: only that of such a stream
+        can be right or wrong to have a frame.
+        """
+        stream = self._streams.get(name)
+        known = stream is not None and stream.full_name in self._described
+        return stream.reception if stream is not None and known else None
 
     def _names(self, stream: RecordedStream) -> FrameNames:
         return self._view.names(stream.namespace)
@@ -490,6 +504,25 @@ class RecordedFrames:
         return where_to_look(elsewhere, frame)
 
 
+class _Around(Listening):
+    """The listener that there was: a frame that two streams sent was judged as on a bus."""
+
+    def __init__(
+        self, conflicts: Conflicts, reception: Callable[[str], StreamReception | None]
+    ) -> None:
+        super().__init__(_SILENT)
+        self._conflicts = conflicts
+        self._reception = reception
+
+    def claimed_by_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
+        if self._reception(stream) is None:
+            return frozenset()
+        return self._conflicts.claimed_by_others(stream, children)
+
+    def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
+        self._conflicts.restore(stream, frames)
+
+
 @dataclass
 class _Stream:
     """A stream, the state of its token and description, and the receptions of its keys.
@@ -532,12 +565,15 @@ class _Stream:
             self.reception.vanish()
             return
         self.gone_ns = None
-        if not self.state.alive:
-            self.reception.appear()
+        was_alive = self.state.alive
+        if not was_alive:
+            self.reception.arrive()
         description = _description_of(event)
         if description is not None:
             description = names.description_outside(description)
             self.reception.take_description(description)
+        if not was_alive:
+            self.reception.mark()
         self.state = replace(
             self.state, alive=True, description=description or self.state.description
         )

@@ -1,4 +1,4 @@
-"""The chunks of a recording with the last samples of frames, by its index."""
+"""The chunks of a recording with the last transforms of frames, by its index."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def last_chunks(
     frames: set[str],
     before_ns: int,
 ) -> set[tuple[int, int]]:
-    """The log times, from and to, of the last chunks that begin before a time and have dynamic
-    samples of these frames of a stream; `outside` is how its frames are called here.
+    """The log times, from and to, of the last chunks that begin before a time and have
+    transforms of these frames of a stream; `outside` is how its frames are called here.
     """
     import numpy as np  # which a look at frames that all came needs not
 
@@ -25,9 +25,7 @@ def last_chunks(
     spans = {(each.part.number, each.offset): (each.from_ns, each.to_ns) for each in reader.chunks}
     for part in reader.parts:
         channels = [
-            channel.id
-            for channel in part.stream_channels.values()
-            if channel.stream.name == stream and not channel.is_static
+            channel.id for channel in part.stream_channels.values() if channel.stream.name == stream
         ]
         index = part.index
         edges = {

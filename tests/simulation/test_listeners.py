@@ -95,3 +95,36 @@ def test_a_publisher_that_begins_anew_on_a_host_an_hour_ahead_is_taken(network: 
     network.kill("h1/sim")
     network.start(ahead, "sim", publish, 2.0)
     network.run(until=lambda: x() == 2.0)
+
+
+def test_the_first_of_two_publishers_counts_again_after_a_clock_was_set_back(
+    network: Network,
+) -> None:
+    """Its epoch, as that of the second, which has died, lies in the listener's future then."""
+    base = network.host("h3")
+
+    def publish(x: float) -> None:
+        node = tfbus.Node("sim")
+        broadcaster = tfbus.TransformBroadcaster(node)
+        pose = tfbus.Transform((x, 0.0, 0.0))
+        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
+        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        node.create_timer(0.5, lambda: _send(broadcaster, node, "robot"))
+        node.spin()
+
+    with network.process(base, "listener"):
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        return buffer.lookup_transform("world", "mount").transform.x
+
+    network.start(network.host("h1"), "sim", publish, 1.0)
+    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.start(network.host("h2"), "sim", publish, 2.0)
+    network.run(until=lambda: x() == 2.0)
+    base.step_clock(-3600.0)
+    network.power_off("h2")
+    died_ns = network.host("h1").time_ns()
+    network.run(until=lambda: x() == 1.0)
+    network.run(until=lambda: (buffer.frame("robot").newest_ns or 0) > died_ns)

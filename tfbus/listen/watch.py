@@ -66,7 +66,7 @@ class StreamWatch:
     it, only that session changes it, or another session by a description of its own with a later
     epoch: a second process that publishes the stream. Where the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
-    answers; neither does one with an epoch in the future. What others send at the key is
+    answers; neither does one with a later epoch in the future. What others send at the key is
     `rejected`.
     """
 
@@ -253,12 +253,9 @@ class StreamWatch:
             is_later = description.epoch > former.description.epoch
             if not is_later and description.epoch != asked_epoch_ns:
                 return
-            is_future = is_from_future(description.epoch)
-            if is_future and not is_later:
-                self._reject(former.name, "another session sent it, with an epoch in the future")
-                return
             # A new process on a host whose clock is wrong, unless the owner is still there.
-            if is_later and (former.held or is_future) and not owner_is_silent:
+            is_doubtful = former.held or is_from_future(description.epoch)
+            if is_later and is_doubtful and not owner_is_silent:
                 self._ask_owner(former, description, sender)
                 return
             # An earlier epoch is asked for where its messages go on beside the later one.

@@ -147,6 +147,19 @@ def test_the_silences_come_when_they_have_been_measured(replay: Replay) -> None:
     assert max(far_m) == 12.0
 
 
+def test_a_page_that_ends_waits_for_the_measuring(
+    replay: Replay, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No thread is in the midst of the index when Python ends."""
+    measured = []
+    monkeypatch.setattr(
+        replay, "measure", lambda: (replay._ended.wait(60.0), measured.append(True))
+    )
+    with replay.until_signal():
+        replay.measure_meanwhile()
+    assert measured
+
+
 def test_damage_is_said_while_the_cursor_is_in_it(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -75,6 +75,7 @@ class Replay:
             start_ns, end_ns, at_ns=at_ns, paused=not plays, real_ns=lambda: self._watched_ns
         )
         self._ended = threading.Event()
+        self._measuring: threading.Thread | None = None
         self._signals: StopSignals | None = None
         self._moved_s: float | None = None
         self._before_s = _before_s(reader)
@@ -123,6 +124,7 @@ class Replay:
 
     def close(self) -> None:
         """Close the files, once the page has ended."""
+        self._end_measuring()
         self._reader.close()
 
     @contextmanager
@@ -132,9 +134,15 @@ class Replay:
         try:
             yield
         finally:
-            self._ended.set()
+            self._end_measuring()
             self._signals.uninstall()
             self._signals = None
+
+    def _end_measuring(self) -> None:
+        # Python ends a process whose daemon thread is in the midst of C++ by an abort.
+        self._ended.set()
+        if self._measuring is not None:
+            self._measuring.join()
 
     # How it moves
 
@@ -161,7 +169,8 @@ class Replay:
 
     def measure_meanwhile(self) -> None:
         """`measure` on a thread of its own, which `end` ends."""
-        threading.Thread(target=self.measure, name="tfbus timeline", daemon=True).start()
+        self._measuring = threading.Thread(target=self.measure, name="tfbus timeline", daemon=True)
+        self._measuring.start()
 
     def move(self, now_s: float, *, is_watched: bool, trail_s: float = 0.0) -> bool:
         """Bring buffer and streams to the cursor, which plays while a browser watches; `now_s` is

@@ -29,6 +29,10 @@ ENDS_WITHIN_S = 1.0
 # A process has at most so many threads.
 MOST_THREADS = 32
 
+# Of two processes that publish a stream, the first counts again after four messages by itself, and
+# a question. The first of these may have come just before the end of the second.
+_ALONE_FOR_PERIODS = 5.0
+
 _CALM_DELAY_S = 0.1
 # A listener believes what those say of their start that it meets in its first 5 s.
 _MET_WITHIN_S = 2.0
@@ -237,6 +241,9 @@ class Laws:
         now_s, wait_s = self._run.now_s, LIVES_WITHIN_S * self._patience
         others = [each for each in self._run.publishers[publisher.slot] if each is not publisher]
         alone_s = max((self._died_s.get(each.number, now_s) for each in others), default=-1e9)
+        turn_s = 0.0
+        if alone_s > publisher.began_s:
+            turn_s = _ALONE_FOR_PERIODS * self._run.plan.period_s + wait_s / 2
         assert publisher.process is not None
         # Of a stream that is never described, an epoch more than 60 s ahead of the listener's clock
         # is refused where one that is not counts.
@@ -246,7 +253,7 @@ class Laws:
             is_believed
             and now_s - part.began_s > wait_s
             and self.calm_for_s(part.process, publisher) > wait_s
-            and now_s - alone_s > wait_s
+            and now_s - alone_s > max(wait_s, turn_s)
             and now_s - publisher.changed_s > wait_s / 2
         )
 

@@ -52,15 +52,10 @@ def test_the_names_that_a_public_program_uses_are_there(program: str) -> None:
         assert ported(name) is not None
 
 
-def test_the_page_lists_the_programs_that_were_tried() -> None:
-    """Each of those here runs, and the page says how many."""
+def test_the_page_says_how_many_programs_ran() -> None:
+    """As many as are named here, to which it links."""
     page = PAGE.read_text()
-    rows = re.findall(r"^\| ([\w.-]+/[\w.-]+) \| (`.*`) \|$", page, re.M)
-    runs = {
-        f"{repository}: {file}" for repository, row in rows for file in re.findall(r"\w+\.py", row)
-    }
-    assert runs == {*PROGRAMS}
-    assert f"{len(PROGRAMS)} run" in page
+    assert f"{len(PROGRAMS)} do\n([all by name](../../tests/compat/public_programs.py))" in page
 
 
 ODOMETRY_TO_TF = """

@@ -29,8 +29,8 @@ ENDS_WITHIN_S = 1.0
 # A process has at most so many threads.
 MOST_THREADS = 32
 
-# Of two processes that publish a stream, the first counts again after four messages by itself, and
-# a question. The first of these may have come just before the end of the second.
+# After a process with a later epoch whose end no token tells, since another is there, that one
+# counts after four messages by itself, and a question.
 _ALONE_FOR_PERIODS = 5.0
 
 _CALM_DELAY_S = 0.1
@@ -241,9 +241,8 @@ class Laws:
         now_s, wait_s = self._run.now_s, LIVES_WITHIN_S * self._patience
         others = [each for each in self._run.publishers[publisher.slot] if each is not publisher]
         alone_s = max((self._died_s.get(each.number, now_s) for each in others), default=-1e9)
-        turn_s = 0.0
-        if alone_s > publisher.began_s:
-            turn_s = _ALONE_FOR_PERIODS * self._run.plan.period_s + wait_s / 2
+        follows = any(self._follows_unseen(publisher, each) for each in others)
+        turn_s = _ALONE_FOR_PERIODS * self._run.plan.period_s + wait_s / 2 if follows else 0.0
         assert publisher.process is not None
         # Of a stream that is never described, an epoch more than 60 s ahead of the listener's clock
         # is refused where one that is not counts.
@@ -256,6 +255,13 @@ class Laws:
             and now_s - alone_s > max(wait_s, turn_s)
             and now_s - publisher.changed_s > wait_s / 2
         )
+
+    def _follows_unseen(self, publisher: Publisher, former: Publisher) -> bool:
+        """Whether it was there before the end of another was known, whose epoch may be later."""
+        died_s = self._died_s.get(former.number, self._run.now_s)
+        if former.node is None or died_s + GONE_WITHIN_S * self._patience < publisher.began_s:
+            return False
+        return former.epoch > 0 or former.node.started_ns > publisher.node.started_ns
 
     def _heard_all_of(self, part: "Part", publisher: Publisher) -> bool:
         """Whether it has sent all that it sends since a listener knows it."""

@@ -34,7 +34,7 @@ class ZenohSockets(NamedTuple):
 
 
 class SocketMarks(NamedTuple):
-    """SocketMarks that tell a session's sockets from others that the process opens meanwhile.
+    """Marks that tell a session's sockets from others that the process opens meanwhile.
 
     `listening` are the addresses at which it listens on free ports, `group` and `ttl` those of its
     Scouts, and `interfaces` is the number of interfaces that it scouts on.

@@ -226,7 +226,7 @@ def test_the_same_commands_lead_to_the_same_times(
 
 
 def said(progress: Progress) -> tuple[float, bool, bool, float, int]:
-    """What all doors say of how far they are."""
+    """The cursor times of all doors."""
     place_s = (progress.log_ns - progress.start_ns) / S
     return place_s, progress.is_paused, progress.is_at_end, progress.rate, progress.loops
 

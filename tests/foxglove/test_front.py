@@ -72,7 +72,7 @@ PAGES = {
 
 
 def test_the_view_and_foxglove_let_the_same_pages_in(front: Front) -> None:
-    """Those of this machine, and applications; each has pages of its own besides."""
+    """Pages of this machine and applications may connect, and pages of its own."""
     served = Response(200, "OK", Headers())
     guard = Guard("127.0.0.1")
     for origin, is_welcome in PAGES.items():

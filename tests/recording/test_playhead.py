@@ -34,7 +34,7 @@ def pass_time(clock: Clock, playhead: Playhead, seconds: float) -> Progress:
 
 
 def place(progress: Progress) -> tuple[int, bool]:
-    """Where it is, and whether it plays."""
+    """The place of the playhead, and whether it plays."""
     return progress.log_ns, not progress.is_paused
 
 

@@ -46,7 +46,7 @@ def test_a_seed_repeats_its_history_to_the_turn() -> None:
 
 @pytest.mark.parametrize(("seed", "left"), _FAILED_ONCE)
 def test_a_history_that_failed_once_holds_all_laws(seed: int, left: tuple[int, ...]) -> None:
-    """What was wrong is mended."""
+    """No law is violated by a history that violated one before its mend."""
     plan = Plan.drawn(seed, LARGE if left else SMALL)
     assert violation(plan.only(plan.actions[n] for n in left) if left else plan) is None
 

@@ -152,7 +152,7 @@ class Player(Playhead):
                 stage.follow(self.progress)
 
     def _next_start(self) -> tuple[int, bool]:
-        """Where it goes on, and whether that is back. A step back plays the message there again."""
+        """The log time to go on at, and whether that is back: then its message is played again."""
         steps = min(self._steps, 0)
         back_ns = stepped_ns(self._source, self, steps, _is_message, self._selection)
         with self.changed:

@@ -249,7 +249,7 @@ class TopicSource:
 
 
 class EventSource:
-    """What happened: its payloads are events."""
+    """Changes of the bus: its payloads are events."""
 
     kind = "events"
     is_essential = True

@@ -1,5 +1,6 @@
 """The tab of robots: which are drawn and how, and the sliders of their joints."""
 
+import asyncio
 import math
 import time
 from collections.abc import Mapping
@@ -59,7 +60,23 @@ def slider_joints(robot: ShownRobot) -> list[Joint]:
 class _Slider:
     joint: Joint
     handle: Any
+    # The last value that came from a drag or from the joint. With any other, a drag has just
+    # changed the handle, and nobody was told yet.
+    known: float
     held_until_s: float = 0.0
+
+    def hold(self, value: float) -> None:
+        """Stay at a value that the user chose, until the joint has had time to go there."""
+        self.known = value
+        self.held_until_s = time.monotonic() + _HELD_S
+
+    def follow(self, position: float) -> None:
+        """Go to where the joint is, unless the user drags."""
+        if self.handle.value != self.known:
+            self.hold(float(self.handle.value))
+        value = round(shown_position(self.joint, position), 3)
+        if time.monotonic() >= self.held_until_s and abs(self.known - value) >= _STEP / 2.0:
+            self.known = self.handle.value = value
 
 
 class JointSliders:
@@ -105,13 +122,17 @@ class JointSliders:
             round(shown_position(joint, joint.zero), 3),
             hint=f"{joint.type}, {lower:.3g} to {upper:.3g} {unit}",
         )
-        slider = _Slider(joint, handle)
+        slider = _Slider(joint, handle, float(handle.value))
         self._sliders.append(slider)
 
-        def on_update(event: Any) -> None:
+        # On viser's own thread, at once: until another one comes to it, the joint may have moved
+        # the slider back.
+        async def on_update(event: Any) -> None:
             # A change by the program has no client.
             if event.client is not None:
-                self._send({slider: float(handle.value)})
+                value = float(handle.value)
+                slider.hold(value)
+                await asyncio.to_thread(self._send, {slider: value})
 
         handle.on_update(on_update)
 
@@ -130,13 +151,11 @@ class JointSliders:
         self._note.show(f'<div class="tf tf-dim">{note}</div>' if note else "")
         if is_still or self._joints is None:
             return
-        positions, now_s = self._joints.positions, time.monotonic()
+        positions = self._joints.positions
         for slider in self._sliders:
             position = positions.get(slider.joint.name)
-            if position is not None and now_s >= slider.held_until_s:
-                value = round(shown_position(slider.joint, position), 3)
-                if abs(slider.handle.value - value) >= _STEP / 2.0:
-                    slider.handle.value = value
+            if position is not None:
+                slider.follow(position)
 
     def _press(self, button: str) -> None:
         if button == "Zero":
@@ -146,13 +165,11 @@ class JointSliders:
         else:
             targets = {slider: uniform(*slider.joint.reach) for slider in self._sliders}
         for slider, value in targets.items():
-            slider.handle.value = round(value, 3)
+            slider.hold(round(value, 3))
+            slider.handle.value = slider.known
         self._send(targets)
 
     def _send(self, targets: Mapping[_Slider, float]) -> None:
-        until_s = time.monotonic() + _HELD_S
-        for slider in targets:
-            slider.held_until_s = until_s
         positions = {slider.joint.name: value for slider, value in targets.items()}
         self._scenes.move(positions)
         if self._joints is not None:

@@ -1,0 +1,215 @@
+"""Controls on the panel: a dropdown of frames, the buttons of the camera, and the settings."""
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Any, Protocol
+
+import viser
+
+from tfbus.errors import SettingsError
+from tfbus.view.model.settings import (
+    RANGES,
+    NameFilter,
+    PatternError,
+    Selections,
+    ViewState,
+    save_settings,
+)
+from tfbus.view.panels.markup import Html
+
+# A longer list is slow in a browser; the filter narrows it.
+MOST = 300
+
+
+class FrameDropdown:
+    """A choice of one frame; the first entry, `nothing`, stands for none.
+
+    `on_choice(name)` is called with the frame that a user has chosen, "" for none.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        nothing: str,
+        on_choice: Callable[[str], object],
+        hint: str | None = None,
+    ) -> None:
+        self._nothing = nothing
+        # The value of viser's handles can be set, which mypy does not see.
+        self._dropdown: Any = gui.add_dropdown(label, (nothing,), hint=hint)
+
+        @self._dropdown.on_update
+        def _(event: Any) -> None:
+            # A change by the program has no client.
+            if event.client is not None:
+                value = self._dropdown.value
+                on_choice("" if value == self._nothing else value)
+
+    @property
+    def order(self) -> float:
+        """Its place in the tab: higher ones are below."""
+        return float(self._dropdown.order)
+
+    def show(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
+        """Offer these frames, with this one chosen; `nothing` renames the first entry."""
+        if nothing is not None:
+            self._nothing = nothing
+        listed = [*names[:MOST]]
+        if chosen and chosen not in listed:
+            listed.insert(0, chosen)
+        options = (self._nothing, *listed)
+        value = chosen or self._nothing
+        if self._dropdown.options != options:
+            self._dropdown.options = options
+        if self._dropdown.value != value:
+            self._dropdown.value = value
+
+
+_NOTE_S = 4.0
+
+
+class MovesCameras(Protocol):
+    """The page, which moves the camera of one browser, by the number of the client."""
+
+    def show_all(self, client: int) -> None:
+        """Let the browser see all that is drawn."""
+
+    def focus(self, client: int) -> str:
+        """Let it see the frame that is selected there; why it cannot, "" if it can."""
+
+
+def add_camera_commands(gui: viser.GuiApi, page: MovesCameras) -> None:
+    """Add buttons and keys that move the camera of the browser in which they are used: H shows all,
+    F the selected frame; a note of 4 s says why it cannot.
+    """
+
+    def on_all(event: Any) -> None:
+        if event.client is not None:
+            page.show_all(event.client.client_id)
+
+    def on_focus(event: Any) -> None:
+        if event.client is None or not (why := page.focus(event.client.client_id)):
+            return
+        event.client.add_notification("Nothing to look at", why, auto_close_seconds=_NOTE_S)
+
+    def on_click(event: Any) -> None:
+        (on_all if buttons.value == _ALL else on_focus)(event)
+
+    buttons = gui.add_button_group(
+        "Look at", (_ALL, _SELECTED), hint="Moves only your camera. Keys: H all, F the selected."
+    )
+    buttons.on_click(on_click)
+    gui.add_command("Look at all frames", hotkey="H").on_trigger(on_all)
+    gui.add_command("Look at the selected frame", hotkey="F").on_trigger(on_focus)
+
+
+_ALL = "All (H)"
+_SELECTED = "Selected (F)"
+
+
+_BOXES = {
+    "axes": "Axes",
+    "names": "Names",
+    "arrows": "Arrows",
+    "grid": "Grid",
+    "dark": "Dark",
+}
+_SLIDERS = {"scale": ("Scale", 0.1), "opacity": ("Opacity", 0.05), "trail_s": ("Trail (s)", 0.5)}
+_PATTERNS = {
+    "only": ("Only", "A regular expression: shows only frames whose names match it."),
+    "never": ("Never", "A regular expression: hides frames whose names match it."),
+}
+
+_READ_ONLY = (
+    '<div class="tf tf-dim">This page is read-only: it moves nothing and saves nothing. What is '
+    "chosen here, all browsers see.</div>"
+)
+
+
+class DisplayPanel:
+    """Controls of the settings; the save button writes them to `path`, and is not there without
+    one.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, view: ViewState, selections: Selections, path: Path | None
+    ) -> None:
+        self._gui = gui
+        self._view = view
+        self._selections = selections
+        self._is_dark: bool | None = None
+        self._controls: dict[str, Any] = {}
+        settings = view.settings
+        for name, label in _BOXES.items():
+            self._bind(name, gui.add_checkbox(label, getattr(settings, name)))
+        for name, (label, step) in _SLIDERS.items():
+            least, most = RANGES[name]
+            self._bind(name, gui.add_slider(label, least, most, step, getattr(settings, name)))
+        self._patterns: dict[str, Any] = {}
+        for name, (label, hint) in _PATTERNS.items():
+            handle = gui.add_text(label, getattr(settings, name), hint=hint)
+            handle.on_update(self._on_pattern(name, handle))
+            self._patterns[name] = handle
+        self._mistake = Html(gui.add_html(""))
+        if path is None:
+            gui.add_html(_READ_ONLY)
+            return
+        save_button = gui.add_button("Save settings", icon=viser.Icon.DEVICE_FLOPPY)
+        save_button.on_click(lambda event: self._save(event, path))
+        self._saved = Html(gui.add_html(""))
+
+    def refresh(self) -> None:
+        """Follow settings that another control has changed."""
+        settings = self._view.settings
+        for name, handle in self._controls.items():
+            if handle.value != getattr(settings, name):
+                handle.value = getattr(settings, name)
+        if settings.dark != self._is_dark:
+            self._is_dark = settings.dark
+            self._gui.configure_theme(
+                dark_mode=settings.dark, show_logo=False, show_share_button=False
+            )
+
+    def _bind(self, name: str, handle: Any) -> None:
+        self._controls[name] = handle
+        handle.on_update(lambda event: self._view.change(**{name: handle.value}))
+
+    def _on_pattern(self, name: str, handle: Any) -> Callable[[Any], None]:
+        def take(event: Any) -> None:
+            try:
+                NameFilter(handle.value)
+            except PatternError:
+                pass  # _mistakes says so, for both fields together
+            else:
+                self._view.change(**{name: handle.value})
+            self._mistake.show(self._mistakes())
+
+        return take
+
+    def _mistakes(self) -> str:
+        found = []
+        for name, handle in self._patterns.items():
+            try:
+                NameFilter(handle.value)
+            except PatternError as error:
+                found.append(
+                    f'<div class="tf tf-alarm" role="alert">{_PATTERNS[name][0]}: '
+                    f"{escape(str(error))}. The previous filter stays in effect.</div>"
+                )
+        return "".join(found)
+
+    def _save(self, event: Any, path: Path) -> None:
+        try:
+            selected = self._selections.of(event.client_id)
+            save_settings(replace(self._view.settings, selected=selected), path)
+        except SettingsError as error:
+            self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
+        else:
+            again = f"tfbus view --settings {shlex.quote(str(path))}"
+            self._saved.show(
+                f'<div class="tf tf-dim">Saved. Open it with <code>{escape(again)}</code></div>'
+            )

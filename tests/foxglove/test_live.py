@@ -21,8 +21,8 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
+from tfbus.foxglove.front import Serving
 from tfbus.foxglove.live import LiveBridge
-from tfbus.foxglove.serving import Serving
 from tfbus.messages import Clock, Pose, Spawn, Twist, Vector3
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec

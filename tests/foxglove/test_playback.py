@@ -14,8 +14,8 @@ from tests.builders import S, moved
 from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
 from tfbus import Fleet, TransformStamped
+from tfbus.foxglove.front import Serving
 from tfbus.foxglove.playback import PlaybackBridge
-from tfbus.foxglove.serving import Serving
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter

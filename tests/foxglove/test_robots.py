@@ -16,8 +16,8 @@ from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
 from tests.simulated_bus import Bus
 from tfbus import Fleet, Node, Robot, ServiceError
+from tfbus.foxglove.front import Serving
 from tfbus.foxglove.live import LiveBridge
-from tfbus.foxglove.serving import Serving
 from tfbus.messages import RobotDescription, RobotMesh
 from tfbus.ros.schema import MessageCodec
 

@@ -13,13 +13,11 @@ pytest.importorskip("websockets", reason="needs websockets: pip install websocke
 
 from tests.buses import DEADLINE_S, eventually
 from tests.foxglove.client import Client
-from tfbus.foxglove.client import Requests
-from tfbus.foxglove.connection import BACKLOG
-from tfbus.foxglove.front import Front
-from tfbus.foxglove.graph import Connections
+from tfbus.foxglove.client import BACKLOG, Requests
+from tfbus.foxglove.front import Front, Serving
+from tfbus.foxglove.nodes import Connections
 from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, PlaybackStatus
 from tfbus.foxglove.server import Channel, Server, Service
-from tfbus.foxglove.serving import Serving
 
 # A client that asks for a WebSocket and then reads nothing.
 UPGRADE = (
@@ -166,8 +164,8 @@ def test_what_waits_for_a_client_is_limited_in_bytes(
     monkeypatch: pytest.MonkeyPatch, server: Server, front: Front, is_told: bool
 ) -> None:
     """Large messages of topics drop the oldest earlier; of others, as files, the client ends."""
-    monkeypatch.setattr("tfbus.foxglove.connection._MOST_SENT", 10_000_000)
-    monkeypatch.setattr("tfbus.foxglove.connection._MOST_TOLD", 10_000_000)
+    monkeypatch.setattr("tfbus.foxglove.client._MOST_SENT", 10_000_000)
+    monkeypatch.setattr("tfbus.foxglove.client._MOST_TOLD", 10_000_000)
     channel = server.open_channel("/topic", "json")
     with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as deaf:
         _subscribe(deaf, channel)

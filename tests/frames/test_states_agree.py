@@ -31,7 +31,7 @@ from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import Report
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.top.rows import frames_table
-from tfbus.view.model.shown_frames import frames_of
+from tfbus.view.model.frames import frames_of
 from tfbus.view.panels import text
 
 S = 1_000_000_000

@@ -9,7 +9,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 
 from tfbus.secure.server_access import made_tls  # noqa: E402 - needs it
-from tfbus.view.access import Access, Answer  # noqa: E402 - needs it
+from tfbus.view.server import Access, Answer  # noqa: E402 - needs it
 
 TLS = made_tls("127.0.0.1")
 

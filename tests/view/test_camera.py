@@ -12,8 +12,8 @@ from tfbus import Transform
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import Region
-from tfbus.view.model.placement import Placed
-from tfbus.view.model.view_state import Selections
+from tfbus.view.model.frames import Placed
+from tfbus.view.model.settings import Selections
 from tfbus.view.panels.markup import unless_it_left
 from tfbus.view.scene.camera import Cameras, around, region_of
 

@@ -4,12 +4,12 @@ import gzip
 
 import pytest
 
-pytest.importorskip("websockets", reason="needs viser: the extra view")
+pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from tfbus.view.origin import connecting_in_frames
+from tfbus.view.server import connecting_in_frames
 
 
 def test_a_page_in_a_frame_takes_itself_for_focused() -> None:

@@ -12,8 +12,8 @@ from tfbus import FrameInfo
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.state import State
+from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import ViewFrame
 from tfbus.view.scene.camera import Window, overview
 from tfbus.view.scene.labels import MOST, readable
 

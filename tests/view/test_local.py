@@ -52,7 +52,7 @@ def step(view: View) -> Callable[[], None]:
     page = view._page
 
     def draw() -> None:
-        from tfbus.view.model.placement import place
+        from tfbus.view.model.frames import place
 
         page.drawn.draw(place(page._buffer, "map", page._buffer.frames(), None))
 

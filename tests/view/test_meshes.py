@@ -19,11 +19,9 @@ from tests.buses import eventually
 from tfbus import InvalidNameError
 from tfbus.testing.network import Network
 from tfbus.view.meshes import child
-from tfbus.view.meshes.creases import with_creases
-from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.loader import FairTurns, MeshLoader, MeshReader, MeshSource, ReadMesh
-from tfbus.view.meshes.mesh import MeshRequest, Part, bounds_of
-from tfbus.view.meshes.read import References, read_mesh
+from tfbus.view.meshes.mesh import MeshError, MeshRequest, Part, bounds_of
+from tfbus.view.meshes.read import References, read_mesh, with_creases
 
 # A corner of a box: a triangle 1 m wide and 2 m high.
 TRIANGLE = b"""solid corner

@@ -13,16 +13,25 @@ from hypothesis import strategies as st
 from tfbus import Buffer, SettingsError, Transform, TransformStamped
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.view.model.placement import arrow_points, arrow_rows, newest_common_ns, place, trail
-from tfbus.view.model.playback import Playback
+from tfbus.view.model.frames import (
+    FADED,
+    Frames,
+    arrow_points,
+    arrow_rows,
+    fading,
+    frames_of,
+    newest_common_ns,
+    place,
+    trail,
+)
 from tfbus.view.model.settings import (
     NameFilter,
     PatternError,
+    Playback,
     ViewSettings,
     load_settings,
     save_settings,
 )
-from tfbus.view.model.shown_frames import FADED, Frames, fading, frames_of
 from tfbus.view.panels import text
 
 S = 1_000_000_000

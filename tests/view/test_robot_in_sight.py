@@ -15,9 +15,8 @@ from tfbus import Buffer, Robot, Transform, TransformStamped
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view.local import _Program
-from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
-from tfbus.view.robot_source import GivenRobots
 from tfbus.view.scene.camera import Cameras
 
 pytestmark = pytest.mark.real

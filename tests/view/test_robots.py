@@ -17,12 +17,10 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.snapshot import frame_tree
 from tfbus.robot.model import JointLimits
-from tfbus.view.model.placement import Placed, place
+from tfbus.view.model.frames import Frames, Placed, frames_of, place
+from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.panels.robots import JointSliders, shown_position, slider_joints, state_of
-from tfbus.view.robot_source import GivenRobots
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
 from tfbus.wire.fleet import Fleet

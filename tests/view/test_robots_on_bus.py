@@ -19,12 +19,11 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.recording.items import TopicItem
 from tfbus.robot.model import Mesh
+from tfbus.view.described_robots import RobotsOnBus
 from tfbus.view.local import _Program
-from tfbus.view.meshes.guard import MeshError
-from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.meshes.mesh import MeshError
+from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
-from tfbus.view.robot_source import GivenRobots
-from tfbus.view.robots_on_bus import RobotsOnBus
 
 
 def urdf(name: str) -> str:
@@ -260,7 +259,7 @@ def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="needs mcap: the extra bag")
     from tests.recordings import at, write
     from tfbus.recording.reader import RecordingReader
-    from tfbus.view.recorded_robots import RecordedRobots
+    from tfbus.view.described_robots import RecordedRobots
     from tfbus.view.replay import Replay
 
     topic = "robot_description"

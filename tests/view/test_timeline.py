@@ -8,9 +8,15 @@ import pytest
 from tests.builders import S
 from tests.view.recordings import END_S, EVENTS, SIM, START_NS, at, described, gone, record
 from tfbus.recording.items import EventItem
-from tfbus.view.model.event_marks import marks_of_events
-from tfbus.view.model.timeline import Mark, Timeline, cut_to, in_order
-from tfbus.view.recorded_marks import known_timeline, whole_timeline
+from tfbus.view.model.timeline import (
+    Mark,
+    Timeline,
+    cut_to,
+    in_order,
+    known_timeline,
+    marks_of_events,
+    whole_timeline,
+)
 
 Told = tuple[str, float, float, str]
 

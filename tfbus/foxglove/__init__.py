@@ -9,14 +9,14 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.foxglove.front import Serving as Serving
     from tfbus.foxglove.live import LiveBridge as LiveBridge
     from tfbus.foxglove.playback import PlaybackBridge as PlaybackBridge
-    from tfbus.foxglove.serving import Serving as Serving
 
 _MODULE_OF = {
     "LiveBridge": "tfbus.foxglove.live",
     "PlaybackBridge": "tfbus.foxglove.playback",
-    "Serving": "tfbus.foxglove.serving",
+    "Serving": "tfbus.foxglove.front",
 }
 
 __all__ = sorted(_MODULE_OF)

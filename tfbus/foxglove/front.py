@@ -6,14 +6,31 @@ import ssl
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from urllib.parse import parse_qs, quote
 
 from tfbus.errors import TfbusError
 from tfbus.foxglove.server import Server
-from tfbus.foxglove.serving import Serving
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.secure.gate import Gate, machine_names
+from tfbus.secure.server_access import AccessToken, ServerTls
+
+
+@dataclass(frozen=True)
+class Serving:
+    """The address to listen at: the first free port from `port` on.
+
+    `origins` are those of further web pages that may connect, such as `http://viewer.lan:8080`.
+    With a `tls` connections are encrypted; with a `token` clients need it, as a query of the URL.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8765
+    origins: tuple[str, ...] = ()
+    tls: ServerTls | None = None
+    token: AccessToken | None = None
+
 
 # A client must have sent its request by then, which is at most this long.
 _PATIENCE_S = 10.0

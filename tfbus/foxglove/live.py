@@ -9,17 +9,13 @@ from tfbus.discover.parameters import set_parameter
 from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import DecodeError, ParameterError
 from tfbus.foxglove.client import Requests
-from tfbus.foxglove.front import Front
-from tfbus.foxglove.graph import Connections, connections
-from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.front import Front, Serving
+from tfbus.foxglove.nodes import Connections, NodeParameters, connections
 from tfbus.foxglove.protocol import Capability, ClientChannel, Parameter
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Server
-from tfbus.foxglove.services import LiveServices
-from tfbus.foxglove.serving import Serving
-from tfbus.foxglove.teleop import Teleop
-from tfbus.foxglove.topics import LiveTopics
-from tfbus.foxglove.transforms import TransformChannels
+from tfbus.foxglove.services import LiveServices, Teleop
+from tfbus.foxglove.topics import LiveTopics, TransformChannels
 from tfbus.listen.listener import TransformListener
 from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.node.node import Node

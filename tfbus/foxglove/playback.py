@@ -10,9 +10,8 @@ from typing import Any
 from tfbus.bag.player import Player
 from tfbus.errors import DecodeError, ParameterError, TfbusError
 from tfbus.foxglove.client import Requests
-from tfbus.foxglove.front import Front
-from tfbus.foxglove.graph import Connections, absolute, connections
-from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.front import Front, Serving
+from tfbus.foxglove.nodes import Connections, NodeParameters, absolute, connections
 from tfbus.foxglove.protocol import (
     Capability,
     Parameter,
@@ -22,9 +21,7 @@ from tfbus.foxglove.protocol import (
 )
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Server
-from tfbus.foxglove.serving import Serving
-from tfbus.foxglove.topics import TopicChannel, is_description
-from tfbus.foxglove.transforms import TransformChannels
+from tfbus.foxglove.topics import TopicChannel, TransformChannels, is_description
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate

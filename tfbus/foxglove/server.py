@@ -12,13 +12,12 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from tfbus.errors import TfbusError
-from tfbus.foxglove.client import Client, Requests
-from tfbus.foxglove.connection import Connection
-from tfbus.foxglove.graph import Connections
+from tfbus.foxglove.client import Client, Connection, Requests
+from tfbus.foxglove.nodes import Connections, graph_update
 from tfbus.foxglove.protocol import (
     SUBPROTOCOL,
     Capability,
@@ -378,35 +377,6 @@ class Server:
 
         if not self._jobs.do(lambda: self.guarded(read)):
             client.tell(no_file(request_id, "too many requests at once; retry later"))
-
-
-def graph_update(former: Connections, now: Connections) -> str:
-    """The changes from one graph to another, as a message."""
-    topics = former.published.keys() | former.subscribed.keys()
-    left = now.published.keys() | now.subscribed.keys()
-    return text(
-        "connectionGraphUpdate",
-        publishedTopics=_changed(former.published, now.published, left, "publisherIds"),
-        subscribedTopics=_changed(former.subscribed, now.subscribed, left, "subscriberIds"),
-        advertisedServices=_changed(former.served, now.served, now.served.keys(), "providerIds"),
-        removedTopics=sorted(topics - left),
-        removedServices=sorted(former.served.keys() - now.served.keys()),
-    )
-
-
-def _changed(
-    former: Mapping[str, Sequence[str]],
-    now: Mapping[str, Sequence[str]],
-    left: Collection[str],
-    ids: str,
-) -> list[dict[str, object]]:
-    """The names whose ends changed; a topic that has lost one kind of ends has none of it."""
-    names = sorted((former.keys() | now.keys()) & set(left))
-    return [
-        {"name": name, ids: list(now.get(name, ()))}
-        for name in names
-        if former.get(name, ()) != now.get(name, ())
-    ]
 
 
 def _described(number: int, service: Service) -> dict[str, object]:

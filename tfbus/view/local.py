@@ -23,11 +23,11 @@ from tfbus.runtime.clock import Clock
 if TYPE_CHECKING:
     from tfbus.frames.recording import Recording
     from tfbus.robot.robot import Robot
-    from tfbus.view.access import Access
+    from tfbus.view.described_robots import RecordedRobots
+    from tfbus.view.model.robots import GivenRobots
     from tfbus.view.page import Page, Serving
-    from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
-    from tfbus.view.robot_source import GivenRobots
+    from tfbus.view.server import Access
 
 _ORANGE = (230, 120, 20)
 _GREY = (90, 90, 100)
@@ -370,7 +370,7 @@ class View:
         While the buffer has none of these frames it stands at the origin, with sliders in the page
         for its joints. A robot of the same name and prefix is replaced.
         """
-        from tfbus.view.model.shown_robot import ShownRobot
+        from tfbus.view.model.robots import ShownRobot
 
         if prefix:
             check_frame_id(prefix, "prefix")
@@ -472,9 +472,9 @@ def show(
     if not 0.0 < rate_hz <= 60.0:
         raise InvalidArgumentException(f"rate_hz must be above 0 and at most 60, got {rate_hz!r}")
     try:
+        from tfbus.view.model.robots import GivenRobots
         from tfbus.view.model.settings import ViewSettings
         from tfbus.view.page import Page, Serving
-        from tfbus.view.robot_source import GivenRobots
     except ImportError as error:
         from tfbus.command import install_command
 
@@ -498,7 +498,7 @@ def show(
 
 def _access(host: str) -> "Access":
     from tfbus.secure.server_access import AccessToken, made_tls
-    from tfbus.view.access import Access
+    from tfbus.view.server import Access
 
     try:
         return Access(AccessToken(), made_tls(host))
@@ -512,8 +512,8 @@ def _access(host: str) -> "Access":
 
 def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:
     from tfbus.recording.reader import RecordingReader
+    from tfbus.view.described_robots import RecordedRobots
     from tfbus.view.page import Page
-    from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
 
     # Its own: the program may close the recording, and a reader is for one thread.

@@ -16,24 +16,19 @@ from tfbus.listen.info import StreamInfo
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log_once import LogOnce
-from tfbus.view.access import Access
 from tfbus.view.guest import Guest, Region
-from tfbus.view.model.placement import Floats, Placed, place, trail
-from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.view_state import Selections, ViewState
-from tfbus.view.origin import Guard
-from tfbus.view.panels.camera import CameraActions
+from tfbus.view.model.frames import Floats, Frames, Placed, frames_of, place, trail
+from tfbus.view.model.robots import GivenRobots, RobotSource
+from tfbus.view.model.settings import Selections, ViewSettings, ViewState
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
-from tfbus.view.robot_source import GivenRobots, RobotSource
+from tfbus.view.scene.axes import SelectedMarks
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
-from tfbus.view.scene.marks import SelectedMarks
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import Scene
-from tfbus.view.server import serve, silent_viser
+from tfbus.view.server import Access, Guard, serve, silent_viser
 from tfbus.wording import printable
 
 
@@ -161,7 +156,7 @@ class Page:
             self._server,
             self.view,
             self._selections,
-            CameraActions(self._show_all, self._focus),
+            self,
             guests,
             lambda: self.is_watched,
             serving.history_s,
@@ -399,8 +394,8 @@ class Page:
         else:
             self._cameras.refit(self._region_of_all())
 
-    def _show_all(self, client: int) -> None:
-        """Show all frames and robots that are drawn, and what a guest shows."""
+    def show_all(self, client: int) -> None:
+        """Let a browser see all that is drawn: frames, robots, and shapes of guests."""
         self._cameras.show(client, self._region_of_all())
 
     def _region_of_all(self) -> Region:
@@ -410,8 +405,8 @@ class Page:
         frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
         return around(frames, region) if region else frames
 
-    def _focus(self, client: int) -> str:
-        """Look at the frame that is selected in this browser; why not, or "" if it does."""
+    def focus(self, client: int) -> str:
+        """Let a browser look at the frame that it has selected; why it cannot, "" if it can."""
         name = self._selections.of(client)
         if not name:
             return "Click on a frame first, in the tree or in the scene."

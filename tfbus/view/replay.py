@@ -15,7 +15,7 @@ from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
-from tfbus.view.recorded_marks import known_timeline, whole_timeline
+from tfbus.view.model.timeline import known_timeline, whole_timeline
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:

@@ -10,12 +10,13 @@ import struct
 import sys
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from typing import IO, Any
 
 import msgpack
 
 from tfbus.runtime.limited_process import limit_this_process
-from tfbus.view.meshes.mesh import MOST_BYTES, MOST_MEMORY
+from tfbus.view.meshes.mesh import MOST_BYTES, MOST_MEMORY, MeshError, MeshRequest
 
 HEADER = struct.Struct(">I")
 
@@ -42,15 +43,13 @@ def receive(pipe: IO[bytes]) -> dict[str, Any] | None:
 
 
 def _answer(values: dict[str, Any]) -> dict[str, Any]:
-    from tfbus.view.meshes.guard import MeshError
-    from tfbus.view.meshes.mesh import MeshRequest
     from tfbus.view.meshes.read import References, read_mesh
 
     request = MeshRequest.from_map(values)
     try:
         folder = None if request.path is None else request.path.parent
         references = References(folder, request.root, request.beside)
-        data = request.data if request.path is None else _content(request)
+        data = request.data if request.path is None else _content(request.path)
         parts = read_mesh(request.kind, data, references, request.texture, request.heeds_up_axis)
     except (MeshError, OSError) as error:
         return {"error": str(error)}
@@ -64,16 +63,12 @@ def _answer(values: dict[str, Any]) -> dict[str, Any]:
     return {"parts": [part.as_map() for part in parts], "refused": references.refused}
 
 
-def _content(request: Any) -> bytes:
-    from tfbus.view.meshes.guard import MeshError
-
-    path = request.path
+def _content(path: Path) -> bytes:
     if not path.is_file():
         raise MeshError("no such file")
     if (size := path.stat().st_size) > MOST_BYTES:
         raise MeshError(f"it has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} are read")
-    content: bytes = path.read_bytes()
-    return content
+    return path.read_bytes()
 
 
 def main() -> None:

@@ -15,8 +15,7 @@ from typing import Any, Generic, TypeVar
 from tfbus.errors import TfbusError
 from tfbus.runtime.limited_process import command_of
 from tfbus.view.meshes.child import receive, send
-from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.mesh import KINDS, LONGEST_S, MOST_BYTES, MeshRequest, Part
+from tfbus.view.meshes.mesh import KINDS, LONGEST_S, MOST_BYTES, MeshError, MeshRequest, Part
 
 T = TypeVar("T")
 

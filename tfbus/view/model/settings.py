@@ -1,7 +1,9 @@
-"""The choices of users, as one frozen value, and as a YAML file."""
+"""The choices of users: settings, also as a YAML file, the selected frames, and the time shown."""
 
 import re
-from dataclasses import asdict, dataclass, fields
+import threading
+from collections.abc import Callable, Collection
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -183,3 +185,88 @@ def _read(name: object, value: Any) -> Any:
 
 
 _KINDS = {bool: "true or false", float: "a number", str: "a string"}
+
+
+@dataclass(frozen=True)
+class Playback:
+    """Shows the latest time while `held_ns` is None, else `ago_s` seconds before `held_ns`."""
+
+    held_ns: int | None = None
+    ago_s: float = 0.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether the latest time is shown."""
+        return self.held_ns is None
+
+    @property
+    def stamp_ns(self) -> int | None:
+        """The time shown; None is the latest of each frame."""
+        return None if self.held_ns is None else self.held_ns - round(self.ago_s * 1e9)
+
+    def pause(self, now_ns: int) -> "Playback":
+        """Hold this time; a time already held stays."""
+        return Playback(now_ns) if self.follows else self
+
+    def scrub(self, now_ns: int, ago_s: float) -> "Playback":
+        """Show the time `ago_s` before the held one; holds `now_ns` if none is held."""
+        return Playback(now_ns if self.held_ns is None else self.held_ns, ago_s)
+
+
+class Selections:
+    """The selected frame of each browser, by the number of its client; safe from any thread.
+
+    A browser starts with the frame that was selected last, so that a reload keeps it.
+    """
+
+    def __init__(self, first: str = "") -> None:
+        self._lock = threading.Lock()
+        self._last = first
+        self._chosen: dict[int, str] = {}
+
+    def of(self, client: int) -> str:
+        """The frame that a browser has selected; "" for none."""
+        with self._lock:
+            return self._chosen.setdefault(client, self._last)
+
+    @property
+    def chosen(self) -> frozenset[str]:
+        """The frames that any browser has selected."""
+        with self._lock:
+            return frozenset(name for name in self._chosen.values() if name)
+
+    def select(self, client: int, frame: str) -> None:
+        """Select a frame in one browser."""
+        with self._lock:
+            self._last = self._chosen[client] = frame
+
+    def keep(self, clients: Collection[int]) -> None:
+        """Forget the browsers that are not among these; note where new ones start."""
+        with self._lock:
+            self._chosen = {client: self._chosen.get(client, self._last) for client in clients}
+
+
+class ViewState:
+    """The settings and the playback; the controls change them, the page reads them."""
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self._lock = threading.Lock()
+        self.settings = settings
+        self.playback = Playback()
+
+    def change(self, **values: Any) -> None:
+        """Set some of the fields of ViewSettings."""
+        with self._lock:
+            self.settings = replace(self.settings, **values)
+
+    def tick(self, field: str, frame: str, is_in: bool) -> None:
+        """Put a frame into a list of frames, `hidden` or `trails`, or take it out."""
+        with self._lock:
+            others = tuple(name for name in getattr(self.settings, field) if name != frame)
+            chosen: dict[str, Any] = {field: (*others, frame) if is_in else others}
+            self.settings = replace(self.settings, **chosen)
+
+    def play(self, step: Callable[[Playback], Playback]) -> None:
+        """Replace the playback by what `step` makes of it."""
+        with self._lock:
+            self.playback = step(self.playback)

@@ -1,10 +1,21 @@
-"""A recording as the page's timeline shows it: its span, how busy it was, what happened when."""
+"""The timeline of a recording: its span, how busy it was, and marks of what happened when.
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+Its events give most marks at once; gaps and how busy it was are in the index of its files.
+"""
 
-from tfbus.wording import listed, printable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus.recording.items import EventItem
+from tfbus.wording import counted, duration, listed, printable
+
+if TYPE_CHECKING:
+    from tfbus.recording.part import Part
+    from tfbus.recording.reader import RecordingReader
 
 MarkKind = Literal["gone", "back", "restart", "conflict", "gap", "paused", "dropped"]
 
@@ -105,3 +116,283 @@ def _joined(one: Mark, other: Mark) -> Mark:
 def cut_to(marks: Sequence[Mark], start_ns: int, end_ns: int) -> tuple[Mark, ...]:
     """The marks that a span has something of."""
     return tuple(mark for mark in marks if mark.start_ns <= end_ns and mark.end_ns >= start_ns)
+
+
+@dataclass
+class _Stream:
+    """A stream as its events described it last; `gone_ns` is since when it is gone."""
+
+    epoch: int
+    publisher: str
+    children: frozenset[str]
+    gone_ns: int | None = None
+
+
+@dataclass
+class _Sweep:
+    """The open events while they pass by."""
+
+    streams: dict[str, _Stream] = field(default_factory=dict)
+    # By frame, the living streams that list it.
+    claims: dict[str, set[str]] = field(default_factory=dict)
+    # By pair of streams: since when, and the frames that both list.
+    conflicts: dict[tuple[str, str], tuple[int, frozenset[str]]] = field(default_factory=dict)
+    paused_ns: int | None = None
+
+
+def marks_of_events(events: Iterable[EventItem], end_ns: int) -> Iterator[Mark]:
+    """The marks of events, which come by their times; what lasts at the end lasts to `end_ns`."""
+    sweep = _Sweep()
+    for event in events:
+        yield from _of_event(sweep, event)
+    yield from _still_open(sweep, end_ns)
+
+
+def _of_event(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
+    at_ns = event.log_ns
+    match event.kind:
+        case "stream":
+            yield from _described(sweep, event)
+        case "stream gone":
+            stream = sweep.streams.get(event.name)
+            if stream is not None and stream.gone_ns is None:
+                stream.gone_ns = at_ns
+                yield from _claim(sweep, event.name, stream.children, frozenset(), at_ns)
+        case "paused":
+            sweep.paused_ns = at_ns if sweep.paused_ns is None else sweep.paused_ns
+        case "resumed" if sweep.paused_ns is not None:
+            yield _paused(sweep.paused_ns, at_ns)
+            sweep.paused_ns = None
+        case "dropped":
+            lost = counted(event.dropped, "message") if event.dropped else "messages"
+            yield Mark("dropped", at_ns, at_ns, f"{lost} not recorded: the recorder was too slow")
+
+
+def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
+    at_ns, name = event.log_ns, event.name
+    now = _Stream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
+    former = sweep.streams.get(name)
+    if former is not None:
+        restarted = bool(former.epoch and now.epoch > former.epoch)
+        if former.gone_ns is not None:
+            yield _gone(name, former, former.gone_ns, at_ns)
+            ago = duration((at_ns - former.gone_ns) / 1e9)
+            how = ", restarted" if restarted else ""
+            yield Mark("back", at_ns, at_ns, f"back after {ago}{how}", (name,))
+        elif restarted:
+            yield Mark("restart", at_ns, at_ns, "restarted", (name,), now.publisher)
+    sweep.streams[name] = now
+    listed_before = former.children if former else frozenset()
+    yield from _claim(sweep, name, listed_before, now.children, at_ns)
+
+
+def _claim(
+    sweep: _Sweep, name: str, former: frozenset[str], children: frozenset[str], at_ns: int
+) -> Iterator[Mark]:
+    """The stream lists these frames from now on in the place of the former, none if it is gone.
+
+    Yields the conflicts that end with that.
+    """
+    for child in former:
+        sweep.claims.get(child, set()).discard(name)
+    shared: dict[str, set[str]] = {}
+    for child in children:
+        names = sweep.claims.setdefault(child, set())
+        for other in names:
+            shared.setdefault(other, set()).add(child)
+        names.add(name)
+    open_now = {_pair(name, other): frozenset(frames) for other, frames in shared.items()}
+    for pair in [pair for pair in sweep.conflicts if name in pair]:
+        since_ns, frames = sweep.conflicts[pair]
+        if open_now.get(pair) != frames:
+            del sweep.conflicts[pair]
+            yield _conflict(pair, frames, since_ns, at_ns)
+    for pair, frames in open_now.items():
+        sweep.conflicts.setdefault(pair, (at_ns, frames))
+
+
+def _still_open(sweep: _Sweep, end_ns: int) -> Iterator[Mark]:
+    for name, stream in sweep.streams.items():
+        if stream.gone_ns is not None:
+            yield _gone(name, stream, stream.gone_ns, end_ns)
+    for pair, (since_ns, frames) in sweep.conflicts.items():
+        yield _conflict(pair, frames, since_ns, end_ns)
+    if sweep.paused_ns is not None:
+        yield _paused(sweep.paused_ns, end_ns)
+
+
+def _gone(name: str, stream: _Stream, since_ns: int, until_ns: int) -> Mark:
+    return Mark("gone", since_ns, until_ns, "gone", (name,), stream.publisher)
+
+
+def _conflict(pair: tuple[str, str], frames: frozenset[str], since_ns: int, until_ns: int) -> Mark:
+    what = listed([_quoted(frame) for frame in sorted(frames)], most=_MOST_NAMED)
+    text = f"{what} published by {_quoted(pair[0])} and {_quoted(pair[1])}"
+    return Mark("conflict", since_ns, until_ns, text)
+
+
+def _paused(since_ns: int, until_ns: int) -> Mark:
+    text = f"recording paused for {duration((until_ns - since_ns) / 1e9)}"
+    return Mark("paused", since_ns, until_ns, text)
+
+
+def _pair(one: str, other: str) -> tuple[str, str]:
+    return (one, other) if one < other else (other, one)
+
+
+def _quoted(name: str) -> str:
+    return f"'{printable(name)}'"
+
+
+# Facts come from a file: nothing of them is as it should be until it was looked at.
+
+
+def _epoch(facts: Mapping[str, Any]) -> int:
+    epoch = facts.get("epoch")
+    return epoch if isinstance(epoch, int) else 0
+
+
+def _publisher(facts: Mapping[str, Any]) -> str:
+    node, host, pid = (facts.get(name) for name in ("node", "host", "pid"))
+    if not node:
+        return ""
+    return f": {printable(str(node))} on {printable(str(host or '?'))}, pid {printable(str(pid))}"
+
+
+def _children(facts: Mapping[str, Any]) -> frozenset[str]:
+    rows = facts.get("frames")
+    if not isinstance(rows, list | tuple):
+        return frozenset()
+    return frozenset(
+        row[1]
+        for row in rows
+        if isinstance(row, list | tuple) and len(row) > 1 and isinstance(row[1], str)
+    )
+
+
+_BARS = 240
+
+# A stream is silent after as long as a frame is stale: 1 s, and three of its periods. Those vary:
+# the period is the one that 19 of 20 keep to.
+_STALE_S = 1.0
+_STALE_PERIODS = 3.0
+_USUAL = 0.95
+
+# No shorter pause can decide.
+_NOTED_NS = int(1e9 * _STALE_S / _STALE_PERIODS)
+
+_MOST_NOTED = 100_000
+
+
+def known_timeline(reader: "RecordingReader", start_ns: int, end_ns: int) -> Timeline:
+    """The span, with the marks of the events."""
+    marks = marks_of_events(reader.events, reader.end_ns)
+    return Timeline(start_ns, end_ns, cut_to(in_order(marks), start_ns, end_ns))
+
+
+def whole_timeline(
+    reader: "RecordingReader", known: Timeline, is_ended: Callable[[], bool]
+) -> Timeline | None:
+    """The same with the silence of streams, their restarts if there are no events of them, and how
+    busy the recording was: from the index of the file. None if `is_ended` before.
+
+    Raises DecodeError if the file is damaged.
+    """
+    busy = _Activity(known.start_ns, known.end_ns)
+    times: dict[str, _Times] = {}
+    described = {event.name for event in reader.events if event.kind == "stream"}
+    restarts: dict[tuple[str, int], int] = {}
+    for part in reader.parts:
+        for found in _times_of(part):
+            if is_ended():
+                return None
+            name, epoch_ns, log_ns = found
+            busy.add(log_ns)
+            times.setdefault(name, _Times()).add(log_ns)
+            if name not in described:
+                key = (name, epoch_ns)
+                restarts[key] = min(restarts.get(key, 2**63), int(log_ns[0]))
+    end_ns = reader.end_ns
+    marks = [*known.marks, *_restarted(restarts)]
+    for name, stream in times.items():
+        marks += _silences(name, stream, end_ns, known.marks)
+    shown = cut_to(in_order(marks), known.start_ns, known.end_ns)
+    return replace(known, marks=shown, activity=tuple(busy.counts.tolist()))
+
+
+def _times_of(part: "Part") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
+    """Stream, epoch and log times of the dynamic transforms in each chunk."""
+    for chunk in part.file.chunks:
+        for number, log_ns in part.file.log_times(chunk).items():
+            channel = part.stream_channels.get(number)
+            if channel is not None and not channel.is_static and log_ns:
+                stream = channel.stream
+                yield stream.name, stream.epoch_ns, np.sort(np.array(log_ns, np.int64))
+
+
+@dataclass
+class _Times:
+    """How the messages of a stream came: the pauses that may be silence, (start, end)."""
+
+    count: int = 0
+    last_ns: int | None = None
+    pauses: list[tuple[int, int]] = field(default_factory=list)
+
+    def add(self, log_ns: NDArray[np.int64]) -> None:
+        """Take log times, in order and after those before."""
+        if self.last_ns is not None:
+            log_ns = np.concatenate(([self.last_ns], log_ns))
+        noted = np.flatnonzero(np.diff(log_ns) > _NOTED_NS)
+        if len(self.pauses) < _MOST_NOTED:
+            self.pauses += zip(log_ns[noted].tolist(), log_ns[noted + 1].tolist(), strict=True)
+        self.count += len(log_ns)
+        self.last_ns = int(log_ns.max())
+
+    def longest_usual_s(self) -> float:
+        """The longest pause between messages that is no silence."""
+        lengths = sorted((end - start) / 1e9 for start, end in self.pauses)
+        unusual = round((1.0 - _USUAL) * self.count)
+        if len(lengths) <= unusual:
+            return _STALE_S
+        return max(_STALE_S, _STALE_PERIODS * lengths[-1 - unusual])
+
+
+class _Activity:
+    """How many messages came in each part of a span."""
+
+    def __init__(self, start_ns: int, end_ns: int) -> None:
+        self.counts = np.zeros(_BARS, np.int64)
+        self._start_ns = start_ns
+        self._span_ns = max(end_ns - start_ns, 1)
+
+    def add(self, log_ns: NDArray[np.int64]) -> None:
+        """Count these."""
+        bars = ((log_ns - self._start_ns) / self._span_ns * _BARS).astype(np.int64)
+        inside = bars[(bars >= 0) & (bars <= _BARS)]
+        self.counts += np.bincount(np.minimum(inside, _BARS - 1), minlength=_BARS)
+
+
+def _silences(name: str, stream: _Times, end_ns: int, marks: Iterable[Mark]) -> Iterator[Mark]:
+    usual_s = stream.longest_usual_s()
+    pauses = list(stream.pauses)
+    if stream.last_ns is not None:
+        pauses.append((stream.last_ns, end_ns))
+    # What is gone, or was not recorded, is marked as that.
+    known = [mark for mark in marks if mark.kind == "paused" or mark.is_gone(name)]
+    for start_ns, stop_ns in pauses:
+        length_s = (stop_ns - start_ns) / 1e9
+        if length_s <= usual_s:
+            continue
+        if any(mark.start_ns <= stop_ns and mark.end_ns >= start_ns for mark in known):
+            continue
+        yield Mark("gap", start_ns, stop_ns, f"silent for {duration(length_s)}", (name,))
+
+
+def _restarted(first_ns: dict[tuple[str, int], int]) -> Iterator[Mark]:
+    """The later epochs of streams, by when their first messages came."""
+    former = ""
+    for name, epoch_ns in sorted(first_ns):
+        if name == former:
+            at_ns = first_ns[name, epoch_ns]
+            yield Mark("restart", at_ns, at_ns, "restarted", (name,))
+        former = name

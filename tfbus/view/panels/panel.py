@@ -10,14 +10,15 @@ import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.view.guest import Guest
-from tfbus.view.model.placement import Placed, newest_common_ns
-from tfbus.view.model.playback import Playback
-from tfbus.view.model.shown_frames import Frames
-from tfbus.view.model.view_state import Selections, ViewState
+from tfbus.view.model.frames import Frames, Placed, newest_common_ns
+from tfbus.view.model.settings import Playback, Selections, ViewState
 from tfbus.view.panels import text
-from tfbus.view.panels.camera import CameraActions, add_camera_commands
-from tfbus.view.panels.display import DisplayPanel
-from tfbus.view.panels.frame_dropdown import FrameDropdown
+from tfbus.view.panels.controls import (
+    DisplayPanel,
+    FrameDropdown,
+    MovesCameras,
+    add_camera_commands,
+)
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
@@ -121,7 +122,7 @@ class Panel:
         server: viser.ViserServer,
         view: ViewState,
         selections: Selections,
-        camera: CameraActions,
+        camera: MovesCameras,
         guests: Sequence[Guest],
         is_watched: Callable[[], bool],
         history_s: float,

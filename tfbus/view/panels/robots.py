@@ -12,13 +12,11 @@ from typing import Any
 import viser
 
 from tfbus.robot.model import Joint
-from tfbus.view.model.settings import RANGES, SHAPES
-from tfbus.view.model.shown_frames import Frames
-from tfbus.view.model.shown_robot import ShownRobot
-from tfbus.view.model.view_state import ViewState
-from tfbus.view.panels.frame_dropdown import FrameDropdown
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.robots import Joints, ShownRobot
+from tfbus.view.model.settings import RANGES, SHAPES, ViewState
+from tfbus.view.panels.controls import FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, event, sign
-from tfbus.view.robot_source import Joints
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.wording import counted, listed, printable
 

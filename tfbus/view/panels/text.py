@@ -9,8 +9,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
 from tfbus.frames.echo_formats import Numbers, tf2_block
 from tfbus.geometry.transform import TransformStamped
-from tfbus.view.model.playback import Playback
-from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
+from tfbus.view.model.frames import FAULTS, Frames, ViewFrame
+from tfbus.view.model.settings import Playback
 from tfbus.view.panels.markup import sign
 from tfbus.wording import and_more, counted, duration, listed, printable, stamp_text
 

@@ -7,12 +7,10 @@ from html import escape
 import viser
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.view.model.placement import Placed
-from tfbus.view.model.settings import NameFilter, ViewSettings
-from tfbus.view.model.shown_frames import Frames, ViewFrame
-from tfbus.view.model.view_state import Selections, ViewState
+from tfbus.view.model.frames import Frames, Placed, ViewFrame
+from tfbus.view.model.settings import NameFilter, Selections, ViewSettings, ViewState
 from tfbus.view.panels import text
-from tfbus.view.panels.frame_dropdown import FrameDropdown
+from tfbus.view.panels.controls import FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, event, sign, unless_it_left
 from tfbus.wording import and_more
 

@@ -1,6 +1,7 @@
-"""The axes of many frames as few objects: one for all opaque frames, three for the fading ones.
+"""Axes and marks at the origins of many frames, as few objects.
 
-viser's batched axes have no opacity.
+Axes are one object for all opaque frames, and three for the fading ones: viser's batched axes have
+no opacity.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,9 +9,44 @@ from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
-from tfbus.view.model.placement import Floats
-from tfbus.view.scene.shapes import arm
+from tfbus.view.model.frames import FAULTS, Floats, Frames, Placed
+from tfbus.view.model.settings import Selections
+
+Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
+
+
+def arm(axis: int, length_m: float, radius_m: float) -> Mesh:
+    """A thin box from the origin along x (0), y (1) or z (2)."""
+    low, high = np.full(3, -radius_m), np.full(3, radius_m)
+    low[axis], high[axis] = 0.0, length_m
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    return (low + corners * (high - low)).astype(np.float32), _BOX
+
+
+def octahedron(radius_m: float) -> Mesh:
+    """An octahedron around the origin."""
+    points = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
+    corners = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
+    faces = [_outward(points, face) for face in corners]
+    return (points * radius_m).astype(np.float32), np.array(faces, np.uint32)
+
+
+def _outward(points: NDArray[np.int64], face: tuple[int, int, int]) -> tuple[int, int, int]:
+    """The face with its corners counter-clockwise as seen from outside."""
+    a, b, c = points[list(face)]
+    return face if np.dot(np.cross(b - a, c - a), a + b + c) > 0 else (face[0], face[2], face[1])
+
+
+_BOX = np.array(
+    [
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+    ],
+    np.uint32,
+)  # fmt: skip
+
 
 # The radius of an axis, in parts of its length.
 _RADIUS = 0.035
@@ -83,3 +119,45 @@ def place(handle: Any, xyz: Floats, quat_wxyz: Floats, size: float) -> None:
         handle.batched_wxyzs = quat_wxyz.astype(np.float32)
     if handle.visible != bool(len(xyz)):
         handle.visible = bool(len(xyz))
+
+
+# The radius of a mark, in parts of an axis.
+_MARK = 0.14
+
+_SELECTED = (255, 150, 0)
+
+
+def add_marks(scene: viser.SceneApi, path: str) -> Any:
+    """A batch of marks, hidden at first."""
+    return scene.add_batched_meshes_simple(
+        path,
+        *octahedron(_MARK),
+        NO_QUATERNIONS,
+        NO_POSITIONS,
+        batched_scales=np.ones(1),
+        batched_colors=_SELECTED,
+        cast_shadow=False,
+        receive_shadow=False,
+        visible=False,
+    )
+
+
+class SelectedMarks:
+    """Marks in each browser the frame that it has selected, unless its state has a mark."""
+
+    def __init__(self, server: viser.ViserServer, selections: Selections) -> None:
+        self._server = server
+        self._selections = selections
+        self._marks: dict[int, Any] = {}
+
+    def draw(self, frames: Frames, placed: Placed, size: float) -> None:
+        """Move the marks to where the selected frames are."""
+        marks = {}
+        for number, client in self._server.get_clients().items():
+            mark = self._marks.get(number) or add_marks(client.scene, "/selected")
+            marks[number] = mark
+            name = self._selections.of(number)
+            is_marked = name in placed.index and frames[name].state not in FAULTS
+            rows = np.array([placed.index[name]] if is_marked else [], np.intp)
+            place(mark, placed.xyz[rows], NO_QUATERNIONS[: len(rows)], size)
+        self._marks = marks

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform
-from tfbus.view.model.placement import Floats, Placed
+from tfbus.view.model.frames import Floats, Placed
 
 Color = tuple[int, int, int]
 

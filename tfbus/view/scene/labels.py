@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.view.model.placement import Floats, Placed
-from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import FAULTS, ViewFrame
-from tfbus.view.model.view_state import Selections
+from tfbus.view.model.frames import FAULTS, Floats, Placed, ViewFrame
+from tfbus.view.model.settings import Selections, ViewSettings
 from tfbus.view.scene.camera import Window
 from tfbus.wording import listed
 

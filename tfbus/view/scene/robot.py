@@ -10,8 +10,8 @@ import viser
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
 from tfbus.view.meshes.mesh import Color, Part, bounds_of
-from tfbus.view.model.placement import Floats, Placed
-from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.model.frames import Floats, Placed
+from tfbus.view.model.robots import ShownRobot
 
 # For shapes without a colour, and for those that collide.
 _GREY = (180, 182, 186)

@@ -9,11 +9,9 @@ import viser
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.view.meshes.loader import MeshLoader
-from tfbus.view.model.placement import Floats, Placed
+from tfbus.view.model.frames import Floats, Frames, Placed
+from tfbus.view.model.robots import RobotSource, ShownRobot
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import Frames
-from tfbus.view.model.shown_robot import ShownRobot
-from tfbus.view.robot_source import RobotSource
 from tfbus.view.scene.robot import Look, RobotScene, Shown, all_mistakes
 from tfbus.wording import printable
 

@@ -1,17 +1,100 @@
-"""Parameters of all nodes as Foxglove's Parameters panel shows and sets them."""
+"""The nodes as Foxglove's panels show them: the graph of topics and services, and parameters."""
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as LateError
+from dataclasses import dataclass, field
 from typing import Any
 
+from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
-from tfbus.foxglove.protocol import Parameter
+from tfbus.foxglove.protocol import Parameter, text
 from tfbus.runtime.workers import Workers
-from tfbus.wire.descriptions import NodeDescription, ParameterDescription
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wording import printable
+
+Ends = Mapping[str, Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Connections:
+    """The full names of the nodes at the ends of topics and services."""
+
+    published: Ends = field(default_factory=dict)
+    subscribed: Ends = field(default_factory=dict)
+    served: Ends = field(default_factory=dict)
+
+
+def connections(
+    nodes: Collection[NodeDescription], streams: Iterable[StreamDescription]
+) -> Connections:
+    """The graph of these nodes and streams, with the names of Foxglove's topics.
+
+    All streams are on /tf and /tf_static, and every node with a buffer listens to both.
+    """
+    published: dict[str, set[str]] = {}
+    subscribed: dict[str, set[str]] = {}
+    for stream in streams:
+        for static in {static for _, _, static in stream.frames}:
+            topic = "/tf_static" if static else "/tf"
+            published.setdefault(topic, set()).add(printable(stream.node))
+    for node in nodes:
+        if node.buffers:
+            for topic in ("/tf", "/tf_static"):
+                subscribed.setdefault(topic, set()).add(node.name)
+    graph = graph_of(nodes, {})
+    for name, info in graph.topics.items():
+        if info.publishers:
+            published[absolute(name)] = {end.node for end in info.publishers}
+        if info.subscribers:
+            subscribed[absolute(name)] = {end.node for end in info.subscribers}
+    served = {
+        absolute(name): {end.node for end in info.servers}
+        for name, info in graph.services.items()
+        if info.servers
+    }
+    return Connections(_sorted(published), _sorted(subscribed), _sorted(served))
+
+
+def graph_update(former: Connections, now: Connections) -> str:
+    """The changes from one graph to another, as a message."""
+    topics = former.published.keys() | former.subscribed.keys()
+    left = now.published.keys() | now.subscribed.keys()
+    return text(
+        "connectionGraphUpdate",
+        publishedTopics=_changed(former.published, now.published, left, "publisherIds"),
+        subscribedTopics=_changed(former.subscribed, now.subscribed, left, "subscriberIds"),
+        advertisedServices=_changed(former.served, now.served, now.served.keys(), "providerIds"),
+        removedTopics=sorted(topics - left),
+        removedServices=sorted(former.served.keys() - now.served.keys()),
+    )
+
+
+def _changed(
+    former: Mapping[str, Sequence[str]],
+    now: Mapping[str, Sequence[str]],
+    left: Collection[str],
+    ids: str,
+) -> list[dict[str, object]]:
+    """The names whose ends changed; a topic that has lost one kind of ends has none of it."""
+    names = sorted((former.keys() | now.keys()) & set(left))
+    return [
+        {"name": name, ids: list(now.get(name, ()))}
+        for name in names
+        if former.get(name, ()) != now.get(name, ())
+    ]
+
+
+def absolute(name: str) -> str:
+    """The name of a topic or service as ROS, Foxglove and recordings have it: `/turtle1/pose`."""
+    return f"/{name.lstrip('/')}"
+
+
+def _sorted(ends: Mapping[str, set[str]]) -> Ends:
+    return {name: sorted(nodes) for name, nodes in sorted(ends.items())}
+
 
 # A client gets its answer by then: a later one is published.
 _WAIT_S = 0.2

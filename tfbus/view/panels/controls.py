@@ -1,18 +1,115 @@
-"""How frames are drawn, which of them, and where these choices are saved."""
+"""Controls on the panel: a dropdown of frames, the buttons of the camera, and the settings."""
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import viser
 
 from tfbus.errors import SettingsError
-from tfbus.view.model.settings import RANGES, NameFilter, PatternError, save_settings
-from tfbus.view.model.view_state import Selections, ViewState
+from tfbus.view.model.settings import (
+    RANGES,
+    NameFilter,
+    PatternError,
+    Selections,
+    ViewState,
+    save_settings,
+)
 from tfbus.view.panels.markup import Html
+
+# A longer list is slow in a browser; the filter narrows it.
+MOST = 300
+
+
+class FrameDropdown:
+    """A choice of one frame; the first entry, `nothing`, stands for none.
+
+    `on_choice(name)` is called with the frame that a user has chosen, "" for none.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        nothing: str,
+        on_choice: Callable[[str], object],
+        hint: str | None = None,
+    ) -> None:
+        self._nothing = nothing
+        # The value of viser's handles can be set, which mypy does not see.
+        self._dropdown: Any = gui.add_dropdown(label, (nothing,), hint=hint)
+
+        @self._dropdown.on_update
+        def _(event: Any) -> None:
+            # A change by the program has no client.
+            if event.client is not None:
+                value = self._dropdown.value
+                on_choice("" if value == self._nothing else value)
+
+    @property
+    def order(self) -> float:
+        """Its place in the tab: higher ones are below."""
+        return float(self._dropdown.order)
+
+    def show(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
+        """Offer these frames, with this one chosen; `nothing` renames the first entry."""
+        if nothing is not None:
+            self._nothing = nothing
+        listed = [*names[:MOST]]
+        if chosen and chosen not in listed:
+            listed.insert(0, chosen)
+        options = (self._nothing, *listed)
+        value = chosen or self._nothing
+        if self._dropdown.options != options:
+            self._dropdown.options = options
+        if self._dropdown.value != value:
+            self._dropdown.value = value
+
+
+_NOTE_S = 4.0
+
+
+class MovesCameras(Protocol):
+    """The page, which moves the camera of one browser, by the number of the client."""
+
+    def show_all(self, client: int) -> None:
+        """Let the browser see all that is drawn."""
+
+    def focus(self, client: int) -> str:
+        """Let it see the frame that is selected there; why it cannot, "" if it can."""
+
+
+def add_camera_commands(gui: viser.GuiApi, page: MovesCameras) -> None:
+    """Add buttons and keys that move the camera of the browser in which they are used: H shows all,
+    F the selected frame; a note of 4 s says why it cannot.
+    """
+
+    def on_all(event: Any) -> None:
+        if event.client is not None:
+            page.show_all(event.client.client_id)
+
+    def on_focus(event: Any) -> None:
+        if event.client is None or not (why := page.focus(event.client.client_id)):
+            return
+        event.client.add_notification("Nothing to look at", why, auto_close_seconds=_NOTE_S)
+
+    def on_click(event: Any) -> None:
+        (on_all if buttons.value == _ALL else on_focus)(event)
+
+    buttons = gui.add_button_group(
+        "Look at", (_ALL, _SELECTED), hint="Moves only your camera. Keys: H all, F the selected."
+    )
+    buttons.on_click(on_click)
+    gui.add_command("Look at all frames", hotkey="H").on_trigger(on_all)
+    gui.add_command("Look at the selected frame", hotkey="F").on_trigger(on_focus)
+
+
+_ALL = "All (H)"
+_SELECTED = "Selected (F)"
+
 
 _BOXES = {
     "axes": "Axes",

@@ -71,8 +71,11 @@ class Laws:
 
     @property
     def _patience(self) -> float:
-        """By how much all takes longer where tasks get no processor for a while."""
-        return 1.0 + 200.0 * self._run.plan.stalls
+        """By how much all takes longer where tasks get no processor for a while: most where one
+        thread of a listener takes a hundred steps for each of many streams that are back at once.
+        """
+        plan = self._run.plan
+        return 1.0 + plan.stalls * (200.0 + 2.0 * len(plan.publishers))
 
     # What the laws need to know
 

@@ -232,7 +232,9 @@ class Laws:
         """What a listener keeps stays within its bounds, and of streams that are gone ends."""
         now_s, gone_for_s = self._run.now_s, {}
         for slot, state in states.items():
-            self._note(self._gone_s, (id(part), slot), not state.alive)
+            # One whose token is back is asked for until it describes itself.
+            is_gone = not (state.alive or part.listener._watch.has_token(state.key))
+            self._note(self._gone_s, (id(part), slot), is_gone)
             gone_for_s[slot] = now_s - self._gone_s.get((id(part), slot), now_s)
         if extra := part.listener._registry._streams.keys() - self._run.plan.publishers.keys():
             self._suspect(f"{part.name}: it keeps streams {sorted(extra)}")

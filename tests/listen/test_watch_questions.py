@@ -12,6 +12,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.listen import watch
 from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import replace
 from tfbus.wire.codec import encode_message
@@ -38,6 +39,7 @@ class Questions:
         self.token: Callable[[str, bool], None]
         self.describe: Callable[..., None]
         self.settings = NodeSettings("listener")
+        monkeypatch.setattr(scheduler, "monotonic", lambda: self.now_s)
         monkeypatch.setattr(watch, "ask_for_description", self.ask)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(
@@ -69,6 +71,11 @@ class Questions:
             self.now_s, _, job = heapq.heappop(self._due)
             job()
         self.now_s = end_s
+
+    def run_late(self, end_s: float) -> None:
+        """Let the time go by until then, while the thread does nothing."""
+        self.now_s = end_s
+        self._due = [(max(due_s, end_s), order, job) for due_s, order, job in self._due]
 
     def is_alive(self) -> bool:
         return self.watch.streams()["sim"].alive
@@ -141,6 +148,23 @@ def test_a_description_that_comes_after_the_token_is_gone_brings_nothing_back(
     questions.describe(KEY, encode_message(description(8)))
     questions.run(0.0)
     assert (questions.is_alive(), questions.epoch_ns()) == (False, 8)
+
+
+def test_a_description_from_before_the_token_was_back_is_not_the_new_process(
+    questions: Questions,
+) -> None:
+    """Where the thread is late it is read after the tokens, and another process may be there."""
+    for number in range(3):
+        questions.describe(f"@tfbus/stream/s{number}", encode_message(description(1)))
+    questions.describe(KEY, encode_message(description(8)))
+    questions.run_late(1.0)
+    questions.token(KEY, False)
+    questions.token(KEY, True)
+    questions.run(1.5)
+    assert (questions.is_alive(), questions.epoch_ns()) == (False, 7)
+    questions.describe(KEY, encode_message(description(9)))
+    questions.run(1.5)
+    assert (questions.is_alive(), questions.epoch_ns()) == (True, 9)
 
 
 @pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])

@@ -46,7 +46,7 @@ def _check_nothing(recovery: StaticRecovery, key: str, stream: object) -> None:
     """A static transform that has not come is not queried."""
 
 
-def _alive_at_once(watch: StreamWatch, key: str, alive: bool) -> None:
+def _alive_at_once(watch: StreamWatch, key: str, alive: bool, came_s: float) -> None:
     """A token that is back is taken for the process of before, with its description."""
     former = watch._state(key)
     watch._set(replace(former, alive=alive, displaced="", held=False))

@@ -71,8 +71,11 @@ class Laws:
 
     @property
     def _patience(self) -> float:
-        """By how much all takes longer where tasks get no processor for a while."""
-        return 1.0 + 200.0 * self._run.plan.stalls
+        """By how much all takes longer where tasks get no processor for a while: most where one
+        thread of a listener takes a hundred steps for each of many streams that are back at once.
+        """
+        plan = self._run.plan
+        return 1.0 + plan.stalls * (200.0 + 2.0 * len(plan.publishers))
 
     # What the laws need to know
 
@@ -229,7 +232,9 @@ class Laws:
         """What a listener keeps stays within its bounds, and of streams that are gone ends."""
         now_s, gone_for_s = self._run.now_s, {}
         for slot, state in states.items():
-            self._note(self._gone_s, (id(part), slot), not state.alive)
+            # One whose token is back is asked for until it describes itself.
+            is_gone = not (state.alive or part.listener._watch.has_token(state.key))
+            self._note(self._gone_s, (id(part), slot), is_gone)
             gone_for_s[slot] = now_s - self._gone_s.get((id(part), slot), now_s)
         if extra := part.listener._registry._streams.keys() - self._run.plan.publishers.keys():
             self._suspect(f"{part.name}: it keeps streams {sorted(extra)}")

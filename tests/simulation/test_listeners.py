@@ -128,3 +128,39 @@ def test_the_first_of_two_publishers_counts_again_after_a_clock_was_set_back(
     died_ns = network.host("h1").time_ns()
     network.run(until=lambda: x() == 1.0)
     network.run(until=lambda: (buffer.frame("robot").newest_ns or 0) > died_ns)
+
+
+def test_static_transforms_of_the_survivor_of_two_do_not_hold_it_back(network: Network) -> None:
+    """It sends them all the time: they count, and say nothing of the publisher that was later."""
+
+    def publish(x: float) -> None:
+        node = tfbus.Node("sim")
+        here = tfbus.Transform((x, 0.0, 0.0))
+        dynamic = tfbus.TransformBroadcaster(node)
+        static = tfbus.StaticTransformBroadcaster(node)
+
+        def send() -> None:
+            stamp_ns = node.now_ns()
+            dynamic.send_transform(tfbus.TransformStamped(stamp_ns, "world", "robot", here))
+            if x == 1.0:
+                static.send_transform(tfbus.TransformStamped(stamp_ns, "world", "mount", here))
+
+        node.create_timer(0.5, send)
+        node.spin()
+
+    with network.process(network.host("h3"), "listener"):
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        if not buffer.can_transform("world", "robot"):
+            return 0.0
+        return buffer.lookup_transform("world", "robot").transform.x
+
+    network.start(network.host("h1"), "sim", publish, 1.0)
+    network.run(until=lambda: x() == 1.0)
+    network.start(network.host("h2"), "sim", publish, 2.0)
+    network.run(until=lambda: x() == 2.0)
+    network.run(5.0)
+    network.power_off("h2")
+    network.run(until=lambda: x() == 1.0)

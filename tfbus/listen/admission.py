@@ -46,7 +46,8 @@ class Admission:
         with facts.lock:
             was_gone = epochs.was_gone
             if live:
-                verdict = epochs.judge_live(epoch_ns, facts.counts.messages, self._now_s())
+                of_present = facts.counts.messages - facts.static_set.of_others
+                verdict = epochs.judge_live(epoch_ns, of_present, self._now_s())
             else:
                 verdict = epochs.judge(epoch_ns)
             is_back = was_gone and not epochs.was_gone

@@ -134,7 +134,7 @@ class Epochs:
         """Judge a message that was sent just now, not kept or retained: such messages show that
         their publisher is alive, so an outdated epoch counts again if only they still come.
 
-        `counted` messages of the stream have counted so far; `now_s` is a clock that never goes
+        `counted` messages of present epochs have come so far; `now_s` is a clock that never goes
         back.
         """
         verdict = self.judge(epoch_ns)

@@ -11,13 +11,14 @@ _OVERHEAD_BYTES = 500
 
 
 class Received(NamedTuple):
-    """A description: the key that it came at, its bytes, and the session it is from, "" for one
-    that does not say.
+    """A description: the key that it came at, its bytes, the session it is from, "" for one
+    that does not say, and when it came by a clock that never goes back.
     """
 
     key: str
     payload: bytes
     sender: str
+    came_s: float = 0.0
 
 
 class FairQueue:

@@ -382,6 +382,7 @@ class StaticReception:
             return
         with facts.lock:
             facts.counts.add(len(message.rows), len(payload), heard_ns)
+            self._set.of_others += epoch_ns != facts.epochs.present_ns
             removed = self._set.replace(message, is_current=not facts.epochs.gone)
         if facts.epochs.gone:
             around.on_message_while_gone(facts.name)

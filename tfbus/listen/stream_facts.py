@@ -69,6 +69,9 @@ class StaticSet:
         self.epoch_ns: int | None = None
         # The frames that the stream lists as static.
         self.listed: frozenset[str] = frozenset()
+        # How many sets have come of an epoch that does not count: of another process, or of this
+        # one before its clock went back.
+        self.of_others = 0
         self._seq: int | None = None
         # False where the set may have changed since it last came.
         self._is_current = True

@@ -15,6 +15,7 @@ from tfbus.listen.info import StreamState
 from tfbus.listen.retained_queries import ask_for_description
 from tfbus.listen.stream_rights import StreamRights
 from tfbus.names import is_printable
+from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.runtime.structs import replace
@@ -87,7 +88,8 @@ class StreamWatch:
         self._once = LogOnce(log)
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
-        self._returning: set[str] = set()
+        # When the tokens came that are back, and whose descriptions are not there so far.
+        self._returning: dict[str, float] = {}
         # The tokens that are there.
         self._living: set[str] = set()
         # The questions about the token that is there now, by its key.
@@ -131,12 +133,12 @@ class StreamWatch:
         thread.
         """
         if not self._closed:
-            self._take_token(key, True)
+            self._take_token(key, True, scheduler.monotonic())
 
     def take_for_gone(self, key: str) -> None:
         """Take a stream without a token for gone. Call it on the executor's thread."""
         if not self._closed and key not in self._living:
-            self._take_token(key, False)
+            self._take_token(key, False, scheduler.monotonic())
 
     def forget(self, key: str) -> None:
         """Forget the description of the stream of this token, until another comes. Call it on the
@@ -159,10 +161,12 @@ class StreamWatch:
 
     def _on_token(self, key: str, alive: bool) -> None:
         if self._is_name(key):
-            self._do(lambda: self._note_token(key, alive))
+            came_s = scheduler.monotonic()
+            self._do(lambda: self._note_token(key, alive, came_s))
 
     def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
-        if self._is_name(key) and self._received.enqueue(Received(key, payload, sender)):
+        received = Received(key, payload, sender, scheduler.monotonic())
+        if self._is_name(key) and self._received.enqueue(received):
             self._do(self._read_next)
 
     def _read_next(self) -> None:
@@ -171,11 +175,20 @@ class StreamWatch:
         if received is None:
             return
         try:
+            if self._precedes_token(received):
+                return
             if description := self._read(received.key, received.payload):
                 self._take_description(received.key, description, received.sender)
         finally:
             if self._received.has_more():
                 self._do(self._read_next)
+
+    def _precedes_token(self, received: Received) -> bool:
+        """Whether a description came before a token that is back, and so may be of the process of
+        before: the answer that the token asks for is newer.
+        """
+        token_s = self._returning.get(stream_of(received.key))
+        return token_s is not None and received.came_s < token_s
 
     def _is_name(self, key: str) -> bool:
         name = stream_of(key)
@@ -211,17 +224,17 @@ class StreamWatch:
             )
         return allowed
 
-    def _note_token(self, key: str, alive: bool) -> None:
+    def _note_token(self, key: str, alive: bool, came_s: float) -> None:
         (self._living.add if alive else self._living.discard)(key)
-        self._take_token(key, alive)
+        self._take_token(key, alive, came_s)
 
-    def _take_token(self, key: str, alive: bool) -> None:
+    def _take_token(self, key: str, alive: bool, came_s: float) -> None:
         former = self._state(key)
-        self._returning.discard(former.name)
+        self._returning.pop(former.name, None)
         if not alive or former.alive or former.description is None:
             self._set(replace(former, alive=alive, displaced="", held=False))
         else:
-            self._returning.add(former.name)
+            self._returning[former.name] = came_s
             # It may be another process, which need not be able to sign its description.
             self._states[former.name] = replace(former, confirmed=False, displaced="", held=False)
         if alive:
@@ -262,7 +275,7 @@ class StreamWatch:
             held = not is_later and sender == displaced
             displaced = (displaced or former.owner) if is_later else ""
         alive = former.alive or former.name in self._returning
-        self._returning.discard(former.name)
+        self._returning.pop(former.name, None)
         self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
 
     def _ask_owner(
@@ -441,7 +454,7 @@ class StreamWatch:
         """No description comes: the last one stands."""
         former = self._state(key)
         if former.name in self._returning:
-            self._returning.discard(former.name)
+            del self._returning[former.name]
             self._set(replace(former, alive=True))
 
     def _state(self, key: str) -> StreamState:

@@ -4,6 +4,7 @@ import threading
 
 from tests.buses import DEADLINE_S, eventually
 from tfbus.runtime.workers import Workers
+from tfbus.testing import Network
 
 
 def test_jobs_beyond_what_can_wait_are_refused() -> None:
@@ -54,3 +55,18 @@ def test_close_waits_for_the_jobs_that_run_and_drops_the_others() -> None:
     workers.close(DEADLINE_S)
     assert done == ["first"]
     assert not workers.do(lambda: done.append("third"))
+
+
+def test_close_joins_threads_in_the_order_of_their_starts(network: Network) -> None:
+    """A seed takes the same turns wherever its threads lie in memory."""
+
+    def turns_to_close() -> int:
+        workers = Workers("test", threads=4, waiting=0)
+        for number in range(4):
+            workers.do(lambda number=number: network.run(0.1 * (4 - number)))
+        network.run(0.01)
+        former = network.tasks.turns
+        workers.close(10.0)
+        return network.tasks.turns - former
+
+    assert len({turns_to_close() for _ in range(20)}) == 1

@@ -327,3 +327,17 @@ def test_a_process_is_in_its_main_thread_from_its_first_turn_on() -> None:
             )
             network.run(until=lambda process=process: process.is_dead)
     assert found == [True] * 20
+
+
+def test_an_alarm_after_the_end_of_the_only_task_reads_virtual_time(network: Network) -> None:
+    """Calls of the network are in virtual time on whichever thread they come, also on one whose
+    task has just ended.
+    """
+    network.start(network.host("robot"), "short", lambda: None)
+    called: list[tuple[float, float]] = []
+    begun_s = time.monotonic()
+    network.tasks.call_after(
+        1.0, lambda: called.append((time.monotonic() - begun_s, time.perf_counter() - begun_s))
+    )
+    network.run(2.0)
+    assert called == [pytest.approx((1.0, 1.0))]

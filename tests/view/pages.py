@@ -23,8 +23,12 @@ T = TypeVar("T")
 PATIENCE_S = 2 * DEADLINE_S
 
 
-# Pages in the background go on as those that somebody sees.
+# Pages in the background go on as those that somebody sees, and a picture may take as long as it
+# takes: else Chromium ends its drawing process after 10 s, and gives no page a canvas after the
+# third time. viser counts a browser as connected once its canvas has drawn.
 _AWAKE = (
+    "--disable-gpu-watchdog",
+    "--disable-gpu-process-crash-limit",
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",
     "--disable-renderer-backgrounding",

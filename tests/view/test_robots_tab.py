@@ -117,6 +117,25 @@ def test_a_joint_does_not_undo_a_drag_that_nobody_was_told_of(page: Page, robots
     assert slider.handle.value == 0.75
 
 
+def test_a_slider_is_not_open_before_a_drag_reaches_a_process(
+    page: Page, robots: Robots, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A browser that draws it at once finds it disabled: a drag in that moment would be lost."""
+    import viser
+
+    add, born = viser.GuiApi.add_slider, {}
+
+    def added(gui: Any, label: str, *args: Any, **named: Any) -> Any:
+        handle = add(gui, label, *args, **named)
+        born[label] = handle.disabled
+        return handle
+
+    monkeypatch.setattr(viser.GuiApi, "add_slider", added)
+    robots.there = [described(urdf("arm"))]
+    step(page)
+    assert born["lift"] is True
+
+
 def test_robots_come_are_two_and_leave(page: Page, robots: Robots) -> None:
     """A robot of a file too, one without joints, and the same one described again."""
     arm, other = described(urdf("arm")), described(urdf("other"))

@@ -20,7 +20,8 @@ class Workers:
         self._most_threads = threads
         self._most_waiting = waiting
         self._lock = scheduler.Lock()
-        self._threads: set[scheduler.Thread] = set()
+        # In the order of their starts, in which `close` joins them.
+        self._threads: dict[scheduler.Thread, None] = {}
         self._waiting: deque[Job] = deque()
         self._closed = False
 
@@ -36,7 +37,7 @@ class Workers:
                     target=self._run, args=(job,), name=self._name, daemon=True
                 )
                 thread.start()
-                self._threads.add(thread)
+                self._threads[thread] = None
             elif len(self._waiting) < self._most_waiting:
                 self._waiting.append(job)
             else:
@@ -48,7 +49,8 @@ class Workers:
         with self._lock:
             self._closed = True
             self._waiting.clear()
-            running = self._threads - {scheduler.current_thread()}
+            here = scheduler.current_thread()
+            running = [thread for thread in self._threads if thread is not here]
         deadline = scheduler.monotonic() + patience_s
         for thread in running:
             thread.join(max(deadline - scheduler.monotonic(), 0.0))
@@ -62,5 +64,5 @@ class Workers:
         with self._lock:
             if self._waiting:
                 return self._waiting.popleft()
-            self._threads.discard(scheduler.current_thread())
+            self._threads.pop(scheduler.current_thread(), None)
             return None

@@ -133,7 +133,6 @@ class Tasks:
                     self.failure = self.failure or error
                     sys.excepthook(type(error), error, error.__traceback__)
             finally:
-                threading._active.pop(task.thread_id, None)  # type: ignore[attr-defined]
                 self._finish(task)
 
         former = threading.stack_size(_STACK_BYTES)
@@ -383,19 +382,26 @@ class Tasks:
 
     def _finish(self, task: Task) -> None:
         task.is_over = True
-        self.thread_ids.discard(task.thread_id)
         self._all.pop(task, None)
         for joiner in task.joiners:
             self.wake(joiner)
         if self.is_over:
+            self._forget_thread(task)
             # `end` waits for each in turn.
             if self._ended.locked():
                 self._ended.release()
             return
+        # Alarms are called here, as on any thread of the simulation.
         following = self._next()
+        self._forget_thread(task)
         self.turns += 1
         self._turn_to(following)
         following.turn.release()
+
+    def _forget_thread(self, task: Task) -> None:
+        # The system gives its number to a later thread, which must not be taken for this one.
+        self.thread_ids.discard(task.thread_id)
+        threading._active.pop(task.thread_id, None)  # type: ignore[attr-defined]
 
     def end(self) -> None:
         """End all tasks, on the main one; what they still do has no effect."""

@@ -99,7 +99,7 @@ class JointSliders:
         if not movable:
             self._note.show('<div class="tf tf-dim">It has no joints that move.</div>')
             return
-        self._buttons = gui.add_button_group("Joints", ("Zero", "Random"))
+        self._buttons = gui.add_button_group("Joints", ("Zero", "Random"), visible=False)
         self._buttons.on_click(lambda event: self._press(self._buttons.value))
         for joint in movable[:_MOST_SLIDERS]:
             self._add(gui, joint)
@@ -119,6 +119,8 @@ class JointSliders:
             _STEP,
             round(shown_position(joint, joint.zero), 3),
             hint=f"{joint.type}, {lower:.3g} to {upper:.3g} {unit}",
+            # `refresh` enables it: nobody may be there yet whom a drag would reach.
+            disabled=True,
         )
         slider = _Slider(joint, handle, float(handle.value))
         self._sliders.append(slider)

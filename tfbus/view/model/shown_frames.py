@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
+from tfbus.frames.moment import Fault, State, silent_s, stale_after_s, state
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import Fault, State, silent_s, stale_after_s, state
 
 # A stale frame fades to this opacity, over twice the time after which it was stale.
 FADED = 0.25

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.frames.state import State
+from tfbus.frames.moment import State
 from tfbus.view.model.placement import Floats, Placed, arrow_points, arrow_rows
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import FAULTS, Frames

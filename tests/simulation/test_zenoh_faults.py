@@ -140,3 +140,17 @@ def test_a_publisher_of_an_earlier_version_answers_with_its_statics(
 
     monkeypatch.setattr(Stream, "_on_static_query", answer)
     assert _frames_known(network, 0) == ["fixed", "robot", "fixed", "world"]
+
+
+def test_no_half_link_follows_from_the_end_of_one(network: Network, stage: SimulatedStage) -> None:
+    """Its connection is ended for both, so that they link anew, and see each other's tokens."""
+    network.faults.half_links = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.token("t/a")
+    b.token("t/b")
+    a.expect("living", "t/*", gives=["t/a", "t/b"])
+    network.cut("h2", "h1", both_ways=False)
+    a.expect("links", gives=[])
+    network.heal()
+    network.run(10.0)
+    assert a.living("t/*") == b.living("t/*") == ["t/a", "t/b"]

@@ -295,7 +295,10 @@ class Fabric:
         stale.is_open = False
         face.continue_of(stale)
         session.faces[face.far_session] = face
-        self.tasks.call_after(LEASE_S, lambda: session.process.receive(lambda: self.lose(face)))
+        # Tfbus ends the connection, for both: no half link follows from that.
+        self.tasks.call_after(
+            LEASE_S, lambda: session.process.receive(lambda: self.lose(face, is_ended=True))
+        )
         return True
 
     # Who is lost
@@ -307,8 +310,8 @@ class Fabric:
             self._unaware.discard(face)
             face.session.part(face)
 
-    def lose(self, face: Face) -> None:
-        """This end learns that its link is lost; both sides meet again if they can."""
+    def lose(self, face: Face, *, is_ended: bool = False) -> None:
+        """This end learns that its link is lost, or ends it; both sides meet again if they can."""
         if not face.is_open:
             return
         self._close(face)
@@ -317,7 +320,7 @@ class Fabric:
         within_s = _MEETS_AGAIN_WITHIN_S
         if face.far.is_open:
             there, here = other.process.host, one.process.host
-            if self._happens(self._faults.half_links):
+            if not is_ended and self._happens(self._faults.half_links):
                 self._unaware.add(face.far)
                 within_s = _TOO_SOON_S
             # Its connection is closed: it learns that as soon as anything passes.

@@ -14,7 +14,7 @@ from tfbus import Buffer, Robot, Transform, TransformStamped
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.local import _Program
+from tfbus.view.local import Program
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
 from tfbus.view.scene.camera import Cameras
@@ -48,7 +48,7 @@ class Opened:
     camera: Any = field(default_factory=lambda: camera((3.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
 
     def __post_init__(self) -> None:
-        program = _Program(self.buffer)
+        program = Program(self.buffer)
         self.page = Page(program, self.buffer, program, Serving(port=free_port()), self.robots)
         self.page._cameras = Cameras(Server(self.camera))
 

@@ -12,7 +12,7 @@ from tfbus import Buffer, Robot
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import GivenRobots, Page, Serving, ShownRobot
-from tfbus.view.local import _Program
+from tfbus.view.local import Program
 
 pytestmark = pytest.mark.real
 
@@ -67,7 +67,7 @@ def page(robots: Robots) -> Iterator[Page]:
     """A page with frame hand on base."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "base", "hand", 1.0))
-    program = _Program(buffer)
+    program = Program(buffer)
     page = Page(program, buffer, program, Serving(port=free_port(), rate_hz=60.0), robots)
     yield page
     page.close()

@@ -66,9 +66,8 @@ def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], 
     page = Page(program, buffer, program, serving, guests=(lamps,))
 
     def tabs() -> tuple[str, ...]:
-        page._refresh_at_s = 0.0
-        page.step()
-        return tuple(page._panel._tabs._tab_labels)
+        page.step(at_once=True)
+        return tuple(page.panel._tabs._tab_labels)
 
     yield tabs
     page.close()

@@ -59,12 +59,11 @@ class Opened:
 
     def step(self) -> None:
         """Bring the page up to date now."""
-        self.page._refresh_at_s = 0.0
-        self.page.step()
+        self.page.step(at_once=True)
 
     def sees_the_robot(self) -> bool:
         """Whether the whole robot is before the camera, and not much smaller than the picture."""
-        corners = self.page._robots.points(self.page._whole, self.page._frames)
+        corners = self.page.robots.points(self.page._whole, self.page._frames)
         ahead = self.camera.look_at - self.camera.position
         size_m = distance_m(self.camera)
         depths_m = (corners - self.camera.position) @ ahead / size_m

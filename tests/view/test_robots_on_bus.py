@@ -315,7 +315,7 @@ def test_a_page_that_is_read_only_has_no_sliders(read_only: bool) -> None:
     page = Page(program, buffer, program, serving, robots)
     try:
         page.step()
-        panel = page._panel._robots_panel
+        panel = page.panel._robots_panel
         assert panel is not None and (panel._sliders is None) is read_only
     finally:
         page.close()

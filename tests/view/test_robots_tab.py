@@ -75,13 +75,12 @@ def page(robots: Robots) -> Iterator[Page]:
 
 def step(page: Page) -> None:
     """Bring all of it up to date now."""
-    page._refresh_at_s = 0.0
-    page.step()
+    page.step(at_once=True)
 
 
 def sliders(page: Page) -> Any:
     """Those of the robot that is chosen."""
-    panel: Any = page._panel
+    panel: Any = page.panel
     return next(each for each in vars(panel).values() if hasattr(each, "_sliders"))._sliders
 
 
@@ -144,7 +143,7 @@ def test_robots_come_are_two_and_leave(page: Page, robots: Robots) -> None:
     for there in ([file], [arm], [arm, other], [other], [block], [block, file], [], [arm]):
         robots.there = there
         step(page)
-        assert list(page._robots.robots) == there
+        assert list(page.robots.robots) == there
 
 
 @pytest.mark.parametrize(

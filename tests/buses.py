@@ -13,6 +13,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.runtime import scheduler
+from tfbus.runtime.timer import Timer
 
 T = TypeVar("T")
 
@@ -50,15 +51,15 @@ def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> 
 
 def keep_sending(
     node: Node, parent: str, child: str, *, rate_hz: float = 20.0, late_ns: int = 0
-) -> None:
-    """Send a dynamic transform, with stamps `late_ns` in the past."""
+) -> Timer:
+    """Send a dynamic transform, with stamps `late_ns` in the past, until the timer is cancelled."""
     broadcaster = TransformBroadcaster(node)
 
     def send() -> None:
         stamp_ns = node.now_ns() - late_ns
         broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
 
-    node.create_timer(1 / rate_hz, send)
+    return node.create_timer(1 / rate_hz, send)
 
 
 def send_static(node: Node, parent: str, child: str) -> None:

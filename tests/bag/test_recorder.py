@@ -47,7 +47,8 @@ class Run:
     """A recorder that writes into a folder."""
 
     def __init__(self, folder: Path, **given: Any) -> None:
-        self.queue = RawQueue(10_000_000)
+        self.clock_ns: Callable[[], int] = time.time_ns
+        self.queue = RawQueue(given.pop("most_bytes", 10_000_000), lambda: self.clock_ns())
         opening = given.pop("open_writer", RecordingWriter)
         self.parts = PartsWritten(
             folder / "run.mcap", opening, most_files=given.pop("most_files", None)
@@ -275,7 +276,7 @@ class TestSplits:
     def test_a_file_tells_how_long_it_is(self, run: Run) -> None:
         """From the first message to the last."""
         times = iter((5 * S, 6 * S, 9 * S))
-        run.queue._clock_ns = lambda: next(times)
+        run.clock_ns = lambda: next(times)
         run.send(3)
         eventually(lambda: run.recorder.counts.messages == 3)
         assert run.recorder.split().seconds == 4.0
@@ -288,7 +289,7 @@ class TestSplits:
         offsets = [0, 0, -3600, -3600, -3600, 7200, 7200, 0, 0]
         for number, offset in enumerate(offsets):
             clock_ns = start_ns + offset * S + number * S // 100
-            run.queue._clock_ns = lambda at_ns=clock_ns: at_ns
+            run.clock_ns = lambda at_ns=clock_ns: at_ns
             run.send()
         items = [item for item in run.items() if isinstance(item, TransformItem)]
         log_ns = [item.log_ns for item in items]
@@ -301,7 +302,7 @@ class TestSplits:
         """Ten times as long as it was set back."""
         start_ns = time.time_ns()
         offsets_ns = [0, -S, 4 * S, 8 * S, 10 * S, 11 * S]
-        run.queue._clock_ns = iter([start_ns + offset_ns for offset_ns in offsets_ns]).__next__
+        run.clock_ns = iter([start_ns + offset_ns for offset_ns in offsets_ns]).__next__
         run.send(len(offsets_ns))
         items = [item for item in run.items() if isinstance(item, TransformItem)]
         came_ns = [0, 0, 4.5 * S, 8.1 * S, 10 * S, 11 * S]
@@ -344,11 +345,11 @@ class TestSnapshots:
         """A snapshot begins with the streams and statics of before."""
         run = Run(tmp_path, snapshots=self.snapshots(1.0))
         clock_ns = time.time_ns()
-        run.queue._clock_ns = lambda: clock_ns - 60 * S
+        run.clock_ns = lambda: clock_ns - 60 * S
         run.queue.put(EVENTS, THERE)
         run.queue.put(STATIC, payload([at(2.0, "mast")]))
         run.send()
-        run.queue._clock_ns = lambda: clock_ns
+        run.clock_ns = lambda: clock_ns
         run.send()
         eventually(lambda: run.recorder.received == 3)
         items = read(run.recorder.split().path)
@@ -361,9 +362,9 @@ class TestSnapshots:
         """A static that came before the last seconds is counted then, and the recorder lives."""
         run = Run(tmp_path, snapshots=self.snapshots(1.0))
         clock_ns = time.time_ns()
-        run.queue._clock_ns = lambda: clock_ns - 60 * S
+        run.clock_ns = lambda: clock_ns - 60 * S
         run.queue.put(STATIC, payload([at(2.0, "mast", stamp_ns=3 * 10**18)]))
-        run.queue._clock_ns = lambda: clock_ns
+        run.clock_ns = lambda: clock_ns
         run.send()
         eventually(lambda: run.recorder.received == 2)
         run.recorder.split_later()
@@ -467,9 +468,8 @@ class TestFailures:
 class TestMemory:
     def test_what_waits_for_its_description_counts(self, tmp_path: Path) -> None:
         """However long messages wait, the queue takes only those that it has room for."""
-        run = Run(tmp_path, past=a_past(is_complete=lambda: closing.is_set()))
+        run = Run(tmp_path, past=a_past(is_complete=lambda: closing.is_set()), most_bytes=5_000)
         closing = threading.Event()
-        run.queue._most_bytes = 5_000
 
         def is_full() -> bool:
             run.send()

@@ -5,8 +5,10 @@ import logging
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
+from tfbus.cli.bus import look
 from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
 from tfbus.discover.presence import describe_streams
+from tfbus.errors import DecodeError
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 
@@ -78,9 +80,25 @@ def test_streams_are_asked_for_at_once(bus: Bus) -> None:
     session = bus.node("looker").session
     log = logging.getLogger("test")
     streams = eventually(
-        lambda: len(found := describe_streams(session, log.warning)) == 2 and found
+        lambda: len(found := describe_streams(session, log.warning)[0]) == 2 and found
     )
     assert {key: (it.node, it.frames) for key, it in streams.items()} == {
         "@tfbus/stream/camera": ("/camera", (("world", "turtle1", True),)),
         "robot7/@tfbus/stream/sim": ("/robot7/sim", (("world", "turtle1", False),)),
     }
+
+
+def test_streams_that_do_not_answer_are_named(bus: Bus) -> None:
+    """A process that hangs is told from one that is not there, and commands say so."""
+    with bus.network.process("outside", "sim") as process:
+        pose = TransformStamped(1, "world", "turtle1", Transform.identity())
+        TransformBroadcaster(bus.node("sim")).send_transform(pose)
+    session = bus.node("looker").session
+    log = logging.getLogger("test")
+    eventually(lambda: describe_streams(session, log.warning)[0])
+    bus.network.stop(process)
+    assert describe_streams(session, log.warning) == ({}, ["@tfbus/stream/sim"])
+    errors: list[DecodeError] = []
+    look(session, errors.append)
+    assert "'/sim'" in str(errors[0])
+    bus.network.go_on(process)

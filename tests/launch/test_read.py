@@ -390,8 +390,8 @@ def test_files_that_include_each_other_many_times_are_a_mistake(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sixty includes five deep would be 777 million files; 1,000 are read, and here 100."""
-    assert reader._MOST_FILES == 1_000
-    monkeypatch.setattr(reader, "_MOST_FILES", 100)
+    assert reader.MOST_FILES == 1_000
+    monkeypatch.setattr(reader, "MOST_FILES", 100)
     for depth in range(5):
         write(
             tmp_path, "includes: [" + f"{{file: ./{depth + 1}.yaml}}, " * 60 + "]", f"{depth}.yaml"
@@ -405,8 +405,8 @@ def test_a_launch_has_a_limited_number_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Files that are included often may list many each: 10,000 are read, and here 100."""
-    assert reader._MOST_PROCESSES == 10_000
-    monkeypatch.setattr(reader, "_MOST_PROCESSES", 100)
+    assert reader.MOST_PROCESSES == 10_000
+    monkeypatch.setattr(reader, "MOST_PROCESSES", 100)
     nodes = "".join(f"- {{node: sim, name: s{n}}}\n" for n in range(20))
     write(tmp_path, f"nodes:\n{nodes}", "many.yaml")
     includes = [f"- {{file: ./many.yaml, namespace: n{n}}}\n" for n in range(6)]

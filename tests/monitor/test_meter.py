@@ -89,10 +89,10 @@ def test_silent_edges_make_room_for_others(bus: Bus, monkeypatch: pytest.MonkeyP
     clock = Seconds()
     meter = TransformMeter(bus.node("meter"), recent_s=math.inf, clock=clock)
     for number in range(50):
-        meter._take("tf/flood", payload([at(1, f"frame{number % 5}", number)]))
+        meter.receive("tf/flood", payload([at(1, f"frame{number % 5}", number)]))
     assert {flow.child for flow in meter.edges()} == {"frame0", "frame1", "frame2"}
-    assert meter._samples <= 23
+    assert meter.samples <= 23
     clock.now_s = 100.0
-    meter._take("tf/honest", payload([at(1, "robot")]))
+    meter.receive("tf/honest", payload([at(1, "robot")]))
     assert {(flow.stream, flow.child) for flow in meter.edges()} == {("honest", "robot")}
-    assert meter._samples <= 3
+    assert meter.samples <= 3

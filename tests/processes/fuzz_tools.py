@@ -45,7 +45,7 @@ class Tools:
 
     def receive(self, key: str, payload: bytes) -> None:
         """Measure a message, as `monitor` and `top` do."""
-        self._meter._take(key, payload)
+        self._meter.receive(key, payload)
 
     def look(self, described: StreamDescription | None) -> None:
         """Make all that the tools show; none of it raises, and pages have a limit."""

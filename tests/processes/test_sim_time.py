@@ -40,16 +40,15 @@ def test_time_goes_by_at_the_rate_of_the_clock(bus: Bus, rate: str) -> None:
     node = follower(bus)
     assert node.wait_for_clock(DEADLINE_S)
     began_ns, began_s = node.now_ns(), time.monotonic()
-    assert node.wait(0.5 * float(rate))  # half a real second
-    real_s = time.monotonic() - began_s
-    simulated_s = (node.now_ns() - began_ns) / SECOND
+    assert node.wait(0.5 * float(rate))
+    # The clock's time, and that of the network, which is virtual too.
+    simulated_s, network_s = (node.now_ns() - began_ns) / SECOND, time.monotonic() - began_s
     assert 0.5 * float(rate) <= simulated_s
-    # Messages may be late, on a machine that has much to do.
-    assert 0.1 < simulated_s / real_s / float(rate) < 5.0
+    assert simulated_s / network_s == pytest.approx(float(rate), rel=0.1)
 
 
 def test_timeouts_are_in_simulated_seconds(bus: Bus) -> None:
-    """At 100 times the real speed a lookup gives up after its own seconds, not after real ones."""
+    """At 100 times the speed a lookup gives up after its own seconds, not after the network's."""
     start_clock(bus, "--rate", "100", "--start", "0s")
     node = follower(bus)
     buffer = Buffer(clock=node.clock)
@@ -58,7 +57,7 @@ def test_timeouts_are_in_simulated_seconds(bus: Bus) -> None:
     with pytest.raises(TimeoutException, match="timed out after 100 s"):
         buffer.lookup_transform("map", "nowhere", timeout_s=100.0)
     assert node.now_ns() - began_ns >= 100 * SECOND
-    assert time.monotonic() - began_s < 50.0
+    assert time.monotonic() - began_s == pytest.approx(1.0, abs=0.1)  # of the network, virtual
 
 
 def test_timers_stand_still_while_the_clock_is_paused(bus: Bus) -> None:

@@ -68,6 +68,6 @@ def _full_tables(session: ZenohSession, streams: int) -> Iterator[str]:
     declared = sum(map(len, session.declarations.own.values()))
     if declared > MOST_DECLARED + MORE_A_STREAM * streams:
         yield f"its session has {declared} declarations"
-    asked = len(session.queries._asked)
+    asked = len(session.queries.asked)
     if asked > MOST_ASKED + MORE_ASKED_A_STREAM * streams:
         yield f"its session waits for {asked} queries"

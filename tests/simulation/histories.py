@@ -106,10 +106,10 @@ class Run:
     def run(self) -> None:
         """Run it all. Raises Violation, and SimulationError where nothing can go on."""
         logging.disable(logging.CRITICAL)
-        again_s = clock_offset._AGAIN_S
+        again_s = clock_offset.AGAIN_S
         if self.plan.size is LARGE:
             # Each listener measures 190 clocks twice a minute, which would take most of the time.
-            clock_offset._AGAIN_S = 1200.0
+            clock_offset.AGAIN_S = 1200.0
         try:
             with self.network as network:
                 for fault, share in self.plan.faults:
@@ -129,7 +129,7 @@ class Run:
                 self._go_on_until(self.now_s + _SETTLE_S)
                 self._end_all()
         finally:
-            clock_offset._AGAIN_S = again_s
+            clock_offset.AGAIN_S = again_s
             logging.disable(logging.NOTSET)
 
     def _go_on_until(self, end_s: float) -> None:

@@ -140,7 +140,7 @@ class Laws:
         tasks = self._run.network.tasks
         return [
             f"{task.name} (waits for {task.waits_for})"
-            for task in tasks._all
+            for task in tasks.all
             if task.place is process
             and task is not tasks.current
             and task is not process.main
@@ -185,7 +185,7 @@ class Laws:
         now_s, tasks = self._run.now_s, self._run.network.tasks
         counts: dict[Any, int] = {}
         stuck = {}
-        for task in tasks._all:
+        for task in tasks.all:
             place: Any = task.place
             if place.is_dead:
                 continue

@@ -33,7 +33,7 @@ def logged(into: TextIO) -> Iterator[None]:
         get(session, selector, *args, **options)
 
     def logged_change(declarations: Declarations, kind: str, full: str, by: int) -> None:
-        note(declarations._session, "declare" if by > 0 else "undeclare", kind, full)
+        note(declarations.session, "declare" if by > 0 else "undeclare", kind, full)
         change(declarations, kind, full, by)
 
     def logged_add(table: ProcessTable, host: Host, name: str) -> Process:

@@ -12,7 +12,7 @@ from tfbus import Buffer
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import Channel, Page, Placed, Serving
-from tfbus.view.local import _Program
+from tfbus.view.local import Program
 
 
 class Lamps:
@@ -61,14 +61,13 @@ def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], 
     """Bring a page with this guest up to date; the titles of its tabs."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "map", "base", 1.0))
-    program = _Program(buffer)
+    program = Program(buffer)
     serving = Serving(port=free_port(), read_only=read_only)
     page = Page(program, buffer, program, serving, guests=(lamps,))
 
     def tabs() -> tuple[str, ...]:
-        page._refresh_at_s = 0.0
-        page.step()
-        return tuple(page._panel._tabs._tab_labels)
+        page.step(at_once=True)
+        return tuple(page.panel._tabs._tab_labels)
 
     yield tabs
     page.close()

@@ -14,7 +14,7 @@ from tfbus import Buffer, Robot, Transform, TransformStamped
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.local import _Program
+from tfbus.view.local import Program
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
 from tfbus.view.scene.camera import Cameras
@@ -48,7 +48,7 @@ class Opened:
     camera: Any = field(default_factory=lambda: camera((3.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
 
     def __post_init__(self) -> None:
-        program = _Program(self.buffer)
+        program = Program(self.buffer)
         self.page = Page(program, self.buffer, program, Serving(port=free_port()), self.robots)
         self.page._cameras = Cameras(Server(self.camera))
 
@@ -59,12 +59,11 @@ class Opened:
 
     def step(self) -> None:
         """Bring the page up to date now."""
-        self.page._refresh_at_s = 0.0
-        self.page.step()
+        self.page.step(at_once=True)
 
     def sees_the_robot(self) -> bool:
         """Whether the whole robot is before the camera, and not much smaller than the picture."""
-        corners = self.page._robots.points(self.page._whole, self.page._frames)
+        corners = self.page.robots.points(self.page._whole, self.page._frames)
         ahead = self.camera.look_at - self.camera.position
         size_m = distance_m(self.camera)
         depths_m = (corners - self.camera.position) @ ahead / size_m

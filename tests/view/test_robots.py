@@ -272,7 +272,7 @@ def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
         view.add_robot(arm)
         view.add_robot(arm)
         view.add_robot(arm, prefix="left_")
-        scenes = view._page._robots
+        scenes = view._page.robots
         eventually(lambda: [each.title for each in scenes.robots] == ["arm", "left/arm"])
         with pytest.raises(InvalidArgumentException):
             view.add_robot(arm, prefix="/left")

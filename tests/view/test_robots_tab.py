@@ -12,7 +12,7 @@ from tfbus import Buffer, Robot
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import GivenRobots, Page, Serving, ShownRobot
-from tfbus.view.local import _Program
+from tfbus.view.local import Program
 
 pytestmark = pytest.mark.real
 
@@ -67,7 +67,7 @@ def page(robots: Robots) -> Iterator[Page]:
     """A page with frame hand on base."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "base", "hand", 1.0))
-    program = _Program(buffer)
+    program = Program(buffer)
     page = Page(program, buffer, program, Serving(port=free_port(), rate_hz=60.0), robots)
     yield page
     page.close()
@@ -75,13 +75,12 @@ def page(robots: Robots) -> Iterator[Page]:
 
 def step(page: Page) -> None:
     """Bring all of it up to date now."""
-    page._refresh_at_s = 0.0
-    page.step()
+    page.step(at_once=True)
 
 
 def sliders(page: Page) -> Any:
     """Those of the robot that is chosen."""
-    panel: Any = page._panel
+    panel: Any = page.panel
     return next(each for each in vars(panel).values() if hasattr(each, "_sliders"))._sliders
 
 
@@ -144,7 +143,7 @@ def test_robots_come_are_two_and_leave(page: Page, robots: Robots) -> None:
     for there in ([file], [arm], [arm, other], [other], [block], [block, file], [], [arm]):
         robots.there = there
         step(page)
-        assert list(page._robots.robots) == there
+        assert list(page.robots.robots) == there
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from tfbus.cli.output import say, warn
 from tfbus.discover.graph import Graph, graph_of
 from tfbus.errors import DecodeError
 from tfbus.runtime.log import open_log
+from tfbus.wire.keys import stream_of
+from tfbus.wording import listed, printable
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
@@ -27,11 +29,21 @@ def open_bus(settings: NodeSettings) -> "Session":
 
 
 def look(session: "Session", on_unreadable: Callable[[DecodeError], object] = warn) -> Graph:
-    """The topics and services; `on_unreadable(error)` is called for each description it skips."""
-    from tfbus.discover.presence import describe_all, describe_streams  # Zenoh
+    """The topics and services; `on_unreadable(error)` is called for each description it skips, and
+    once with all nodes and streams that do not answer in time.
+    """
+    from tfbus.discover.presence import describe_present, describe_streams  # Zenoh
 
-    nodes = describe_all(session, on_unreadable, timeout_s=_PATIENCE_S)
-    streams = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
+    nodes, silent = describe_present(session, on_unreadable, timeout_s=_PATIENCE_S)
+    streams, silent_keys = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
+    left_out = [
+        *(f"node {name!r}" for name in silent),
+        *(f"stream {printable(stream_of(key))!r}" for key in silent_keys),
+    ]
+    if left_out:
+        on_unreadable(
+            DecodeError(f"left out, without an answer in {_PATIENCE_S:g} s: {listed(left_out)}")
+        )
     return graph_of(nodes, streams, session.settings.namespace)
 
 

@@ -69,7 +69,7 @@ def look_for_names(settings: NodeSettings) -> LiveNames:
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
         nodes = describe_all(session, _skip, timeout_s=_ANSWER_S)
-        streams = describe_streams(session, _skip, timeout_s=_ANSWER_S)
+        streams, _ = describe_streams(session, _skip, timeout_s=_ANSWER_S)
     return _names(nodes, streams, settings.namespace)
 
 

@@ -23,7 +23,7 @@ def frames_in_other_namespaces(session: Session) -> set[tuple[str, str]]:
 
     from tfbus.discover.presence import describe_streams  # Zenoh, which a recording does not need
 
-    streams = describe_streams(session, pass_over)
+    streams, _ = describe_streams(session, pass_over)
     return {
         (namespace, frame)
         for key, stream in streams.items()

@@ -83,10 +83,9 @@ def describe_present(
     """
     alive = session.living(ALL_NODES_EVERYWHERE)
     described = describe_all(session, on_unreadable, timeout_s=timeout_s)
-    known = {node.name for node in described}
     namespace = session.settings.namespace
     names = {printable(full_name(key, namespace)) for key in alive}
-    return described, sorted(names - known)
+    return described, sorted(names - {node.name for node in described})
 
 
 def describe_streams(
@@ -94,10 +93,12 @@ def describe_streams(
     on_unreadable: Callable[[DecodeError], object],
     *,
     timeout_s: float = 1.0,
-) -> dict[str, StreamDescription]:
-    """The descriptions of all streams by their keys; calls `on_unreadable(error)` for those it
-    cannot read. Of several at one key that of the session it names counts.
+) -> tuple[dict[str, StreamDescription], list[str]]:
+    """The descriptions of all streams by their keys, and the keys of the streams that are alive
+    and did not answer in time; calls `on_unreadable(error)` for descriptions it cannot read. Of
+    several at one key that of the session it names counts.
     """
+    alive = session.living(ALL_STREAMS_EVERYWHERE)
     described: dict[str, StreamDescription] = {}
     signed: set[str] = set()
     for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
@@ -112,7 +113,7 @@ def describe_streams(
             except DecodeError as error:
                 name = printable(stream_of(answer.key))
                 on_unreadable(_unreadable(f"stream {name!r}", error))
-    return described
+    return described, sorted(set(alive) - described.keys())
 
 
 def _read(session: Session, answer: Answer) -> NodeDescription:

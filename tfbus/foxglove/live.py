@@ -165,7 +165,9 @@ class LiveBridge(Requests):
         session = self._node.session
         described = describe_all(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
         nodes = [each for each in described if each.session != session.id and self._sees(each)]
-        described_streams = describe_streams(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
+        described_streams, _ = describe_streams(
+            session, self._on_unreadable, timeout_s=_ASK_WITHIN_S
+        )
         streams = [
             each for key, each in described_streams.items() if self._fleet or not namespace_of(key)
         ]

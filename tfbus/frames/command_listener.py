@@ -128,7 +128,7 @@ def answers_of_nodes(
 ) -> Answers:
     """Ask all nodes and streams; calls `on_unreadable(error)` for descriptions it cannot read."""
     found, unanswered = describe_present(session, on_unreadable, timeout_s=timeout_s)
-    streams = describe_streams(session, on_unreadable, timeout_s=timeout_s)
+    streams, _ = describe_streams(session, on_unreadable, timeout_s=timeout_s)
     nodes = tuple(each for each in found if each.session != session.id)
     return Answers(nodes, tuple(unanswered), streams)
 

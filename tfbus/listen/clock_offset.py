@@ -20,7 +20,7 @@ from tfbus.wire.keys import clock_key
 # Samples in a row; the one with the shortest round trip is the most exact.
 _SAMPLES = 4
 # A clock of a computer drifts by a few ms in this time.
-_AGAIN_S = 30.0
+AGAIN_S = 30.0
 # The pause between nodes: a thousand are asked within the time above.
 _BETWEEN_S = 0.03
 _PATIENCE_S = 1.0
@@ -144,7 +144,7 @@ class ClockOffsets:
                 publisher.offset = offset
                 self._warn(publisher, offset)
             with self._changed:
-                publisher.due_s = scheduler.monotonic() + _AGAIN_S
+                publisher.due_s = scheduler.monotonic() + AGAIN_S
                 self._changed.wait_for(lambda: self._closed, _BETWEEN_S)
 
     def _next(self) -> _Publisher | None:

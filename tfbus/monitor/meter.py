@@ -91,11 +91,11 @@ class TransformMeter:
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
         self._epochs: dict[str, tuple[int, int]] = {}  # the last of each stream, and how many
-        self._samples = 0
+        self.samples = 0
         self._looked_s = -math.inf
         self._names = StreamNames(fleet)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
-        self._subscription = node.session.subscriber(keys, self._take)
+        self._subscription = node.session.subscriber(keys, self.receive)
 
     def close(self) -> None:
         """Stop measuring. Twice is fine; closing the node does it too."""
@@ -140,7 +140,8 @@ class TransformMeter:
         ]
         return [at_s for at_s, _ in recent], [number for _, number in recent]
 
-    def _take(self, key: str, payload: bytes) -> None:
+    def receive(self, key: str, payload: bytes) -> None:
+        """Measure a message of transforms that has come at this key."""
         at_s, now_ns = self._elapsed_s(), self._node.now_ns()
         try:
             message = decode_transforms(payload)
@@ -151,8 +152,8 @@ class TransformMeter:
             self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or self._has_room(self._streams, at_s):
                 window = self._streams.setdefault(stream, Window(_MOST_SAMPLES))
-                grow = self._samples < _MOST_IN_ALL
-                self._samples += window.add(at_s, len(payload), grow=grow)
+                grow = self.samples < _MOST_IN_ALL
+                self.samples += window.add(at_s, len(payload), grow=grow)
                 self.largest[stream] = max(self.largest[stream], len(payload))
                 last_ns, epochs = self._epochs.get(stream, (-1, 0))
                 if message.epoch_ns > last_ns:
@@ -173,8 +174,8 @@ class TransformMeter:
             if meter is None and self._has_room(self._edges, at_s):
                 meter = self._edges[edge] = _EdgeMeter()
             if meter is not None:
-                grow = self._samples < _MOST_IN_ALL
-                self._samples += meter.add(at_s, stamp_ns, now_ns, grow=grow)
+                grow = self.samples < _MOST_IN_ALL
+                self.samples += meter.add(at_s, stamp_ns, now_ns, grow=grow)
 
     def _has_room(self, measured: Sized, at_s: float) -> bool:
         """Whether one more is measured; those that have been silent for long make room."""
@@ -188,11 +189,11 @@ class TransformMeter:
     def _forget_silent(self, since_s: float) -> None:
         for edge, meter in list(self._edges.items()):
             if meter.delays.last_s < since_s:
-                self._samples -= len(meter.delays)
+                self.samples -= len(meter.delays)
                 del self._edges[edge]
         for stream, window in list(self._streams.items()):
             if window.last_s < since_s:
-                self._samples -= len(window)
+                self.samples -= len(window)
                 del self._streams[stream], self.largest[stream], self._epochs[stream]
 
 

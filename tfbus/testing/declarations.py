@@ -172,7 +172,7 @@ class Declarations:
     """Declarations of one session, and of the others it knows."""
 
     def __init__(self, session: "ZenohSession") -> None:
-        self._session = session
+        self.session = session
         self.own: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
         # The faces by which others have declared keys.
         self.heard: dict[str, Holders[Face]] = {kind: Holders() for kind in KINDS}
@@ -183,8 +183,8 @@ class Declarations:
         own[full] += by
         if own[full] == 0:
             del own[full]
-        self.spread(self._session, kind, full, by)
-        self._session.tasks.step()
+        self.spread(self.session, kind, full, by)
+        self.session.tasks.step()
 
     def hear(self, face: "Face", kind: str, key: str, is_new: bool) -> None:
         """The far end of a face declares something, or ends it."""
@@ -216,7 +216,7 @@ class Declarations:
 
     def spread(self, source: object, kind: str, key: str, change: int) -> None:
         """A source has one declaration more, or less: count it, and tell all who have to know."""
-        session = self._session
+        session = self.session
         session.routing.spread(source, kind, key, change)
         if kind == TOKEN:
             session.tokens.count(key, change, source)
@@ -228,4 +228,4 @@ class Declarations:
         own = self.own[kind]
         if full in own or any(intersect(each, full) for each in own):
             return True
-        return bool(self._session.routing.has(kind, full))
+        return bool(self.session.routing.has(kind, full))

@@ -44,9 +44,13 @@ class Tokens:
             del self._count[key]
         is_there = key in self._count
         if is_there != bool(former):
-            kind = zenoh.SampleKind.PUT if is_there else zenoh.SampleKind.DELETE
-            for watch in list(self._watches.values()):
-                self._report(watch, key, kind, source)
+            self.report(key, alive=is_there, source=source)
+
+    def report(self, key: str, *, alive: bool, source: object = None) -> None:
+        """Report that a token is there, or is not, whether or not it is: as by half a link."""
+        kind = zenoh.SampleKind.PUT if alive else zenoh.SampleKind.DELETE
+        for watch in list(self._watches.values()):
+            self._report(watch, key, kind, source)
 
     def watch(self, full: str, handler: Handler, *, history: bool) -> Declared:
         """Report tokens as they come and end; with `history` those that are there first."""

@@ -128,7 +128,7 @@ class Queries:
         self._session = session
         self._numbers = itertools.count(1)
         self._queryables: dict[int, _Queryable] = {}
-        self._asked: dict[int, Asked] = {}
+        self.asked: dict[int, Asked] = {}
 
     def serve(self, full: str, handler: Handler) -> Declared:
         """Call the handler for each query that meets a key."""
@@ -146,7 +146,7 @@ class Queries:
     def clear(self) -> None:
         """Serve nothing more, and end the queries that are under way."""
         self._queryables.clear()
-        for asked in list(self._asked.values()):
+        for asked in list(self.asked.values()):
             asked.end()
 
     def ask(
@@ -188,7 +188,7 @@ class Queries:
 
     def forget(self, asked: Asked) -> None:
         """A query has ended."""
-        self._asked.pop(asked.number, None)
+        self.asked.pop(asked.number, None)
         for face in asked.went_by:
             face.asked.pop(asked.number, None)
 
@@ -205,7 +205,7 @@ class Queries:
         timeout_s: float,
     ) -> Asked:
         asked = Asked(self, next(self._numbers), on_reply, on_end)
-        self._asked[asked.number] = asked
+        self.asked[asked.number] = asked
         process = self._session.process
 
         def time_out() -> None:
@@ -246,7 +246,7 @@ class Queries:
             face.send(lambda far: far.session.queries.receive_end(far, number), is_urgent=False)
 
         asked = Asked(self, next(self._numbers), send_reply, send_end)
-        self._asked[asked.number] = asked
+        self.asked[asked.number] = asked
         here = object()
         asked.waits_for.add(here)
         for way in session.routing.ways(QUERYABLE, question.full, journey, face):

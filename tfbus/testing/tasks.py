@@ -103,12 +103,12 @@ class Tasks:
         self._order = itertools.count()
         self._alarms: list[tuple[int, int, Callable[[], object]]] = []
         self._able: list[Task] = []
-        self._all: dict[Task, None] = {}
+        self.all: dict[Task, None] = {}
         self.main = self.current = Task("main", first)
         self._here = first
         self.main.thread_id = _thread.get_ident()
         self.thread_ids = {self.main.thread_id}
-        self._all[self.main] = None
+        self.all[self.main] = None
         self._draw_steps()
 
     # What tasks do
@@ -116,7 +116,7 @@ class Tasks:
     def start(self, name: str, place: Place, run: Callable[[], object]) -> Task:
         """Start a task; it has its first turn later."""
         task = Task(name, place)
-        self._all[task] = None
+        self.all[task] = None
 
         def body() -> None:
             task.thread_id = _thread.get_ident()
@@ -214,7 +214,7 @@ class Tasks:
         """Wait until the threads of a place have ended that Python waits for at its end."""
         while others := [
             task
-            for task in self._all
+            for task in self.all
             if task.place is place
             and task is not self.current
             and task.thread is not None
@@ -369,7 +369,7 @@ class Tasks:
     def _error(self, why: str) -> SimulationError:
         rows = [
             f"  {_named(task)} waits for {task.waits_for}"
-            for task in self._all
+            for task in self.all
             if task.waits_for and not task.place.is_dead
         ]
         return SimulationError("\n".join([f"{why} ({self.now_ns / 1e9:.6f} s)", *rows]))
@@ -382,7 +382,7 @@ class Tasks:
 
     def _finish(self, task: Task) -> None:
         task.is_over = True
-        self._all.pop(task, None)
+        self.all.pop(task, None)
         for joiner in task.joiners:
             self.wake(joiner)
         if self.is_over:
@@ -407,8 +407,8 @@ class Tasks:
         """End all tasks, on the main one; what they still do has no effect."""
         self.is_over = True
         self._ended.acquire(blocking=False)
-        self._all.pop(self.main, None)
-        for task in list(self._all):
+        self.all.pop(self.main, None)
+        for task in list(self.all):
             task.waits_for = ""
             self._turn_to(task)
             task.turn.release()

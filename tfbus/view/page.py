@@ -145,14 +145,14 @@ class Page:
         self._cameras = Cameras(self._server)
         self._names = Names(self._server, self._selections)
         self._selected_marks = SelectedMarks(self._server, self._selections)
-        self._robots = RobotScenes(
+        self.robots = RobotScenes(
             self._server.scene,
             robots or GivenRobots(),
             node.log,
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self._server.scene)
-        self._panel = Panel(
+        self.panel = Panel(
             self._server,
             self.view,
             self._selections,
@@ -162,7 +162,7 @@ class Page:
             serving.history_s,
             None if serving.read_only else serving.path,
             serving.title,
-            self._robots,
+            self.robots,
             replay,
         )
         self._scene = Scene(self._server.scene, self._select)
@@ -231,18 +231,18 @@ class Page:
             self._log_once.exception(kind, "Could not bring the page up to date")
             self._refresh_at_s = time.monotonic() + _REFRESH_UNWATCHED_S
 
-    def step(self) -> None:
-        """Look at the frames if that is due, and draw them if a browser watches."""
+    def step(self, *, at_once: bool = False) -> None:
+        """Look at the frames if that is due, or at once, and draw them if a browser watches."""
         now_s = time.monotonic()
         is_watched = self.is_watched
         playback, settings = self.view.playback, self.view.settings
-        is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
+        is_due = at_once or now_s >= self._refresh_at_s or is_watched > self._was_watched
         if self._replay and self._replay.move(
             now_s, is_watched=is_watched, trail_s=settings.trail_s if settings.trails else 0.0
         ):
             is_due = True
         self._was_watched = is_watched
-        if self._robots.look(settings) or (is_watched and self._robots.take_meshes()):
+        if self.robots.look(settings) or (is_watched and self.robots.take_meshes()):
             is_due = True
         if is_due:
             self._frames = self._look(settings)
@@ -262,7 +262,7 @@ class Page:
             if is_due:
                 self._look_first(placed, whole)
                 now_ns = self._node.now_ns()
-                self._panel.refresh(self._frames, whole, choice.fixed_frame, self._buffer, now_ns)
+                self.panel.refresh(self._frames, whole, choice.fixed_frame, self._buffer, now_ns)
         shown = [self._frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
         # Without this the end of a movement would wait for the next one.
@@ -274,7 +274,7 @@ class Page:
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
-        self._robots.close()
+        self.robots.close()
         with silent_viser():
             self._server.stop()
 
@@ -300,7 +300,7 @@ class Page:
         # Axes would hide the links of a robot; those that are selected or in conflict have some.
         covered = {
             name
-            for name in self._robots.covered - self._selections.chosen
+            for name in self.robots.covered - self._selections.chosen
             if name in frames and frames[name].state != "conflict"
         }
         shown = [
@@ -310,7 +310,7 @@ class Page:
         ]
         # Links and guests are drawn whether or not the axes of their frames are.
         others = {
-            *self._robots.frames,
+            *self.robots.frames,
             *covered,
             *self.drawn.frames,
             *(name for each in self._guests for name in each.frames),
@@ -320,20 +320,20 @@ class Page:
 
     def _draw(self, placed: Placed, whole: Placed, choice: _Choice, stamp_ns: int | None) -> None:
         settings, fixed_frame = choice.settings, choice.fixed_frame
-        end_ns = self._panel.newest_ns if stamp_ns is None else stamp_ns
+        end_ns = self.panel.newest_ns if stamp_ns is None else stamp_ns
         trails: dict[str, Floats] = {}
         for name in settings.trails:
             if name in whole.index and settings.shows(name):
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
                     trails[name] = path
-        self._robots.draw(whole, self._frames)
+        self.robots.draw(whole, self._frames)
         self.drawn.draw(whole)
         for guest in self._guests:
             guest.draw(whole, fixed_frame)
         regions = [guest.region for guest in self._guests]
         around_m = max((region.radius_m for region in regions if region), default=0.0)
-        points = self._robots.points(whole, self._frames)
+        points = self.robots.points(whole, self._frames)
         if len(points):
             around_m = max(around_m, float(np.ptp(points, axis=0).max()))
         self._scene.draw(self._frames, placed, trails, settings, around_m)
@@ -351,12 +351,12 @@ class Page:
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
             shown = region or later or with_robots or region_of(placed)
-            built = self._robots.built(whole, self._frames)
+            built = self.robots.built(whole, self._frames)
             self._cameras.aim(shown, has_more, len(whole.names), built)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:
         """The ball around frames and robots; None without a robot that has a place."""
-        points = self._robots.points(whole, self._frames)
+        points = self.robots.points(whole, self._frames)
         if not len(points):
             return None
         return region_of_points(np.concatenate((placed.xyz, points)))
@@ -400,7 +400,7 @@ class Page:
 
     def _region_of_all(self) -> Region:
         region = self._guests_region()
-        if region is not None and not (self._placed.names or self._robots.robots):
+        if region is not None and not (self._placed.names or self.robots.robots):
             return region
         frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
         return around(frames, region) if region else frames

@@ -61,7 +61,7 @@ class NodeGraph:
         return describe_all(self._node.session, lambda error: None)
 
     def _graph(self) -> Graph:
-        streams = describe_streams(self._node.session, lambda error: None)
+        streams, _ = describe_streams(self._node.session, lambda error: None)
         return graph_of(self._described(), streams, self._node.namespace)
 
     def _topic(self, name: str) -> TopicInfo | None:

@@ -150,8 +150,8 @@ def _respawn(fields: Fields) -> Respawn | None:
 _FILE_KEYS = ("description", "arguments", "sim_time", "secure", "includes", "nodes")
 
 # Files that include others several times each grow without end.
-_MOST_FILES = 1_000
-_MOST_PROCESSES = 10_000
+MOST_FILES = 1_000
+MOST_PROCESSES = 10_000
 
 _INCLUDE_KEYS = ("file", "package", "namespace", "arguments")
 
@@ -226,19 +226,19 @@ class _Total:
     def add_file(self, place: FilePlace) -> None:
         """Add a file. Raises YamlFileError if there are too many."""
         self.files += 1
-        if self.files > _MOST_FILES:
+        if self.files > MOST_FILES:
             raise place.mistake(
-                f"is the include number {self.files:,} of this launch; at most {_MOST_FILES:,} "
+                f"is the include number {self.files:,} of this launch; at most {MOST_FILES:,} "
                 "are read: look for files that include each other many times"
             )
 
     def add_process(self, place: FilePlace) -> None:
         """Add a process. Raises YamlFileError if there are too many."""
         self.processes += 1
-        if self.processes > _MOST_PROCESSES:
+        if self.processes > MOST_PROCESSES:
             raise place.mistake(
                 f"is the process number {self.processes:,} of this launch; at most "
-                f"{_MOST_PROCESSES:,} are read"
+                f"{MOST_PROCESSES:,} are read"
             )
 
 

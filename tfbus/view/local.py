@@ -4,7 +4,6 @@ import atexit
 import logging
 import math
 import threading
-from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from types import TracebackType
@@ -15,10 +14,12 @@ from numpy.typing import ArrayLike
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException, TfbusError
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
-from tfbus.listen.info import StreamInfo
 from tfbus.runtime.addresses import is_local
-from tfbus.runtime.clock import Clock
+from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
+from tfbus.view.scene.drawn import color_of, image_of, length_of, place_of, point_of, points_of
 
 if TYPE_CHECKING:
     from tfbus.frames.recording import Recording
@@ -44,16 +45,16 @@ class Program:
 
     def __init__(self, buffer: Buffer) -> None:
         self.log = logging.getLogger("tfbus.view")
-        self._buffer = buffer
+        self.buffer = buffer
         self._ended = threading.Event()
 
     def now_ns(self) -> int:
         newest = [
             frame.newest_ns
-            for frame in self._buffer.all_frames()
+            for frame in self.buffer.all_frames()
             if frame.newest_ns is not None and not frame.static
         ]
-        return max(newest, default=0) or self._buffer.clock()
+        return max(newest, default=0) or self.buffer.clock()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         return not self._ended.wait(timeout_s)
@@ -64,8 +65,20 @@ class Program:
     def close(self) -> None:
         pass
 
-    def streams(self) -> Sequence[StreamInfo]:
-        return ()
+    # As the bus of the page: a buffer without publishers.
+
+    @property
+    def dropped(self) -> int:
+        return 0
+
+    def tree(self) -> FrameTree:
+        return frame_tree(self.buffer, (), self.now_ns())
+
+    def moment(self) -> BusMoment:
+        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=self.tree())
+
+    def hint(self, frame: str = "") -> str:
+        return ""
 
 
 class View:
@@ -142,8 +155,6 @@ class View:
 
         Points that are not finite, as scans have them where nothing is, are left out.
         """
-        from tfbus.view.scene.drawn import color_of, length_of, points_of
-
         xyz = points_of(points)
         finite = np.isfinite(xyz).all(axis=1)
         colors = color_of(color, len(xyz))
@@ -172,8 +183,6 @@ class View:
         width_m: float = 0.01,
     ) -> None:
         """Draw a line along points (N, 3), or N separate lines (N, 2, 3)."""
-        from tfbus.view.scene.drawn import color_of, length_of, points_of
-
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 3 or array.shape[1:] != (2, 3):
             along = points_of(array)
@@ -200,8 +209,6 @@ class View:
         width_m: float = 0.02,
     ) -> None:
         """Draw an arrow from one point (3,) to another, such as a velocity or a force."""
-        from tfbus.view.scene.drawn import color_of, length_of, point_of
-
         ends = np.stack((point_of(start, "start"), point_of(end, "end")))[None]
         width, colors = length_of(width_m, "width_m"), color_of(color)
         head_m = min(4.0 * width, 0.5 * float(np.linalg.norm(ends[0, 1] - ends[0, 0])))
@@ -229,8 +236,6 @@ class View:
         opacity: float = 1.0,
     ) -> None:
         """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
-
         sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
         look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
         self._add(
@@ -252,8 +257,6 @@ class View:
         opacity: float = 1.0,
     ) -> None:
         """Draw a sphere around the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import color_of, length_of, place_of
-
         radius, place = length_of(radius_m, "radius_m"), place_of(pose)
         look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
         self._add(
@@ -273,8 +276,6 @@ class View:
         pose: Transform | ArrayLike | None = None,
     ) -> None:
         """Write a text that always faces the browser, at the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import place_of
-
         place = place_of(pose)
         self._add(
             name,
@@ -300,8 +301,6 @@ class View:
         top to bottom (1.0), or that of a `camera_matrix` (3, 3) for pictures of `size_px`, width by
         height. The picture, `depth_m` ahead, is uint8 (H, W, 3), red first, or (H, W).
         """
-        from tfbus.view.scene.drawn import color_of, image_of, length_of
-
         picture = None if image is None else image_of(image)
         if size_px is None:
             size_px = (4, 3) if picture is None else (picture.shape[1], picture.shape[0])
@@ -342,8 +341,6 @@ class View:
         """Draw an image (H, W, 3) or (H, W), uint8, such as a map, in the plane of x (to its right)
         and y (up) around the frame's origin, or at `pose`.
         """
-        from tfbus.view.scene.drawn import image_of, length_of, place_of, point_of
-
         picture, width = image_of(image), length_of(width_m, "width_m")
         height = width * picture.shape[0] / picture.shape[1]
         # viser's images have y down.
@@ -493,7 +490,7 @@ def show(
     program = Program(buffer)
     serving = replace(serving, history_s=history_s or _history_s(buffer))
     robots = GivenRobots()
-    return View(Page(program, buffer, program, serving, robots), program, robots)
+    return View(Page(program, program, serving, robots), program, robots)
 
 
 def _access(host: str) -> "Access":
@@ -522,7 +519,7 @@ def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | Non
         first_ns = reader.start_ns if at_ns is None else at_ns
         replay = Replay(reader, at_ns=first_ns, plays=at_ns is None)
         robots = RecordedRobots(reader, replay)
-        page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
+        page = Page(replay, replay, serving, robots, replay=replay)
     except BaseException:
         reader.close()
         raise

@@ -122,6 +122,10 @@ class Plan:
             found += _drawn_actions(draw, hosts, senders, readers, size.seconds)
         if draw.random() < 0.5:
             found += _joins_at_last(draw, list(readers), size.seconds)
+        apart = random.Random(f"{seed}, apart")
+        # Small ones have it often enough, and what is drawn apart changes no other draw.
+        if size is SMALL and PLAIN in senders and apart.random() < 0.6:
+            found += _overtakes(apart, senders, readers, size.seconds)
         return cls(
             seed,
             size,
@@ -216,6 +220,26 @@ def _die_and_return(draw: random.Random, at_s: float, senders: _Senders) -> list
         Action(round(killed_s, 3), draw.choice(("kill", "close")), sender),
         Action(round(back_s, 3), "restart", sender),
     ]
+
+
+def _overtakes(
+    draw: random.Random, senders: _Senders, readers: _Readers, end_s: float
+) -> list[Action]:
+    """A plain stream goes on nearby, twice, while what it sent from afar is still under way."""
+    far, near = senders[PLAIN], readers[draw.choice([*readers])][0]
+    if far == near:
+        return []
+    found, at_s = [], round(draw.uniform(3.0, 0.5 * end_s), 3)
+    for turn_s in (at_s, round(at_s + 7.5, 3)):
+        delay_s = round(draw.uniform(1.0, 2.5), 3)
+        found += [
+            Action(turn_s, "slow", near, (far, 0.02, 0.0, 0)),
+            Action(turn_s, "fail_over", PLAIN, (far,)),
+            # By now it is known, and its messages come.
+            Action(round(turn_s + 2.5, 3), "slow", near, (far, delay_s, 0.0, 0)),
+            Action(round(turn_s + 2.5 + delay_s, 3), "fail_over", PLAIN, (near,)),
+        ]
+    return found
 
 
 def _drawn_action(

@@ -113,8 +113,8 @@ def load(scenes: RobotScenes) -> None:
 
 def nodes(scenes: RobotScenes) -> Sequence[Any]:
     """What a scene has of its only robot."""
-    [scene] = scenes._scenes.values()
-    return scene._nodes
+    [scene] = scenes.by_robot.values()
+    return scene.nodes
 
 
 def test_meshes_come_while_the_rest_is_shown(
@@ -169,8 +169,8 @@ def test_links_are_where_their_frames_are_and_hidden_without_a_place(
     scenes.look(ViewSettings())
     placed, frames = seen(("base", "other", 1.0))
     scenes.draw(placed, frames)
-    [scene] = scenes._scenes.values()
-    base, hand = scene._links["base"], scene._links["hand"]
+    [scene] = scenes.by_robot.values()
+    base, hand = scene.links["base"], scene.links["hand"]
     assert (base.frame.visible, hand.frame.visible) == (True, False)
     faded = Frames(replace(frame, opacity=0.25) for frame in seen(*ALL)[1])
     scenes.draw(seen(*ALL)[0], faded)
@@ -184,8 +184,8 @@ def test_a_robot_of_a_file_stands_by_itself_where_its_frames_are_not_on_the_bus(
     """At rest, or as its sliders say; once it has frames these count."""
     scenes = scenes_of(ShownRobot(arm))
     scenes.look(ViewSettings())
-    [scene] = scenes._scenes.values()
-    hand = scene._links["hand"].frame
+    [scene] = scenes.by_robot.values()
+    hand = scene.links["hand"].frame
     scenes.draw(*NOTHING)
     assert hand.position.tolist() == [0.0, 0.0, 1.0]
     scenes.move({"lift": 1.5})
@@ -214,11 +214,11 @@ def test_a_robot_that_changes_is_drawn_again_and_the_other_stays(
     """By what the source has now."""
     scenes = scenes_of(ShownRobot(arm, prefix="a_"), ShownRobot(arm, prefix="b_"))
     scenes.look(ViewSettings())
-    kept = list(scenes._scenes.values())
+    kept = list(scenes.by_robot.values())
     assert isinstance(scenes.source, GivenRobots)
     scenes.source.add(ShownRobot(arm, prefix="b_"))
     assert scenes.look(ViewSettings())
-    assert [scene in kept for scene in scenes._scenes.values()] == [True, False]
+    assert [scene in kept for scene in scenes.by_robot.values()] == [True, False]
 
 
 def test_a_robot_of_a_fleet_has_the_frames_and_the_title_of_its_namespace(arm: Robot) -> None:

@@ -79,12 +79,12 @@ class RobotScene:
         self._path = path
         self._loader = loader
         self._look = Look()
-        self._nodes: list[_Node] = []
+        self.nodes: list[_Node] = []
         self._waiting: list[_Waiting] = []
         self._sources: dict[MeshSource, bool] = {}
         self._added: set[bool] = set()
         self._root = scene.add_frame(path, show_axes=False)
-        self._links = {
+        self.links = {
             link: _Link(scene.add_frame(f"{path}/{number}", show_axes=False, visible=False))
             for number, link in enumerate(robot.shaped_links)
         }
@@ -106,7 +106,7 @@ class RobotScene:
     def points(self, placed: Placed) -> Floats:
         """The corners (N, 3) of the boxes around its links that have a place, and their origins."""
         found = [np.zeros((0, 3))]
-        for name, link in self._links.items():
+        for name, link in self.links.items():
             row = placed.index.get(self.robot.frame_of(name))
             if row is not None:
                 found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
@@ -114,7 +114,7 @@ class RobotScene:
 
     def placed_links(self, placed: Placed) -> int:
         """How many links with shapes have a place."""
-        return sum(self.robot.frame_of(link) in placed.index for link in self._links)
+        return sum(self.robot.frame_of(link) in placed.index for link in self.links)
 
     # How it is drawn
 
@@ -126,7 +126,7 @@ class RobotScene:
                 self._added.add(is_collision)
                 self._add_all(self.robot.collisions if is_collision else self.robot.visuals)
         self._look = look
-        for node in self._nodes:
+        for node in self.nodes:
             self._dress(node)
         if self._root.visible != is_visible:
             self._root.visible = is_visible
@@ -134,7 +134,7 @@ class RobotScene:
     def draw(self, placed: Placed, opacity_of: Callable[[str], float]) -> None:
         """Move the links to their frames, each as faded as its frame."""
         faded = set()
-        for name, link in self._links.items():
+        for name, link in self.links.items():
             frame = self.robot.frame_of(name)
             row = placed.index.get(frame)
             if link.frame.visible != (row is not None):
@@ -146,7 +146,7 @@ class RobotScene:
             if fading != link.fading:
                 link.fading = fading
                 faded.add(name)
-        for node in self._nodes if faded else ():
+        for node in self.nodes if faded else ():
             if node.link in faded:
                 self._dress(node)
 
@@ -258,12 +258,12 @@ class RobotScene:
         node = _Node(shape.link, handle, isinstance(shape, Collision), opacity, textured)
         if textured is not None:
             node.twin = lambda: self._add_part(shape, textured, textured.color or _GREY)
-        self._nodes.append(node)
+        self.nodes.append(node)
         self._dress(node)
 
     def _dress(self, node: _Node) -> None:
         is_shown = _shows(self._look.shown, node.is_collision)
-        opacity = node.opacity * self._look.opacity * self._links[node.link].fading
+        opacity = node.opacity * self._look.opacity * self.links[node.link].fading
         if node.is_collision and self._look.shown == "both":
             opacity *= _THROUGH
         if node.textured is None:
@@ -285,13 +285,13 @@ class RobotScene:
 
     def _next_path(self, shape: Visual | Collision) -> str:
         self._count += 1
-        return f"{self._links[shape.link].frame.name}/{self._count}"
+        return f"{self.links[shape.link].frame.name}/{self._count}"
 
     def _enclose(
         self, shape: Visual | Collision, box: Floats, scale: tuple[float, float, float]
     ) -> None:
         corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
-        link = self._links[shape.link]
+        link = self.links[shape.link]
         link.corners = np.concatenate((link.corners, shape.origin.apply(corners * scale)))
 
 

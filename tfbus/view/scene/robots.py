@@ -39,7 +39,7 @@ class RobotScenes:
         self._log = log
         self._loader = MeshLoader(source.fetch, heeds_up_axis=heeds_up_axis)
         self._count = 0
-        self._scenes: dict[ShownRobot, RobotScene] = {}
+        self.by_robot: dict[ShownRobot, RobotScene] = {}
         self._settings: ViewSettings | None = None
         self._logged: set[str] = set()
         self._still: dict[ShownRobot, Placed] = {}
@@ -47,7 +47,7 @@ class RobotScenes:
     @property
     def robots(self) -> Collection[ShownRobot]:
         """The robots in the scene."""
-        return self._scenes.keys()
+        return self.by_robot.keys()
 
     def close(self) -> None:
         """End the loading of meshes, and the source."""
@@ -59,31 +59,31 @@ class RobotScenes:
     def look(self, settings: ViewSettings) -> bool:
         """Add robots that have come, and remove those that have left; whether there were any."""
         found = self.source.robots()
-        is_new = list(found) != list(self._scenes)
+        is_new = list(found) != list(self.by_robot)
         if is_new:
             self._replace(found)
             self._log_mistakes()
         if is_new or settings is not self._settings:
             self._settings = settings
-            for robot, scene in self._scenes.items():
+            for robot, scene in self.by_robot.items():
                 scene.show(_look_of(settings), robot.title not in settings.hidden_robots)
         return is_new
 
     def _replace(self, found: Collection[ShownRobot]) -> None:
-        for robot in [robot for robot in self._scenes if robot not in found]:
-            self._scenes.pop(robot).remove()
+        for robot in [robot for robot in self.by_robot if robot not in found]:
+            self.by_robot.pop(robot).remove()
         for robot in found:
-            if robot not in self._scenes:
+            if robot not in self.by_robot:
                 self._count += 1
                 path = f"/robots/{self._count}"
-                self._scenes[robot] = RobotScene(self._scene, path, robot, self._loader)
-        self._scenes = {robot: self._scenes[robot] for robot in found}
-        used = {source for scene in self._scenes.values() for source in scene.sources}
+                self.by_robot[robot] = RobotScene(self._scene, path, robot, self._loader)
+        self.by_robot = {robot: self.by_robot[robot] for robot in found}
+        used = {source for scene in self.by_robot.values() for source in scene.sources}
         self._loader.keep(used)
 
     def take_meshes(self) -> bool:
         """Draw meshes that have come; whether there were any."""
-        taken = any([scene.take_meshes(_MESHES_A_STEP) for scene in self._scenes.values()])
+        taken = any([scene.take_meshes(_MESHES_A_STEP) for scene in self.by_robot.values()])
         if taken:
             self._log_mistakes()
         return taken
@@ -96,7 +96,7 @@ class RobotScenes:
 
     def draw(self, placed: Placed, frames: Frames) -> None:
         """Move the robots to where their frames are."""
-        for robot, scene in self._scenes.items():
+        for robot, scene in self.by_robot.items():
             if self.is_still(robot, frames):
                 scene.draw(self._standing(robot), lambda frame: 1.0)
             else:
@@ -138,7 +138,7 @@ class RobotScenes:
     def frames(self) -> frozenset[str]:
         """The frames of all links with shapes, which need a place."""
         return frozenset(
-            robot.frame_of(link) for robot in self._scenes for link in robot.shaped_links
+            robot.frame_of(link) for robot in self.by_robot for link in robot.shaped_links
         )
 
     @property
@@ -149,7 +149,7 @@ class RobotScenes:
             return frozenset()
         return frozenset(
             frame
-            for robot in self._scenes
+            for robot in self.by_robot
             if robot.shaped_links and robot.title not in settings.hidden_robots
             for frame in robot.frames.values()
         )
@@ -157,12 +157,12 @@ class RobotScenes:
     @property
     def progress(self) -> tuple[int, int]:
         """How many meshes are loaded, and how many there are."""
-        scenes = self._scenes.values()
+        scenes = self.by_robot.values()
         return sum(scene.loaded for scene in scenes), sum(len(scene.sources) for scene in scenes)
 
     def loaded(self, robot: ShownRobot) -> tuple[int, int]:
         """The same of one robot."""
-        scene = self._scenes[robot]
+        scene = self.by_robot[robot]
         return scene.loaded, len(scene.sources)
 
     def mistakes(self) -> list[str]:
@@ -170,13 +170,13 @@ class RobotScenes:
         return [*self.source.mistakes(), *self._lacking()]
 
     def _lacking(self) -> list[str]:
-        return [printable(each, 400) for each in all_mistakes(self._scenes.values())]
+        return [printable(each, 400) for each in all_mistakes(self.by_robot.values())]
 
     def built(self, placed: Placed, frames: Frames) -> tuple[int, int]:
         """How many robots that are shown have frames, and how many of their links have a place and
         of their meshes are loaded: with each there is more to see.
         """
-        shown = [scene for robot, scene in self._scenes.items() if self._is_shown(robot)]
+        shown = [scene for robot, scene in self.by_robot.items() if self._is_shown(robot)]
         moving = [scene for scene in shown if not self.is_still(scene.robot, frames)]
         at = [(scene, self._where(scene.robot, placed, frames)) for scene in shown]
         parts = sum(scene.loaded + scene.placed_links(where) for scene, where in at)
@@ -185,7 +185,7 @@ class RobotScenes:
     def points(self, placed: Placed, frames: Frames) -> Floats:
         """Points (N, 3) in the fixed frame that robots which are shown lie between."""
         found = [np.zeros((0, 3))]
-        for robot, scene in self._scenes.items():
+        for robot, scene in self.by_robot.items():
             if self._is_shown(robot):
                 found.append(scene.points(self._where(robot, placed, frames)))
         return np.concatenate(found)

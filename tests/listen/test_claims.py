@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.builders import S, description
 from tests.fakes import Clock
 from tfbus import InvalidArgumentException
-from tfbus.listen.claims import Claims, Conflict, Rule, Starts
+from tfbus.listen.conflicts import Claims, Conflict, Rule, Starts
 from tfbus.wire.descriptions import StreamDescription
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from tests.builders import S, at, payload
 from tfbus import Buffer
-from tfbus.listen.claims import Rule
-from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.conflicts import Conflicts, Rule
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_facts import Listening
 from tfbus.wire.descriptions import StreamDescription

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.listen.epochs import Epochs, Verdict
+from tfbus.listen.stream_facts import Epochs, Verdict
 
 PRESENT, OUTDATED = Verdict.PRESENT, Verdict.OUTDATED
 

@@ -13,7 +13,7 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.listen.history import AskedHistory
+from tfbus.listen.queries import AskedHistory
 from tfbus.listen.reception import StreamReception
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor

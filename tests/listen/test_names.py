@@ -5,7 +5,7 @@ import pytest
 
 from tfbus import InvalidArgumentException, TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.listen.names import StreamNames
+from tfbus.listen.frame_names import StreamNames
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames, has_name, shared_name
 from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
@@ -135,7 +135,7 @@ def test_messages_are_read_with_outside_names() -> None:
 
 def test_the_namespaces_whose_names_are_kept_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beyond the limit, names are made again."""
-    monkeypatch.setattr("tfbus.listen.names.MOST_NAMESPACES", 3)
+    monkeypatch.setattr("tfbus.listen.frame_names.MOST_NAMESPACES", 3)
     names = StreamNames(Fleet())
     first = names.at("robot0/tf/sim")
     assert names.at("robot0/tf_static/sim") is first

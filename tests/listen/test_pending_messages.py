@@ -4,9 +4,8 @@ import logging
 
 from tests.builders import S, at, payload, x_of
 from tfbus import Buffer
-from tfbus.listen.epochs import PendingMessages, Receive
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import Listening, PendingMessages, Receive
 from tfbus.wire.transforms import TransformReader
 
 

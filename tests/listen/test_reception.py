@@ -9,7 +9,7 @@ import pytest
 from tests.builders import S, at, payload
 from tests.listen.received import Received
 from tfbus import Buffer
-from tfbus.listen.claims import Resolution
+from tfbus.listen.conflicts import Resolution
 from tfbus.listen.reception import StreamReception
 from tfbus.listen.stream_facts import Listening
 from tfbus.runtime.log_once import LogOnce

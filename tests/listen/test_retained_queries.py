@@ -12,7 +12,7 @@ from tests.builders import at, payload
 from tests.listen.received import Received
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.listen.retained_queries import StaticRecovery
+from tfbus.listen.queries import StaticRecovery
 from tfbus.runtime.executor import Executor
 
 

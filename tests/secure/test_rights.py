@@ -5,7 +5,7 @@ import pytest
 from tests.builders import at
 from tfbus import SettingsError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.stream_rights import StreamRights
+from tfbus.listen.frame_names import StreamRights
 from tfbus.secure.rights import RIGHTS, ROLES, Identity, Rights
 from tfbus.wire.descriptions import StreamDescription
 

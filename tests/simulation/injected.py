@@ -15,11 +15,10 @@ from typing import Any
 
 from tests.simulation.histories import violation
 from tests.simulation.plans import Plan
-from tfbus.listen.claims import Claims, Starts
-from tfbus.listen.epochs import Epochs, Verdict
-from tfbus.listen.retained_queries import StaticRecovery
-from tfbus.listen.still_sending import UnlistedFrames
-from tfbus.listen.stream_facts import Listing
+from tfbus.listen.conflicts import Claims, Starts
+from tfbus.listen.queries import StaticRecovery
+from tfbus.listen.registry import UnlistedFrames
+from tfbus.listen.stream_facts import Epochs, Listing, Verdict
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import replace

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.listen.claims import Claims
+from tfbus.listen.conflicts import Claims
 from tfbus.recording.items import EventItem
 from tfbus.recording.selection import Selection
 from tfbus.wire.codec import from_map

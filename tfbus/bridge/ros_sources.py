@@ -11,7 +11,7 @@ from tfbus.broadcast.stream import NodeStreams, Stream
 from tfbus.errors import RightsError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.claims import name_some
+from tfbus.listen.conflicts import name_some
 from tfbus.listen.stream_facts import lines_of
 from tfbus.names import is_printable
 from tfbus.node.node import Node

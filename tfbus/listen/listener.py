@@ -11,13 +11,12 @@ from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
-from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
-from tfbus.listen.conflicts import Conflicts
-from tfbus.listen.history import AskedHistory
+from tfbus.listen.conflicts import Claimant, Conflicts, Rule, name_some
+from tfbus.listen.frame_names import StreamNames, StreamRights
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
-from tfbus.listen.names import StreamNames
+from tfbus.listen.queries import AskedHistory, StaticRecovery
 from tfbus.listen.reception import (
     DynamicReception,
     StaticReception,
@@ -31,13 +30,12 @@ from tfbus.listen.registry import (
     STREAM_BYTES,
     Budget,
     Registry,
+    StillSending,
     Stream,
+    UnlistedFrames,
     is_static,
 )
-from tfbus.listen.retained_queries import StaticRecovery
-from tfbus.listen.still_sending import StillSending, UnlistedFrames
 from tfbus.listen.stream_facts import Listening
-from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node

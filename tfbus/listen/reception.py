@@ -14,13 +14,10 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.admission import Admission
-from tfbus.listen.conflicts import Contest
+from tfbus.listen.frame_names import FrameRights
 from tfbus.listen.info import Counts
-from tfbus.listen.marks import Marks
-from tfbus.listen.static_retries import StaticRetries
+from tfbus.listen.stages import Admission, Contest, Marks, StaticRetries
 from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts
-from tfbus.listen.stream_rights import FrameRights
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader

@@ -9,11 +9,11 @@ from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.listen.epochs import is_from_future
 from tfbus.listen.fair_queue import FairQueue, Received
+from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import StreamState
-from tfbus.listen.retained_queries import ask_for_description
-from tfbus.listen.stream_rights import StreamRights
+from tfbus.listen.queries import ask_for_description
+from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sized
 from itertools import pairwise
 
 from tfbus.errors import DecodeError
-from tfbus.listen.names import StreamNames
+from tfbus.listen.frame_names import StreamNames
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow, Window, spread_of
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler

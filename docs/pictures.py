@@ -28,7 +28,7 @@ from PIL import Image
 from tfbus import NodeSettings
 from tfbus.frames.command_listener import listening
 from tfbus.top.app import TopApp
-from tfbus.top.source import Source
+from tfbus.top.rows import Source
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, find_browser
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.builders import S
 from tests.fakes import Clock
 from tfbus import Transform, TransformBatch, TransformStamped
-from tfbus.broadcast.history import SentHistory, without_removed
+from tfbus.broadcast.retained import SentHistory, without_removed
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 

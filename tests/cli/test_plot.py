@@ -10,7 +10,7 @@ import pytest
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import TfbusError, Transform, TransformArray, TransformBroadcaster, TransformStamped
-from tfbus.frames.plot import PANELS, draw
+from tfbus.frames.picture import PANELS, draw
 from tfbus.frames.track import Track
 from tfbus.geometry.transform_array import make_array
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformStamped
-from tfbus.frames.echo_formats import (
+from tfbus.frames.document import (
     CSV_HEADER,
     Numbers,
     csv_line,

@@ -19,8 +19,8 @@ from tests.recordings import (
 )
 from tfbus import Fleet
 from tfbus.frames.document import as_map
+from tfbus.frames.moment import state
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.state import state
 from tfbus.recording.items import EventItem, EventKind, TopicItem
 from tfbus.recording.reader import RecordingReader
 

@@ -24,9 +24,8 @@ from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination
 from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.document import tree_lines
-from tfbus.frames.moment import BusMoment
+from tfbus.frames.moment import BusMoment, stale_after_s, state
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.frames.state import stale_after_s, state
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import Report
 from tfbus.runtime.clock import SimulatedClock

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, DecodeError, Transform, TransformStamped
-from tfbus.frames import plot
-from tfbus.frames.echo_formats import CSV_HEADER, Numbers, csv_line, json_line
+from tfbus.frames import picture
+from tfbus.frames.document import CSV_HEADER, Numbers, csv_line, json_line
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.geometry.transform_array import TransformArray
 
@@ -111,5 +111,5 @@ def test_a_gap_is_between_poses_that_are_far_apart() -> None:
     poses = TransformArray(np.zeros((6, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (6, 1)))
     track = Track("world", "drone", stamps, poses)
     assert track.gaps().tolist() == [False, False, True, False, False]
-    seconds_drawn = plot.broken(track, track.seconds)
+    seconds_drawn = picture.broken(track, track.seconds)
     assert len(seconds_drawn) == 7 and np.isnan(seconds_drawn[3])

@@ -17,6 +17,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.frames.clocks import SimulatedTime
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.listen.info import StreamInfo
@@ -55,7 +56,7 @@ def ask(
     tree = frame_tree(buffer, [stream], NOW_NS)
     stamp_ns = None if at_s is None else NOW_NS + round(at_s * S)
     return explain(
-        tree,
+        BusMoment(at_ns=NOW_NS, tree=tree),
         buffer,
         target,
         source,
@@ -98,7 +99,7 @@ class TestExplain:
         """The answer is from one of them, and the explanation says so."""
         sim = replace(SIM, frames=(("base", "arm", False),))
         tree = frame_tree(buffer, [sim, replace(sim, name="rival")], NOW_NS)
-        report = explain(tree, buffer, "world", "arm")
+        report = explain(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "world", "arm")
         assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
         assert fault(report, "arm").reason == "the answer is from one of its publishers"
         assert report.remedies[0].startswith("'arm' is published by several at once: ")
@@ -216,7 +217,7 @@ class TestExplain:
     def test_a_simulated_time_that_we_do_not_follow_is_a_bad_sign(self, buffer: Buffer) -> None:
         """A publisher that follows a clock is named, and --sim-time is the first remedy."""
         tree = frame_tree(buffer, [SIM], NOW_NS, SimulatedTime(("/clock",), frozenset({"/sim"}), 1))
-        report = explain(tree, buffer, "world", "base")
+        report = explain(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "world", "base")
         assert verdicts(report) == [("base", "warn")]
         assert "its time is simulated: use --sim-time" in fault(report, "base").facts
         (remedy,) = report.remedies
@@ -232,7 +233,13 @@ class TestExplain:
             ts = TransformStamped(now_s - back_s, "world", "base", Transform.identity())
             buffer.set_transform(ts, authority="sim")
         stamp_ns = None if at_s is None else now_s * S + round(at_s * S)
-        report = explain(frame_tree(buffer, [SIM], now_s * S), buffer, "world", "base", stamp_ns)
+        report = explain(
+            BusMoment(at_ns=now_s * S, tree=frame_tree(buffer, [SIM], now_s * S)),
+            buffer,
+            "world",
+            "base",
+            stamp_ns,
+        )
         assert verdicts(report) == [("base", verdict)]
         step = fault(report, "base")
         assert step.reason == "no lookup at a time finds its samples"

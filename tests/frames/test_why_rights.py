@@ -1,6 +1,7 @@
 """`explain` where rights on a closed bus are the reason."""
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.why import explain
 from tfbus.listen.info import StreamInfo
@@ -9,7 +10,9 @@ from tfbus.listen.info import StreamInfo
 def remedies(*streams: StreamInfo, reads_only: str = "") -> tuple[str, ...]:
     """The remedies of a lookup of a frame that is not there."""
     tree = FrameTree({}, {each.name: each for each in streams}, 0)
-    return explain(tree, Buffer(), "world", "hand", reads_only=reads_only).remedies
+    return explain(
+        BusMoment(at_ns=0, tree=tree), Buffer(), "world", "hand", reads_only=reads_only
+    ).remedies
 
 
 def test_frames_that_a_stream_may_not_have_are_named_as_the_reason() -> None:

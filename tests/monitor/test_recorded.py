@@ -16,7 +16,7 @@ from tests.recordings import (
 )
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.monitor.flow import EdgeFlow
-from tfbus.monitor.recorded import measured
+from tfbus.monitor.meter import measured
 from tfbus.monitor.report import PairWatch, Report
 from tfbus.recording.items import EventItem
 from tfbus.recording.reader import RecordingReader

@@ -12,7 +12,7 @@ from tests import needs
 from tests.builders import S, examples, transforms
 from tests.needs import module
 from tfbus import DecodeError, InvalidArgumentException, Trajectory, TransformArray
-from tfbus.frames.echo_formats import CSV_HEADER, Numbers, csv_line
+from tfbus.frames.document import CSV_HEADER, Numbers, csv_line
 
 # Not a whole number of the steps of a float of this size, which are 238 ns.
 STAMP = 1_403_636_579_763_555_585

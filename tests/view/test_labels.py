@@ -11,7 +11,7 @@ from tfbus import FrameInfo
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.frames.state import State
+from tfbus.frames.moment import State
 from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.scene.camera import Window, overview

@@ -7,7 +7,7 @@ import pytest
 
 from tests.recordings import publisher, sent, write
 from tests.view.recordings import at, record
-from tfbus.frames.state import state
+from tfbus.frames.moment import state
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 

@@ -5,9 +5,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from tfbus.broadcast.announcer import FrameAnnouncer, FrameRows
-from tfbus.broadcast.history import Entry, SentHistory, answer_from_history
 from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
+from tfbus.broadcast.retained import (
+    Entry,
+    FrameAnnouncer,
+    FrameRows,
+    SentHistory,
+    answer_from_history,
+)
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from tfbus.broadcast.announcer import Edges, FrameAnnouncer
-from tfbus.broadcast.history import Entry, SentHistory, answer_from_history
 from tfbus.broadcast.keys import (
     KeyPerFrame,
     OneKey,
@@ -16,6 +14,7 @@ from tfbus.broadcast.keys import (
     StreamKeys,
     StreamOptions,
 )
+from tfbus.broadcast.retained import Edges, Entry, FrameAnnouncer, SentHistory, answer_from_history
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import lazy_numpy as np

@@ -14,8 +14,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from tfbus.broadcast.announcer import Edges, FrameAnnouncer, FrameRows
 from tfbus.broadcast.keys import StreamOptions
+from tfbus.broadcast.retained import Edges, FrameAnnouncer, FrameRows
 from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher

@@ -17,7 +17,7 @@ from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
-from tfbus.doctor.finding import Finding, Verdict
+from tfbus.doctor.examination import Finding, Verdict
 from tfbus.frames.changes import Ongoing
 from tfbus.wire.fleet import Fleet
 
@@ -172,7 +172,7 @@ def _check_recording(
     as_json: bool,
 ) -> dict[str, Finding]:
     from tfbus.cli.recorded import span_lines
-    from tfbus.doctor.recorded import examine_recorded
+    from tfbus.doctor.examine import examine_recorded
     from tfbus.frames.recorded_poses import frames_of
 
     with bag.opened() as recording:

@@ -94,7 +94,8 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
-        tree = heard.tree_and_clocks()
+        heard.ask_about_clocks()
+        tree = heard.tree()
         hint = "" if tree.frames else heard.hint()
     _show(tree, outputs, long=long, as_json=as_json)
     if not tree.frames:
@@ -157,7 +158,8 @@ def _nothing(heard: "Listening") -> list[str]:
 def _watch(heard: "Listening", long: bool) -> None:
     with screen() as show:
         while True:
-            tree = heard.tree_and_clocks()
+            heard.ask_about_clocks()
+            tree = heard.tree()
             show(_lines(tree, long) if tree.frames else _nothing(heard))
             if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
                 return

@@ -101,7 +101,7 @@ def _measure_recorded(
 ) -> None:
     from tfbus.cli.recorded import span_lines
     from tfbus.frames.recorded_poses import frames_of
-    from tfbus.monitor.recorded import MOST_LOOKS, measured
+    from tfbus.monitor.meter import MOST_LOOKS, measured
 
     pair = None
     if target is not None and source is not None:
@@ -146,7 +146,7 @@ def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Ite
     while _measure(heard, pair, period_s):
         tree = heard.tree()
         if any(map(tree.is_ahead, tree.frames.values())):
-            heard.tree_and_clocks()  # they may follow a simulated time: it asks them
+            heard.ask_about_clocks()
         yield make_report(heard, meter, pair)
 
 

@@ -9,7 +9,7 @@ from typing import Generic, Literal, TypeVar
 from tfbus.buffer.info import FrameInfo
 from tfbus.cli.output import longest_line, paint, paint_state, table
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.frames.state import faults, state
+from tfbus.frames.moment import faults, state
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import MeasuredEdge, Pair, Report
 from tfbus.wording import counted, cut_middle, duration, listed

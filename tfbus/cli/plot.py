@@ -18,7 +18,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
 from tfbus.core.sampling import Sampling
 from tfbus.errors import LookupException, TfbusError
-from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
+from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet

@@ -18,7 +18,7 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:
         from tfbus.top.app import show
-        from tfbus.top.source import Source
+        from tfbus.top.rows import Source
     except ImportError as error:
         raise TfbusError(
             f"top needs textual, which is not installed: {install_command('top')}"

@@ -75,8 +75,9 @@ def command(
         session, asked_ns = heard.node.session, heard.now_ns()
         # It takes a while, in which samples come: the tree and the lookup are of after it.
         elsewhere = () if fleet else frames_in_other_namespaces(session)
+        heard.ask_about_clocks()
         explanation = explain(
-            heard.tree_and_clocks(),
+            heard.moment(),
             heard.buffer,
             target,
             source,

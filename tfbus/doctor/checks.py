@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.doctor import flow_checks, host_checks, tree_checks
-from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, skipped
+from tfbus.doctor.examination import Examination, Finding, skipped
 
 # The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and
 # what nodes count; a recording has a span of time, with all that came and went in it.

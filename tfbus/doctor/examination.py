@@ -1,8 +1,8 @@
-"""The evidence that the checks judge, as one value: gathered first, judged afterwards."""
+"""The evidence that the checks judge, as one value, and the findings that they return."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
@@ -10,9 +10,10 @@ from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.flow import Edge, EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
+from tfbus.wording import and_more
 
 if TYPE_CHECKING:
-    from tfbus.monitor.recorded import EdgeSamples
+    from tfbus.monitor.meter import EdgeSamples
 
 
 @dataclass(frozen=True)
@@ -156,3 +157,44 @@ class Examination:
                 begin = self.span.time(each.from_ns)
                 sentences.append(f"from {begin}{until}{on}, {each.problem.text}")
         return sentences
+
+
+_MOST_SENTENCES = 10
+
+Verdict = Literal["ok", "warn", "fail", "skipped"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The verdict of one check, its evidence, and what to do about it.
+
+    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" if there is nothing to
+    do.
+    """
+
+    verdict: Verdict
+    evidence: tuple[str, ...] = ()
+    remedy: str = ""
+
+
+def ok(*evidence: str) -> Finding:
+    """Nothing is wrong."""
+    return Finding("ok", evidence)
+
+
+def skipped(reason: str) -> Finding:
+    """The check could not be made, or does not apply."""
+    return Finding("skipped", (reason,))
+
+
+def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") -> Finding:
+    """The verdict, if there is evidence; else ok, with `fine` as the evidence."""
+    if not evidence:
+        return ok(*filter(None, (fine,)))
+    return Finding(verdict, tuple(evidence), remedy)
+
+
+def first_of(sentences: list[str]) -> list[str]:
+    """The first ten sentences, and how many more there are."""
+    more = and_more(len(sentences), _MOST_SENTENCES)
+    return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]

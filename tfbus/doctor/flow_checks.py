@@ -4,12 +4,20 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from tfbus.doctor.examination import Examination, RecordedSpan
-from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
+from tfbus.doctor.examination import (
+    Examination,
+    Finding,
+    RecordedSpan,
+    Verdict,
+    first_of,
+    found,
+    ok,
+    skipped,
+)
 from tfbus.frames.clocks import MOST_SKEW_S, is_ahead, is_another_time, simulated_time, whose_clock
-from tfbus.frames.gaps import gaps_in, least_gap_s
+from tfbus.frames.moment import state, why_another_time
 from tfbus.frames.snapshot import in_the_future, who
-from tfbus.frames.state import state, why_another_time
+from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.wording import counted, duration, listed
@@ -17,7 +25,7 @@ from tfbus.wording import counted, duration, listed
 if TYPE_CHECKING:
     import numpy as np
 
-    from tfbus.monitor.recorded import EdgeSamples
+    from tfbus.monitor.meter import EdgeSamples
 else:
     from tfbus.core import lazy_numpy as np
 

@@ -2,8 +2,7 @@
 
 from datetime import UTC, datetime, timedelta
 
-from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, first_of, found, ok, skipped
+from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
 from tfbus.ros.ros_names import HIGHEST_DOMAIN, is_bridge
 from tfbus.runtime.installation import SLOWER
 from tfbus.wire.descriptions import NodeDescription

@@ -2,10 +2,19 @@
 
 from collections import defaultdict
 
-from tfbus.doctor.examination import Examination, PassingProblem, RecordedSpan
-from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
+from tfbus.doctor.examination import (
+    Examination,
+    Finding,
+    PassingProblem,
+    RecordedSpan,
+    Verdict,
+    first_of,
+    found,
+    ok,
+    skipped,
+)
+from tfbus.frames.moment import silent_s, state
 from tfbus.frames.snapshot import REMEDIES, ProblemKind, who
-from tfbus.frames.state import silent_s, state
 from tfbus.wording import counted, duration, listed
 
 # A sentence names at most this many namespaces.

@@ -9,26 +9,26 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.frames.echo_formats import CSV_HEADER as CSV_HEADER
-    from tfbus.frames.echo_formats import Numbers as Numbers
-    from tfbus.frames.echo_formats import csv_line as csv_line
-    from tfbus.frames.echo_formats import foxy_block as foxy_block
-    from tfbus.frames.echo_formats import json_line as json_line
-    from tfbus.frames.echo_formats import short_line as short_line
-    from tfbus.frames.echo_formats import tf2_block as tf2_block
+    from tfbus.frames.document import CSV_HEADER as CSV_HEADER
+    from tfbus.frames.document import Numbers as Numbers
+    from tfbus.frames.document import csv_line as csv_line
+    from tfbus.frames.document import foxy_block as foxy_block
+    from tfbus.frames.document import json_line as json_line
+    from tfbus.frames.document import short_line as short_line
+    from tfbus.frames.document import tf2_block as tf2_block
     from tfbus.frames.recorded_poses import recorded_transform as recorded_transform
     from tfbus.frames.recorded_poses import recorded_transforms as recorded_transforms
 
 _MODULE_OF = {
     "recorded_transforms": "tfbus.frames.recorded_poses",
     "recorded_transform": "tfbus.frames.recorded_poses",
-    "CSV_HEADER": "tfbus.frames.echo_formats",
-    "Numbers": "tfbus.frames.echo_formats",
-    "csv_line": "tfbus.frames.echo_formats",
-    "foxy_block": "tfbus.frames.echo_formats",
-    "json_line": "tfbus.frames.echo_formats",
-    "short_line": "tfbus.frames.echo_formats",
-    "tf2_block": "tfbus.frames.echo_formats",
+    "CSV_HEADER": "tfbus.frames.document",
+    "Numbers": "tfbus.frames.document",
+    "csv_line": "tfbus.frames.document",
+    "foxy_block": "tfbus.frames.document",
+    "json_line": "tfbus.frames.document",
+    "short_line": "tfbus.frames.document",
+    "tf2_block": "tfbus.frames.document",
 }
 
 __all__ = sorted(_MODULE_OF)

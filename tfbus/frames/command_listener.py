@@ -63,18 +63,15 @@ class Listening:
         streams = self.listener.streams()
         return frame_tree(self.buffer, streams, self.now_ns(), self._asked.answers.simulated)
 
-    def tree_and_clocks(self) -> FrameTree:
-        """The tree of frames now, and who follows a simulated time if ages look as if.
+    def ask_about_clocks(self) -> None:
+        """Query the nodes, of which some follow a simulated time, if ages of frames look as if.
 
-        It asks the nodes for that, at most every 3 s, which takes up to 1 s.
+        It does so at most every 3 s, which takes up to 1 s.
         """
         tree = self.tree()
         ages_s = map(tree.age_s, tree.frames.values())
-        if self.node.clock.is_simulated or not any(map(_is_odd, ages_s)):
-            return tree
-        if self._asked.is_due():
+        if not self.node.clock.is_simulated and any(map(_is_odd, ages_s)) and self._asked.is_due():
             self.ask_nodes()
-        return self.tree()
 
     def ask_nodes(self, timeout_s: float = 1.0) -> None:
         """Ask the nodes of other processes for their descriptions, from which `moment` is made; it

@@ -1,4 +1,4 @@
-"""The poses of one frame, seen from another, over time."""
+"""The poses of one frame, seen from another, over time, and the gaps between samples."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
-from tfbus.frames.gaps import gaps_in
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.trajectory.csv_columns import POSE_COLUMNS
 from tfbus.trajectory.trajectory import check_count
@@ -23,6 +22,21 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 else:
     from tfbus.core import lazy_numpy as np
+
+# A time without a sample is a gap if it is longer than this many periods, and than this.
+_PERIODS, _LEAST_S = 5.0, 0.25
+
+
+def least_gap_s(period_s: float) -> float:
+    """The time in seconds beyond which there is a gap between samples of this period."""
+    return max(_LEAST_S, _PERIODS * period_s)
+
+
+def gaps_in(between_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the times between samples (N,) are gaps (N,)."""
+    if not len(between_ns):
+        return between_ns > 0
+    return between_ns > least_gap_s(float(np.median(between_ns)) / 1e9) * 1e9
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.frames.clocks import is_another_time
+from tfbus.frames.moment import BusMoment, facts, is_stale, silent_s
 from tfbus.frames.recorded import RecordedFrames, S
 from tfbus.frames.recorded_poses import transform_then
 from tfbus.frames.snapshot import (
@@ -24,7 +25,6 @@ from tfbus.frames.snapshot import (
     synchronize,
     who,
 )
-from tfbus.frames.state import facts, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
@@ -112,7 +112,7 @@ class Explanation:
 
 
 def explain(
-    tree: FrameTree,
+    moment: BusMoment,
     buffer: Buffer,
     target: str,
     source: str,
@@ -122,11 +122,12 @@ def explain(
     advice: Advice = ON_THE_BUS,
     reads_only: str = "",
 ) -> Explanation:
-    """Explain the lookup in this buffer; `tree` is its snapshot.
+    """Explain the lookup in this buffer; `moment` is of the same time.
 
     `frames_in_other_namespaces` are pairs of (namespace, frame) for the frames of other namespaces.
     `reads_only` is the namespace that our identity on a closed bus may read, "" for all.
     """
+    tree = moment.tree
     answer, error = _look_up(buffer, target, source, stamp_ns)
     children = _children(tree, target, source)
     steps = tuple(_judge(tree, child, stamp_ns, advice) for child in children)
@@ -351,7 +352,7 @@ def explain_recorded(
     moment, as `tfbus echo --at` asks for it; of a pause the last before it counts.
     """
     advice = _InRecording(frames, files)
-    found = explain(frames.tree(), frames.buffer, target, source, advice=advice)
+    found = explain(frames.moment(), frames.buffer, target, source, advice=advice)
     if at_moment and frames.pause is None:
         try:
             then = transform_then(frames, target, source)
@@ -377,8 +378,7 @@ class _InRecording(Advice):
 
     def failure(self, error: TransformException) -> str:
         # Another time, or a longer cache, is no advice on a moment of a recording.
-        is_of_time = isinstance(error, ExtrapolationException)
-        return error.fact if is_of_time or "query" in error.advice else str(error)
+        return error.fact if isinstance(error, ExtrapolationException) else str(error)
 
     def on_gone(self, frame: FrameInfo, stream: StreamInfo) -> str:
         gone_ns = self._frames.gone_ns(stream.name)

@@ -17,8 +17,8 @@ from tfbus.wording import stamp_text
 
 
 class Marks:
-    """The last stage: marks the frames of one stream as gone, or not, by its epochs, its statics and
-    its list of frames.
+    """The last stage: marks the frames of one stream as gone, or not, by its epochs, its statics
+    and its list of frames.
 
     Safe from any thread; `update` and `settle` are not to be called with the stream's lock held.
     """

@@ -15,8 +15,7 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.endpoint import Endpoint, check_part
-from tfbus.node.lanes import Lane
+from tfbus.node.endpoint import Endpoint, Lane, check_part
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, is_async, seconds_to_wait

@@ -1,8 +1,18 @@
-"""The common part of topics, services and actions of a node: checks, a name, a type, an end."""
+"""The common part of topics, services and actions of a node: checks, a name, a type, an end, and
+the lane on whose thread its callbacks run.
+"""
 
+import logging
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
-from tfbus.runtime.arguments import shown
+from tfbus.runtime.arguments import is_async, shown
+from tfbus.runtime.callback_groups import CallbackGroup, join
+from tfbus.runtime.clock import Clock, SimulatedClock
+from tfbus.runtime.delays import Delays
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import is_message_type, type_name
 
 
@@ -69,3 +79,84 @@ def check_part(what: str, part: Any, message: object) -> None:
     """Raise TypeError if the message is not of the type that the service or action takes."""
     if not isinstance(message, part):
         raise TypeError(f"{what} takes {part.__qualname__}, not {shown(message)}")
+
+
+# At most so many callbacks of a node's groups run at once, unless it asks for more or fewer.
+CALLBACK_THREADS = 8
+MOST_CALLBACK_THREADS = 1000
+
+
+class Lane:
+    """The callbacks of one group, on the threads of an executor.
+
+    `submit(what, callback, limit=None)` is that of the executor, for the group.
+    """
+
+    def __init__(self, executor: Executor, group: CallbackGroup | None = None) -> None:
+        self._executor = executor
+        self._group = group
+        # Called for each message: nothing is added for the node's own group.
+        self.submit: Callable[..., bool] = (
+            executor.submit if group is None else partial(executor.submit, group=group)
+        )
+
+    def dropped(self, what: str, pending: int) -> None:
+        """Note that a topic of this name dropped a message, as so many wait already."""
+        self._executor.dropped(what, pending)
+
+    def every(self, clock: Clock, period_s: float, callback: Callable[[], Any]) -> Timer:
+        """Run `callback` every `period_s` seconds of the clock."""
+        if isinstance(clock, SimulatedClock):
+            return self._executor.every_simulated(clock, period_s, callback, group=self._group)
+        return self._executor.every(period_s, callback, group=self._group)
+
+
+class Lanes:
+    """The threads of a node's callbacks: `own`, of those without a group, and at most `threads`
+    further ones, which all its groups share. Each starts when it is first needed.
+    """
+
+    def __init__(self, name: str, log: logging.Logger, threads: int) -> None:
+        if type(threads) is not int or not 1 <= threads <= MOST_CALLBACK_THREADS:
+            raise ValueError(
+                f"callback_threads must be an int of 1 to {MOST_CALLBACK_THREADS}, not {threads!r}"
+            )
+        self.delays = Delays(log)
+        self.own = Executor(name, log, delays=self.delays)
+        self._name = name
+        self._beside = Executor(
+            f"{name} groups", log, threads=threads, home=self.own, delays=self.delays
+        )
+
+    def of(self, call: str, group: object, callback: object = None) -> Lane:
+        """The lane of a group, None for the node's own; `call` is the call that was given it.
+
+        Raises TypeError if it is no group, or the callback is an `async def`, which has none;
+        ValueError if it is of another node.
+        """
+        if group is None:
+            return Lane(self.own)
+        if not isinstance(group, CallbackGroup):
+            raise TypeError(
+                f"{call}: callback_group must be a tfbus.MutuallyExclusiveCallbackGroup or a "
+                f"tfbus.ReentrantCallbackGroup, an object that its callbacks share, not "
+                f"{group!r:.60}"
+            )
+        if is_async(callback):
+            raise TypeError(
+                f"{call}: an async def has no callback_group: it runs on the node's own thread, "
+                "and others run there while it awaits; leave callback_group out"
+            )
+        join(group, self._name)
+        return Lane(self._beside, group)
+
+    def describe(self) -> dict[str, list[Any]]:
+        """The delays in the node's description of itself, where there are some."""
+        delays = self.delays.described(self.own.overdue())
+        return {"delays": delays} if delays else {}
+
+    def close(self) -> None:
+        """Run no further callbacks; the current ones have 2 s to finish."""
+        self._beside.end()
+        self.own.close()
+        self._beside.close()

@@ -11,16 +11,19 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, SettingsError, TfbusError
 from tfbus.node.endpoint import (
+    CALLBACK_THREADS,
+    Lane,
+    Lanes,
     check_message_type,
     check_parts,
     check_seconds,
 )
-from tfbus.node.info import Describer, NodeInfo
-from tfbus.node.lanes import CALLBACK_THREADS, Lane, Lanes
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
 from tfbus.node.surroundings import (
+    Describer,
     DuplicateNameWatch,
+    NodeInfo,
     OpenFilesWatch,
     check_id_is_free,
     watch_endpoints,

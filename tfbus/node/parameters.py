@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, ParameterError
-from tfbus.node.lanes import Lane
+from tfbus.node.endpoint import Lane
 from tfbus.node.service import submit_or_refuse
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import (

@@ -12,8 +12,7 @@ from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import new_cancellation
 from tfbus.errors import ServiceError
-from tfbus.node.endpoint import Endpoint, check_part
-from tfbus.node.lanes import Lane
+from tfbus.node.endpoint import Endpoint, Lane, check_part
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message

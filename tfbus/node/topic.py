@@ -8,8 +8,7 @@ from typing import Any, Generic, TypeVar
 from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.node.endpoint import Endpoint
-from tfbus.node.lanes import Lane
+from tfbus.node.endpoint import Endpoint, Lane
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import is_async
 from tfbus.runtime.log_once import LogOnce

@@ -21,10 +21,9 @@ from textual.widgets import (
     TabPane,
 )
 
-from tfbus.frames.state import State
+from tfbus.frames.moment import State
 from tfbus.runtime.signals import StopSignals
-from tfbus.top.rows import Row, Table, chosen, fitting, is_service
-from tfbus.top.source import Source
+from tfbus.top.rows import Row, Source, Table, chosen, fitting, is_service
 from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0

@@ -14,7 +14,7 @@ from tfbus.cli.bag.sources import RECORDING
 from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
-from tfbus.frames.gaps import least_gap_s
+from tfbus.frames.track import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.reader import topics_of

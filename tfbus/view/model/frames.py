@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
+from tfbus.frames.moment import Fault, State, silent_s, stale_after_s, state
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import Fault, State, silent_s, stale_after_s, state
 from tfbus.geometry.transform import Transform
 from tfbus.geometry.transform_array import TransformArray
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import viser
 
-from tfbus.frames.state import State
+from tfbus.frames.moment import State
 
 # One sign per state; their shapes alone distinguish them.
 _SIGNS: dict[State, str] = {

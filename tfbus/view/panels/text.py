@@ -7,7 +7,7 @@ from html import escape
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
-from tfbus.frames.echo_formats import Numbers, tf2_block
+from tfbus.frames.document import Numbers, tf2_block
 from tfbus.geometry.transform import TransformStamped
 from tfbus.view.model.frames import FAULTS, Frames, ViewFrame
 from tfbus.view.model.settings import Playback

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from tfbus.frames.state import State
+from tfbus.frames.moment import State
 from tfbus.view.model.frames import FAULTS, Floats, Frames, Placed, arrow_points, arrow_rows
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.scene.axes import NO_QUATERNIONS, Axes, add_marks, place

@@ -4,10 +4,12 @@ import json
 import re
 from collections.abc import Collection
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from tests.buses import eventually
+from tests.recordings import at, described, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -18,9 +20,11 @@ from tfbus import (
 )
 from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.moment import BusMoment
+from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import frame_tree
-from tfbus.frames.why import Explanation, Step, explain
+from tfbus.frames.why import Explanation, Step, explain, explain_recorded
 from tfbus.listen.info import StreamInfo
+from tfbus.recording.reader import RecordingReader
 
 NOW_NS = 100_000_000_000
 S = 1_000_000_000
@@ -317,3 +321,18 @@ def test_no_line_ends_within_an_option() -> None:
         lines = _wrapped(f"{'a' * letters} --sim-time and --namespace", "  - ")
         assert not any(line.endswith("-") for line in lines)
         assert max(map(len, lines)) <= 80
+
+
+def test_a_frame_of_a_recording_may_have_any_name(tmp_path: Path) -> None:
+    """An unknown frame has its nearest in the message, also where that is called `query`."""
+    sender = publisher("sim")
+    path = write(
+        tmp_path / "run.mcap",
+        described(sender, 0.0, ("world", "query", False)),
+        steadily(sender, 0.0, 2.0, ("world", "query")),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(1.0))
+        report = explain_recorded(frames, "world", "qery", [str(path)])
+    assert "'query'" in report.failure

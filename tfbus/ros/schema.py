@@ -315,7 +315,9 @@ class MessageCodec:
         return self._counterpart is not None
 
     def encode(self, values: Mapping[str, Any]) -> bytes | None:
-        """The message with these values; None if they are not of this type."""
+        """The message with these values; None if they are not of this type. An array of just the
+        type's numbers, of numpy for example, is copied as a whole.
+        """
         writer = CdrWriter()
         try:
             if self._counterpart is not None:
@@ -337,9 +339,11 @@ class MessageCodec:
         except UnfitError:
             return None
 
-    def decode(self, data: bytes) -> dict[str, Any]:
-        """The values of a message by field. Raises DecodeError if the bytes are none."""
-        reader = ValueReader(data)
+    def decode(self, data: bytes, *, arrays: bool = False) -> dict[str, Any]:
+        """The values of a message by field; with `arrays` lists of numbers are arrays of numpy (N,)
+        that share the memory of `data`. Raises DecodeError if the bytes are none.
+        """
+        reader = ValueReader(data, arrays=arrays)
         if self._codec.least_size > reader.left:
             raise DecodeError(
                 f"the message has {reader.left} bytes, and its type at least "

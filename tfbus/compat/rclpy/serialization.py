@@ -20,7 +20,7 @@ def serialize_message(message: Any) -> bytes:
 
 def deserialize_message(serialized_message: bytes, message_type: type) -> Any:
     """The message in the bytes. Raises DecodeError."""
-    return from_map(message_type, _codec(message_type).decode(serialized_message))
+    return from_map(message_type, _codec(message_type).decode(serialized_message, arrays=True))
 
 
 def _codec(message_type: Any) -> MessageCodec:

@@ -9,15 +9,11 @@ import struct
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.core import lazy_numpy as np
 
 Convert = Callable[[Any, str], Any]
 

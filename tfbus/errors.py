@@ -70,19 +70,37 @@ class TransformException(TfbusError):
     """Root of the errors of transforms and the buffer.
 
     `waiting` is the advice to wait, "" if that does not help; it stands before `advice` in the
-    message: `wait about 0.1 s (timeout_s), or query the latest`.
+    message: `wait about 0.1 s (timeout_s), or query the latest`. `waiting_by` and `advice_by` are
+    the parameters that do so, as `timeout_s`, "" for none.
     """
 
     waiting: str = ""
+    waiting_by: str = ""
+    advice_by: str = ""
 
-    def __init__(self, fact: str = "", *, advice: str = "", waiting: str = "") -> None:
+    def __init__(
+        self,
+        fact: str = "",
+        *,
+        advice: str = "",
+        waiting: str = "",
+        waiting_by: str = "",
+        advice_by: str = "",
+    ) -> None:
         super().__init__(fact, advice=advice)
         if waiting:
-            self.waiting = waiting
+            self.waiting, self.waiting_by = waiting, waiting_by
+        if advice_by:
+            self.advice_by = advice_by
 
     def __str__(self) -> str:
-        remedies = ", or ".join(filter(None, (self.waiting, self.advice)))
+        pairs = (self.waiting, self.waiting_by), (self.advice, self.advice_by)
+        remedies = ", or ".join(_with_parameter(*pair) for pair in pairs if pair[0])
         return "; ".join(filter(None, (self.fact, remedies)))
+
+
+def _with_parameter(remedy: str, parameter: str) -> str:
+    return f"{remedy} ({parameter})" if remedy and parameter else remedy
 
 
 class LookupException(TransformException, LookupError):
@@ -294,7 +312,8 @@ class TimeoutException(TransformException, TimeoutError):
     def __str__(self) -> str:
         if self.reason is None:
             return super().__str__()
-        advice = self.advice or self.reason.advice
+        said = self if self.advice else self.reason
+        advice = _with_parameter(said.advice, said.advice_by)
         return "; ".join(filter(None, (f"{self.fact}: {self.reason.fact}", advice)))
 
 

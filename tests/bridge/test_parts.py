@@ -44,7 +44,7 @@ def test_patterns_are_those_of_a_shell() -> None:
 
 def test_the_leg_over_zenoh_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without xxhash the command that installs it."""
-    for module in ("bridge.legs.zenoh", "bridge.legs.zenoh_graph", "ros.rmw_zenoh"):
+    for module in ("bridge.legs.zenoh", "ros.rmw_zenoh"):
         monkeypatch.delitem(sys.modules, f"tfbus.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "xxhash", None)
     with pytest.raises(TfbusError, match=r"xxhash.*pip install"):

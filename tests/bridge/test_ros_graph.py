@@ -1,7 +1,7 @@
 """Who is there in ROS over Zenoh, by the tokens that come and go."""
 
 from tfbus.bridge.legs import RosPublisher
-from tfbus.bridge.legs.zenoh_graph import RosGraph
+from tfbus.bridge.legs.zenoh import RosGraph
 from tfbus.ros.rmw_zenoh import Kind, RosToken, gid_of
 
 TYPE = "tf2_msgs::msg::dds_::TFMessage_"

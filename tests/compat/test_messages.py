@@ -24,6 +24,8 @@ from tfbus.compat.diagnostic_msgs.msg import DiagnosticStatus
 from tfbus.compat.geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance
 from tfbus.compat.message_classes import interface_class
 from tfbus.compat.nav_msgs.msg import Odometry
+from tfbus.compat.rcl_interfaces.msg import ParameterValue
+from tfbus.compat.rclpy.serialization import deserialize_message, serialize_message
 from tfbus.compat.rosgraph_msgs.msg import Clock
 from tfbus.compat.sensor_msgs.msg import Image, Imu, JointState, LaserScan
 from tfbus.compat.std_msgs.msg import Bool, ColorRGBA, Float32, Header, Int8, String
@@ -32,7 +34,7 @@ from tfbus.compat.visualization_msgs.msg import Marker, MarkerArray
 from tfbus.discover.presence import describe_nodes
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import interfaces_of, packages
-from tfbus.wire.codec import as_map, decode_message, encode_message, type_name
+from tfbus.wire.codec import as_map, decode_map, decode_message, encode_message, type_name
 
 # Of ROS 2 Kilted, as far as its small environment has them.
 _IN_KILTED = [
@@ -312,3 +314,14 @@ def test_ported_types_are_listed_by_their_names_in_ros(rclpy: ModuleType, bus: B
         return describe_nodes(own.session, "ported")[0].publishes
 
     assert (types()["imu"], types()["odom"]) == ("sensor_msgs/msg/Imu", "Odometry")
+
+
+def test_serialized_arrays_come_back_as_they_are() -> None:
+    """Of numbers, booleans and bytes, and of a fixed size; on the bus they are lists."""
+    scan = LaserScan(ranges=np.arange(3, dtype=np.float32), intensities=[0.5])
+    assert deserialize_message(serialize_message(scan), LaserScan) == scan
+    assert decode_map(encode_message(scan))["ranges"] == [0.0, 1.0, 2.0]
+    imu = Imu(orientation_covariance=np.arange(9.0))
+    assert deserialize_message(serialize_message(imu), Imu) == imu
+    value = ParameterValue(bool_array_value=[True, False], integer_array_value=[-1, 2])
+    assert deserialize_message(serialize_message(value), ParameterValue) == value

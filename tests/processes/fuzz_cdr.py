@@ -32,8 +32,7 @@ from tfbus.messages import JointState, RobotDescription
 from tfbus.ros.definitions import SEPARATOR, TF_MESSAGE, Definition
 from tfbus.ros.ros1 import decode_ros1_tf_message
 from tfbus.ros.schema import RAW, MessageCodec
-from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
-from tfbus.ros.tf_messages import equal_parts, read_many
+from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter, equal_parts, read_many
 from tfbus.wire.codec import as_map
 
 # What a wrong count, length or stamp is likely to be, and the ends of the numbers.

@@ -18,8 +18,7 @@ from tfbus.recording.reader import RecordingReader, in_order
 from tfbus.recording.records import FOOTER_FIELDS, MAGIC
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.definitions import Definition
-from tfbus.ros.tf_message import TFMessageReader
-from tfbus.ros.tf_messages import read_many
+from tfbus.ros.tf_message import TFMessageReader, read_many
 
 T0 = 1_700_000_000 * S
 CHUNKS, IN_CHUNK = 10, 20

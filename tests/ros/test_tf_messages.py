@@ -4,8 +4,7 @@ import pytest
 
 from tests.builders import at
 from tfbus.geometry.columns import Columns
-from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
-from tfbus.ros.tf_messages import equal_parts, read_many
+from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter, equal_parts, read_many
 
 EMPTY = TFMessageWriter().write(Columns.of_transforms([]))
 TWO = TFMessageWriter().write(Columns.of_transforms([at(1.0, "drone"), at(2.0, "laser")]))

@@ -29,7 +29,7 @@ from tfbus.wording import duration, stamp_text
 _Kind = TypeVar("_Kind", bound=ExtrapolationException)
 
 # What an error advises to query; tools that have options for it say those instead.
-LATER, LATEST = "query a later time", "query the latest (stamp_ns=None)"
+LATER, LATEST = "query a later time", "query the latest"
 
 # Of the frames of a loop an error names the first, and the first again.
 _MOST_CHAINED = 6
@@ -75,7 +75,12 @@ class Freshness(Struct):
         if clock := other_clock(now_ns, now_ns - round(age_s * 1e9)):
             return _stale(oldest, age_s, f"{allowed}; {clock.fact}", advice=clock.advice)
         return _stale(
-            oldest, age_s, allowed, advice="allow more", waiting="wait for the next (timeout_s)"
+            oldest,
+            age_s,
+            allowed,
+            advice="allow more",
+            waiting="wait for the next",
+            waiting_by="timeout_s",
         )
 
 
@@ -136,9 +141,12 @@ def without_timeout(error: TransformException, *, many: bool = False) -> Transfo
     stamps also to leave out those without an answer, if it would have one ask for the latest.
     """
     if isinstance(error, ExtrapolationException) and error.retry_after_s is not None:
-        error.waiting = f"ask again in about {error.retry_after_s:.3g} s"
+        error.waiting, error.waiting_by = f"ask again in about {error.retry_after_s:.3g} s", ""
         if many:
-            error.advice = "only for stamps that are known (lookup_known_transforms)"
+            error.advice, error.advice_by = (
+                "only for stamps that are known",
+                ("lookup_known_transforms"),
+            )
     return error
 
 
@@ -241,7 +249,8 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
         None,
         f"its newest sample is {_far(newest - oldest)} than the oldest of {ahead.name!r}, so they "
         "have no common time",
-        advice="keep more (cache_time_s)",
+        advice="keep more",
+        advice_by="cache_time_s",
         waiting="wait for newer ones",
     )
 
@@ -303,7 +312,9 @@ def _no_data(
         stamp_ns,
         f"its newest sample is {_far(newest - stamp_ns)}",
         advice=LATEST,
-        waiting=f"wait about {wait_s:.3g} s (timeout_s)",
+        advice_by="stamp_ns=None",
+        waiting=f"wait about {wait_s:.3g} s",
+        waiting_by="timeout_s",
         retry_after_s=wait_s,
     )
 
@@ -373,9 +384,8 @@ def _error(
     stamp_ns: int | None,
     why: str,
     *,
-    advice: str = "",
-    waiting: str = "",
     retry_after_s: float | None = None,
+    **words: str,
 ) -> _Kind:
     parent = history.parent.name if history.parent is not None else ""
     span = history.stamp_span()
@@ -383,8 +393,6 @@ def _error(
     sent = f", sent by {history.authority!r}{when and ','}" if history.authority else ""
     return kind(
         f"no data for {parent!r} -> {history.name!r}{sent}{when}: {why}",
-        advice=advice,
-        waiting=waiting,
         frame_id=parent,
         child_frame_id=history.name,
         requested_ns=stamp_ns,
@@ -392,6 +400,7 @@ def _error(
         newest_ns=None if span is None else span[1],
         authority=history.authority,
         retry_after_s=retry_after_s,
+        **words,
     )
 
 
@@ -407,21 +416,18 @@ def _age_s(edge: History, now_ns: int) -> float | None:
     return None if span is None else (now_ns - span[1]) / 1e9
 
 
-def _stale(
-    edge: History, age_s: float | None, why: str, *, advice: str, waiting: str = ""
-) -> StaleException:
+def _stale(edge: History, age_s: float | None, why: str, **words: str) -> StaleException:
     parent = edge.parent.name if edge.parent is not None else ""
     sent = f", sent by {edge.authority!r}," if edge.authority else ""
     what = "static" if age_s is None else f"{age_s:.3f} s old"
     return StaleException(
         f"{parent!r} -> {edge.name!r}{sent} is {what}: {why}",
-        advice=advice,
-        waiting=waiting,
         frame_id=parent,
         child_frame_id=edge.name,
         authority=edge.authority,
         age_s=age_s,
         gone=edge.gone,
+        **words,
     )
 
 

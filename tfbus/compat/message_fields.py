@@ -9,15 +9,11 @@ import struct
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.core import lazy_numpy as np
 
 Convert = Callable[[Any, str], Any]
 
@@ -212,7 +208,7 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
         return [item.write(each, f"{path}[{at}]") for at, each in enumerate(value)]
 
     def read(value: Any, path: str) -> list[Any]:
-        if isinstance(value, bytes):  # of bytes
+        if isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
             value = list(value)
         if not isinstance(value, list):
             raise DecodeError(f"field {path!r} must be a list, not {_kind(value)}")
@@ -242,6 +238,8 @@ def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
             if isinstance(value, bytes | bytearray | memoryview) and code in "bB":
                 return array(code, bytes(value))
             if hasattr(value, "dtype"):  # numpy's
+                if value.ndim == 1 and value.dtype == np.dtype(code):
+                    return array(code, value.tobytes())
                 if value.ndim != 1 or (code not in "fd" and value.dtype.kind not in "iu"):
                     raise TypeError
                 exact = value.astype(code, casting="same_kind" if code in "fd" else "unsafe")
@@ -272,10 +270,10 @@ def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
         _check_size(value, type_, path)
         if type_.is_octets:
             return bytes(packed(value, path))
-        return packed(value, path).tolist()
+        return packed(value, path)
 
     def read(value: Any, path: str) -> Any:
-        if not isinstance(value, list | bytes):
+        if not isinstance(value, list | bytes | array) and not hasattr(value, "dtype"):
             raise DecodeError(f"field {path!r} must be a list of numbers, not {_kind(value)}")
         _check_received(value, type_, path)
         try:

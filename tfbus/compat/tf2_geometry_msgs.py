@@ -4,17 +4,13 @@ Messages of ROS itself work as well; what comes back is of the type that was giv
 of the transform. Nothing that is given is changed.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.compat.fields import stamp_ns_of, transform_of
 from tfbus.compat.message_classes import message_class
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
+from tfbus.core import lazy_numpy as np
 from tfbus.geometry.transform import Transform
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.core import lazy_numpy as np
 
 __all__ = [
     "do_transform_point",

@@ -36,12 +36,12 @@ __all__ = [
 
 Vector = tuple[float, float, float]
 
-# What errors of tfbus advise, and how a program with ROS's names does that.
-_IN_ROS_WORDS = (
-    ("(timeout_s)", "(timeout=Duration(seconds=...))"),
-    ("query the latest (stamp_ns=None)", "query the latest, Time()"),
-    ("(cache_time_s)", "(cache_time)"),
-)
+# The parameters that errors of tfbus advise, and what a program with ROS's names writes.
+_IN_ROS = {
+    "timeout_s": " (timeout=Duration(seconds=...))",
+    "stamp_ns=None": ", Time()",
+    "cache_time_s": " (cache_time)",
+}
 
 # What tf2 says of times outside of the samples; programs look for it.
 _BEGINNINGS: dict[type[TransformException], str] = {
@@ -257,17 +257,22 @@ class BufferCore:
 
 def in_ros_words(error: TransformException) -> TransformException:
     """The error as tf2 raises it: after waiting the reason, and the text in ROS's words."""
+    waited = ""
     if isinstance(error, TimeoutException) and error.reason is not None:
         timeout, error = error, error.reason
-        error.waiting, error.advice = "", timeout.advice or error.advice
-        if error.advice:
-            error.advice += f" ({timeout.fact})"
-        else:
-            error.args = (f"{error.fact} ({timeout.fact})",)
+        error.waiting = error.waiting_by = ""
+        if timeout.advice:
+            error.advice, error.advice_by = timeout.advice, timeout.advice_by
+        waited = f" ({timeout.fact})"
     error.args = (_BEGINNINGS.get(type(error), "") + error.fact,)
-    for ours, in_ros in _IN_ROS_WORDS:
-        error.waiting = error.waiting.replace(ours, in_ros)
-        error.advice = error.advice.replace(ours, in_ros)
+    if error.waiting_by:
+        error.waiting, error.waiting_by = f"{error.waiting}{_IN_ROS[error.waiting_by]}", ""
+    if error.advice_by:
+        error.advice, error.advice_by = f"{error.advice}{_IN_ROS[error.advice_by]}", ""
+    if error.advice:
+        error.advice += waited
+    else:
+        error.args = (f"{error.fact}{waited}",)
     return error
 
 

@@ -6,12 +6,9 @@ Euler angles: s for fixed axes or r for those that turn along, then three letter
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.core import lazy_numpy as np
+from tfbus.core import lazy_numpy as np
 
 __all__ = [
     "clip_matrix",

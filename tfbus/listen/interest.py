@@ -344,7 +344,8 @@ class Interest:
         since = "from now on" if age_s < _SOON_S else f"for {age_s:.3g} s"
         return LookupException(
             f"no transform from {source!r} to {target!r} yet: reading {named} {since}",
-            waiting="wait for it (timeout_s)",
+            waiting="wait for it",
+            waiting_by="timeout_s",
             advice="query again",
             frame=(missing or [source])[0],
         )

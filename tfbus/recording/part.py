@@ -36,8 +36,7 @@ from tfbus.ros.counterparts import Counterpart, counterpart_of_ros
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.message_type import PACKAGE
 from tfbus.ros.schema import MessageCodec
-from tfbus.ros.tf_message import TFMessageReader
-from tfbus.ros.tf_messages import equal_parts, read_many
+from tfbus.ros.tf_message import TFMessageReader, equal_parts, read_many
 from tfbus.wording import printable
 
 Decode = Callable[[bytes], dict[str, Any]]

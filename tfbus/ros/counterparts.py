@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus import messages
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
-from tfbus.ros.value_codec import UnfitError
+from tfbus.ros.value_codec import UnfitError, buffer_of
 from tfbus.wire.codec import renewed_map
 from tfbus.wire.ros_fields import HEADER, with_header, without_header
 from tfbus.wording import printable
@@ -115,6 +116,8 @@ def _packed(kind: Callable[[Any], Any], value: Any, name: str, path: str) -> Any
 def _items(value: Any, type_: Sequence, path: str) -> Any:
     if type_.is_octets and isinstance(value, bytes):
         found: Any = value
+    elif (array := _fitted_array(value, type_, path)) is not None:
+        found = array
     elif not isinstance(value, list | tuple):
         return _refuse(value, "a list", path)
     else:
@@ -126,6 +129,24 @@ def _items(value: Any, type_: Sequence, path: str) -> Any:
     if type_.most and len(found) > type_.most:
         raise UnfitError(f"{path} must have at most {type_.most} items, not {len(found)}")
     return found
+
+
+def _fitted_array(value: Any, type_: Sequence, path: str) -> Any:
+    """An array of numbers, of numpy for example, as the sequence has them: itself if it may stay,
+    floats rounded to 32 bits. None for a list, which is looked at number by number.
+    """
+    if isinstance(value, list | tuple) or not isinstance(type_.item, Scalar):
+        return None
+    if buffer_of(value, type_) is not None:
+        return value
+    dtype = getattr(value, "dtype", None)
+    if dtype is None or value.ndim != 1 or dtype.kind != "f" or type_.item.name not in _FLOATS:
+        return None
+    with np.errstate(over="ignore"):
+        rounded = value.astype(SCALARS[type_.item.name])
+    if (np.isinf(rounded) & ~np.isinf(value)).any():
+        raise UnfitError(f"{path or 'the value'} has a number that is no {type_.item.name}")
+    return rounded
 
 
 def _below(path: str, key: str) -> str:

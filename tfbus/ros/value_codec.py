@@ -12,6 +12,7 @@ from typing import Any
 
 import msgpack
 
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.ros.message_type import (
@@ -55,10 +56,15 @@ class ValueCodec:
 
 
 class ValueReader(CdrReader):
-    """Reads values, and not more of them than memory is for."""
+    """Reads values, and not more of them than memory is for.
 
-    def __init__(self, data: bytes) -> None:
+    With `arrays` lists of numbers are arrays of numpy (N,) that share the memory of `data`, and
+    cannot be written to.
+    """
+
+    def __init__(self, data: bytes, *, arrays: bool = False) -> None:
         super().__init__(data)
+        self.arrays = arrays
         self._values = 0
         self._numbers_bytes = 0
         self._packed = 0
@@ -214,7 +220,7 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
     most = sequence.most or None
 
     def write(writer: CdrWriter, value: Any) -> None:
-        if type(value) is not items.kind:
+        if type(value) is not items.kind and buffer_of(value, sequence) is None:
             raise UnfitError
         if size is None:
             if most is not None and len(value) > most:
@@ -222,16 +228,38 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
             writer.count(len(value))
         elif len(value) != size:
             raise UnfitError
-        if value:
+        if len(value):
             write_items(writer, value)
 
     def read(reader: ValueReader) -> Any:
         count = reader.count(least) if size is None else size
         if size is not None and count * least > reader.left:
             raise DecodeError(f"{count} items should follow, and only {reader.left} bytes do")
-        return read_items(reader, count) if count else items.kind()
+        return read_items(reader, count) if count or reader.arrays else items.kind()
 
     return ValueCodec(4 if size is None else size * least, write, read)
+
+
+# The letters of struct and of numpy for one kind of number.
+_SAME_KIND = {letter: kind for kind in ("fd", "bhilqn", "BHILQN", "?") for letter in kind}
+
+
+def buffer_of(value: Any, sequence: Sequence) -> memoryview | None:
+    """The memory of an array whose numbers are exactly those of the sequence: of array.array,
+    numpy or any other with one dimension in this machine's byte order. None for all else.
+    """
+    if not isinstance(sequence.item, Scalar) or type(value) is list:
+        return None
+    try:
+        view = memoryview(value)
+    except (TypeError, ValueError, BufferError):  # no array, or of what Python has no numbers for
+        return None
+    code = SCALARS[sequence.item.name]
+    if view.ndim != 1 or view.itemsize != struct.calcsize(f"={code}"):
+        return None
+    # numpy marks an array that is not aligned by an order, as one read from a message.
+    letter = view.format.removeprefix("=").removeprefix(_NATIVE)
+    return view if _SAME_KIND.get(letter) == _SAME_KIND[code] else None
 
 
 @dataclass(frozen=True)
@@ -244,8 +272,8 @@ class _Items:
     read: Callable[[ValueReader, int], Any]
 
 
-def _write_octets(writer: CdrWriter, value: bytes) -> None:
-    writer.data += value
+def _write_octets(writer: CdrWriter, value: Any) -> None:
+    writer.data += value if type(value) is bytes else memoryview(value).tobytes()
 
 
 def _read_octets(reader: ValueReader, count: int) -> bytes:
@@ -268,15 +296,28 @@ def _numbers_codec(scalar: Scalar) -> _Items:
     size = struct.calcsize(f"={code}")
     each_bytes = _SHARED_BYTES if size == 1 else _NUMBER_BYTES
 
-    def write(writer: CdrWriter, value: list[Any]) -> None:
+    def write(writer: CdrWriter, value: Any) -> None:
+        if type(value) is not list:
+            if _NATIVE == "<":
+                writer.align(size)
+                writer.data += memoryview(value).tobytes()
+                return
+            value = value.tolist()
         if name == "float32" or set(map(type, value)) != {plain}:
             for each in value:
                 check(each)
         writer.align(size)
         writer.data += struct.pack(f"<{len(value)}{code}", *value)
 
-    def read(reader: ValueReader, count: int) -> list[Any]:
+    def read(reader: ValueReader, count: int) -> Any:
+        if not count:  # no padding comes before no numbers
+            return np.empty(0, code)
         start = reader.skip(count * size, size)
+        if reader.arrays:
+            if code == "?":  # not every byte is a boolean
+                return np.frombuffer(reader.data, np.uint8, count, start) != 0
+            numbers = np.frombuffer(reader.data, f"{reader.order}{code}", count, start)
+            return numbers if reader.order == _NATIVE else numbers.astype(code)
         reader.spend_numbers(count, each_bytes)
         if code == "b" and (octets := reader.data[start : reader.at]).translate(None, _SHARED):
             return list(map(_OF_OCTET, octets))

@@ -55,8 +55,7 @@ try:
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
-    from tfbus.bridge.legs.dds_types import RawSample, raw_type
-    from tfbus.bridge.legs.dds_watch import ANY, MOST_TAKEN, DdsWatch
+    from tfbus.bridge.legs.dds_watch import ANY, MOST_TAKEN, DdsWatch, RawSample, raw_type
 except ImportError as error:
     raise TfbusError(
         "ROS 2 by DDS needs cyclonedds, which is not installed, and has no wheel for Python 3.14 "

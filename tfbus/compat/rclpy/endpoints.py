@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future as Answer
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from tfbus.compat.bus_types import BusType
+from tfbus.compat.bus_types import BusType, TransformsPublisher
 from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ServiceError
@@ -21,9 +21,6 @@ from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.timer import Timer as TfbusTimer
 from tfbus.runtime.timer import timer_name
-
-if TYPE_CHECKING:
-    from tfbus.compat.bus_types import TransformsPublisher
 
 # How often a call that waits for its service looks whether the client is still open.
 _LOOKS_EVERY_S = 0.5

@@ -6,15 +6,13 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.compat.rclpy import context
+from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.task import Future, Job, Work
 from tfbus.runtime.executor import Executor as Threads
 from tfbus.runtime.signals import Wakeup
-
-if TYPE_CHECKING:
-    from tfbus.compat.rclpy.node import Node
 
 __all__ = [
     "Executor",

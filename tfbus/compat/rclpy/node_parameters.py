@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future as Answer
 from concurrent.futures import TimeoutError as NotYet
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy.endpoints import ask_while_spun
@@ -14,13 +14,11 @@ from tfbus.compat.rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from tfbus.compat.rclpy.parameter import ZEROS, Parameter
+from tfbus.compat.rclpy.task import Work
 from tfbus.errors import ParameterError
+from tfbus.node.node import Node as TfbusNode
+from tfbus.node.parameters import Parameter as TfbusParameter
 from tfbus.runtime.callback_groups import MutuallyExclusiveCallbackGroup
-
-if TYPE_CHECKING:
-    from tfbus.compat.rclpy.task import Work
-    from tfbus.node.node import Node as TfbusNode
-    from tfbus.node.parameters import Parameter as TfbusParameter
 
 ParameterDescriptor: Any = message_class("rcl_interfaces/msg/ParameterDescriptor")
 SetParametersResult: Any = message_class("rcl_interfaces/msg/SetParametersResult")

@@ -12,7 +12,7 @@ __all__ = ["deserialize_message", "serialize_message"]
 
 def serialize_message(message: Any) -> bytes:
     """The bytes of a message. Raises TypeError and ValueError with the field that is wrong."""
-    encoded = _codec(type(message)).encode(as_map(message))
+    encoded = _codec(type(message)).encode_fitted(as_map(message))
     if encoded is None:
         raise ValueError("the message has a text that is not valid Unicode")
     return encoded
@@ -20,7 +20,7 @@ def serialize_message(message: Any) -> bytes:
 
 def deserialize_message(serialized_message: bytes, message_type: type) -> Any:
     """The message in the bytes. Raises DecodeError."""
-    return from_map(message_type, _codec(message_type).decode(serialized_message))
+    return from_map(message_type, _codec(message_type).decode(serialized_message, arrays=True))
 
 
 def _codec(message_type: Any) -> MessageCodec:

@@ -3,14 +3,10 @@
 import sys
 from collections import namedtuple
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.compat.message_classes import message_class
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.core import lazy_numpy as np
+from tfbus.core import lazy_numpy as np
 
 __all__ = [
     "create_cloud",

@@ -3,18 +3,15 @@
 import threading
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from tfbus.compat.rclpy.action.server import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
+from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import TfbusError
-from tfbus.node.action import GOAL_TIMEOUT_S
+from tfbus.node.action import GOAL_TIMEOUT_S, SentGoal
 from tfbus.runtime.callback_groups import CallbackGroup
-
-if TYPE_CHECKING:
-    from tfbus.compat.rclpy.node import Node
-    from tfbus.node.action import SentGoal
 
 __all__ = ["ActionClient", "ClientGoalHandle"]
 

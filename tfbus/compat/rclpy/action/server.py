@@ -4,18 +4,15 @@ import asyncio
 from collections.abc import Callable
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.compat.message_classes import interface_class, message_class
 from tfbus.compat.rclpy.endpoints import ask_while_spun
+from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import DecodeError, ServiceError
+from tfbus.node.action import GoalHandle
 from tfbus.runtime.arguments import is_async
-
-if TYPE_CHECKING:
-    from tfbus.compat.rclpy.node import Node
-    from tfbus.node.action import GoalHandle
-
 
 GoalStatus: Any = message_class("action_msgs/msg/GoalStatus")
 GoalInfo: Any = message_class("action_msgs/msg/GoalInfo")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
-from tfbus.trajectory.csv_columns import CSV_COLUMNS
+from tfbus.trajectory.trajectory import CSV_COLUMNS
 from tfbus.wording import stamp_text
 
 CSV_HEADER = ",".join(CSV_COLUMNS)

@@ -18,8 +18,8 @@ from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice
 from tfbus.frames.recorded_poses import recorded_transform
 from tfbus.recording.items import Item
-from tfbus.recording.lasting_statics import LastingStatics, Statics
 from tfbus.recording.reader import RecordingReader
+from tfbus.recording.state import LastingStatics, Statics
 from tfbus.recording.writer import RecordingWriter
 
 SETTINGS = NodeSettings("test")

@@ -247,7 +247,6 @@ REAL = {
     "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
     "bus/network_session.py": "the end of a process",
-    "bag/parts_written.py": "dates as names of files",
 }
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from tests.builders import at, description, payload
 from tests.fakes import Clock
-from tfbus.bag.keeping import MissedMessages
-from tfbus.bag.parts_written import existing_parts, part_paths, path_of_recording
+from tfbus.bag.keeping import MissedMessages, existing_parts, part_paths, path_of_recording
 from tfbus.bag.raw_queue import (
     EVENTS,
     OVERHEAD_BYTES,

@@ -14,8 +14,7 @@ import pytest
 from tests.builders import S, at, description, payload
 from tests.buses import eventually
 from tests.fakes import Lines
-from tfbus.bag.keeping import Splits
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.keeping import PartsWritten, Splits
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
 from tfbus.bag.recorder import Recorder, Snapshots

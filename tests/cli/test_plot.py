@@ -9,10 +9,9 @@ import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus import TfbusError, Transform, TransformArray, TransformBroadcaster, TransformStamped
+from tfbus import TfbusError, Transform, TransformBroadcaster, TransformStamped
 from tfbus.frames.picture import PANELS, draw
-from tfbus.frames.track import Track
-from tfbus.geometry.transform_array import make_array
+from tfbus.trajectory.trajectory import Trajectory, of_checked
 
 
 @pytest.fixture
@@ -85,11 +84,8 @@ def test_a_frame_that_stands_still_is_a_straight_line() -> None:
     pytest.importorskip("matplotlib", reason="needs matplotlib")
     count = 50
     noise = 1e-14 * np.sin(np.arange(3 * count)).reshape(count, 3)
-    poses = TransformArray(
-        noise + np.array([5.0, 2.0, 0.0]), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-    )
     stamps_ns = np.arange(count) * 20_000_000
-    track = Track("world", "rock", stamps_ns, poses)
+    track = Trajectory("world", "rock", stamps_ns, noise + np.array([5.0, 2.0, 0.0]))
     position, orientation, speed, path, angular = draw(track, PANELS).axes
     spans = [np.ptp(axes.get_ylim()) for axes in (position, orientation, speed, path, angular)]
     assert (np.array(spans) >= [0.001, 0.1, 0.001, 0.001, 0.001]).all()
@@ -100,9 +96,10 @@ def test_a_frame_that_stands_still_is_a_straight_line() -> None:
 def test_a_frame_that_is_too_far_away_is_not_plotted(x: float) -> None:
     """A stranger may send any number: the sentence says which frame it is."""
     pytest.importorskip("matplotlib", reason="needs matplotlib")
-    poses = make_array(np.array([[x, 0.0, 0.0]] * 2), np.array([[0.0, 0.0, 0.0, 1.0]] * 2))
+    xyz, quat_xyzw = np.array([[x, 0.0, 0.0]] * 2), np.array([[0.0, 0.0, 0.0, 1.0]] * 2)
+    track = of_checked("map", "far", np.arange(2) * 10**9, xyz, quat_xyzw)
     with pytest.raises(TfbusError, match="'far' is farther than 1e15 m away"):
-        draw(Track("map", "far", np.arange(2) * 10**9, poses), PANELS)
+        draw(track, PANELS)
 
 
 def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.bag.parts_written import WrittenPart
+from tfbus.bag.keeping import WrittenPart
 from tfbus.cli.bag.record_status import (
     Look,
     Rates,

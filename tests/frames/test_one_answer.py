@@ -222,8 +222,8 @@ def test_a_path_has_one_answer(drawn: tuple[Drawn, BagChoice]) -> None:
             path = recording.trajectory(*pair)
             track = recorded_track(bag, SETTINGS, None, *pair)
             assert track.stamps_ns.tolist() == path.stamps_ns.tolist()
-            assert track.poses.xyz.tolist() == path.xyz.tolist()
-            assert track.poses.quat_xyzw.tolist() == path.quat_xyzw.tolist()
+            assert track.xyz.tolist() == path.xyz.tolist()
+            assert track.quat_xyzw.tolist() == path.quat_xyzw.tolist()
             found = list(echoed(bag, SETTINGS, None, *pair))
             assert found == [recording.lookup_transform(*pair, each.stamp_ns) for each in found]
             assert [each.stamp_ns for each in found] == path.stamps_ns.tolist()

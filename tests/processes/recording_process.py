@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from tests.builders import at, description, payload
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.keeping import PartsWritten
 from tfbus.bag.raw_queue import RawQueue, TransformSource
 from tfbus.bag.recorder import Recorder
 from tfbus.recording.items import Item

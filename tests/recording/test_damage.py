@@ -10,12 +10,11 @@ import pytest
 from tests.builders import S, at, in_recording
 from tfbus import Recording
 from tfbus.recording import part
-from tfbus.recording.damage import Damage, united
 from tfbus.recording.edit import Span, cut
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.layout import topic_metadata
 from tfbus.recording.reader import RecordingReader, in_order
-from tfbus.recording.records import FOOTER_FIELDS, MAGIC
+from tfbus.recording.records import FOOTER_FIELDS, MAGIC, Damage, united
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader, read_many

@@ -25,7 +25,7 @@ from tests.recording.foreign_files import (
     write_rosbag2,
 )
 from tfbus.errors import DecodeError
-from tfbus.recording.foreign import files, rosbags_file
+from tfbus.recording.foreign import files
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
@@ -377,8 +377,8 @@ def test_what_unpacks_to_gigabytes_is_refused(
     tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks of .bag and messages of rosbag2 unpack to 256 MiB at the most; here to less."""
-    assert rosbags_file.MOST_CHUNK_BYTES == 256 * 2**20
-    monkeypatch.setattr(rosbags_file, "MOST_CHUNK_BYTES", MOST)
+    assert files.MOST_CHUNK_BYTES == 256 * 2**20
+    monkeypatch.setattr(files, "MOST_CHUNK_BYTES", MOST)
     if "sized" in kind:
         path = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="MESSAGE")
         replaced(next(path.glob("*.db3")), zstd_of_zeros(is_sized=kind == "sized"))
@@ -390,8 +390,8 @@ def test_what_unpacks_to_gigabytes_is_refused(
         path = write_bag(tmp_path / "run.bag", SENT, compression=kind.upper())
     tracemalloc.start()
     try:
-        with pytest.raises(DecodeError, match="unpack"), opened(path) as files:
-            list(files.messages())
+        with pytest.raises(DecodeError, match="unpack"), opened(path) as bag_files:
+            list(bag_files.messages())
         assert tracemalloc.get_traced_memory()[1] < ZEROS
     finally:
         tracemalloc.stop()

@@ -9,8 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakSet
 
-from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, MissedMessages, Splits
-from tfbus.bag.parts_written import PartsWritten, WrittenPart
+from tfbus.bag.keeping import (
+    UNSPLIT,
+    InFiles,
+    Keeping,
+    LastSeconds,
+    MissedMessages,
+    PartsWritten,
+    Splits,
+    WrittenPart,
+)
 from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
 from tfbus.bag.trigger import Triggers

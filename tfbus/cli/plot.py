@@ -19,8 +19,9 @@ from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputF
 from tfbus.core.sampling import Sampling
 from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
-from tfbus.frames.track import Track, track_from_buffer, track_from_file
+from tfbus.frames.track import track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
@@ -111,8 +112,9 @@ def command(
         track = _listen(settings, fleet, target, source, for_s, rate_hz or _RATE_HZ, sampling)
     if len(track) < 2:
         raise click.ClickException(
-            f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
-            "that time, and a plot needs 2: is it static, or has its publisher stopped?"
+            f"{counted(len(track), 'pose')} of {track.child_frame_id!r} seen from "
+            f"{track.frame_id!r} came in that time, and a plot needs 2: is it static, or has its "
+            "publisher stopped?"
         )
     _show(track, output, tuple(dict.fromkeys(panels)))
 
@@ -125,7 +127,7 @@ def _read(
     source: str,
     rate_hz: float | None,
     sampling: Sampling,
-) -> Track:
+) -> Trajectory:
     from tfbus.frames.recorded_poses import recorded_track
 
     return recorded_track(bag, settings, fleet, target, source, rate_hz, sampling)
@@ -139,7 +141,7 @@ def _listen(
     for_s: float | None,
     rate_hz: float,
     sampling: Sampling,
-) -> Track:
+) -> Trajectory:
     from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
 
     with listening(
@@ -183,13 +185,13 @@ def _wait(heard: "Listening", for_s: float) -> bool:
     return heard.node.ok
 
 
-def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
+def _show(track: Trajectory, output: Path | None, panels: tuple[Panel, ...]) -> None:
     try:
         if output is None:
             show_plot(track, panels)
         else:
             write_plot(track, output, panels)
-            span_s = track.seconds[-1]
+            span_s = track.span_s
             click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {span_s:.1f} s")
     except ImportError as error:
         raise TfbusError(

@@ -19,7 +19,7 @@ from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
 
 if TYPE_CHECKING:
-    from tfbus.recording.lasting_statics import Statics
+    from tfbus.recording.state import Statics
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 

@@ -19,10 +19,10 @@ from tfbus.wire.limits import size_text
 from tfbus.wording import counted, duration, printable
 
 if TYPE_CHECKING:
-    from tfbus.recording.damage import Damage
-    from tfbus.recording.lasting_statics import Statics
     from tfbus.recording.part import Part
     from tfbus.recording.reader import RecordingReader
+    from tfbus.recording.records import Damage
+    from tfbus.recording.state import Statics
 
 F = TypeVar("F", bound=Callable[..., Any])
 

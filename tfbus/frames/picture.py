@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from tfbus.errors import TfbusError
 from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.track import Track
+from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, seconds_of
 from tfbus.runtime.whole_file import replacing
+from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wording import columns, counted, cut
 
 
@@ -261,7 +262,7 @@ _LEAST_M, _LEAST_DEGREES = 0.001, 0.1
 _LEAST_M_PER_S, _LEAST_RAD_PER_S = 0.001, 0.001
 
 
-def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
+def draw(track: Trajectory, panels: tuple[Panel, ...]) -> Any:
     """A matplotlib Figure with the panels, two in a row."""
     from matplotlib.figure import Figure
 
@@ -270,7 +271,7 @@ def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
     return figure
 
 
-def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
+def write_plot(track: Trajectory, path: Path, panels: tuple[Panel, ...]) -> None:
     """Draw the panels into a file, whose ending chooses one of matplotlib's formats.
 
     A failure leaves the file as it was.
@@ -279,14 +280,14 @@ def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
         draw(track, panels).savefig(file, format=path.suffix[1:], dpi=150)
 
 
-def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
+def show_plot(track: Trajectory, panels: tuple[Panel, ...]) -> None:
     """Draw the panels into a window; returns when it is closed.
 
     Raises TfbusError if matplotlib has no toolkit to open one with.
     """
     from matplotlib import pyplot
 
-    figure = pyplot.figure(f"{track.source} seen from {track.target}")
+    figure = pyplot.figure(f"{track.child_frame_id} seen from {track.frame_id}")
     if pyplot.get_backend().lower() == "agg":  # its choice when it finds no toolkit
         raise TfbusError(
             "there is no toolkit to open a window with: write a file with -o, or install one, "
@@ -297,15 +298,17 @@ def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
         pyplot.show()
 
 
-def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
-    if not (np.abs(track.poses.xyz) <= _FARTHEST_M).all():
-        raise TfbusError(f"{track.source!r} is farther than 1e15 m away: that cannot be plotted")
+def _draw_into(figure: Any, track: Trajectory, panels: tuple[Panel, ...]) -> None:
+    if not (np.abs(track.xyz) <= _FARTHEST_M).all():
+        raise TfbusError(
+            f"{track.child_frame_id!r} is farther than 1e15 m away: that cannot be plotted"
+        )
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     figure.set_size_inches(_SIZE[0] * columns, _SIZE[1] * rows + 0.5)
     figure.set_layout_engine("constrained")
     first = datetime.fromtimestamp(int(track.stamps_ns[0]) / 1e9, tz=UTC)
-    name = f"{track.source} seen from {track.target}".replace("$", r"\$")
+    name = f"{track.child_frame_id} seen from {track.frame_id}".replace("$", r"\$")
     figure.suptitle(f"{name}, from {first:%Y-%m-%d %H:%M:%S} UTC", fontsize=11)
     for number, panel in enumerate(panels, start=1):
         axes = figure.add_subplot(rows, columns, number)
@@ -314,17 +317,17 @@ def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
         _DRAW[panel](axes, track)
 
 
-def _draw_position(axes: Any, track: Track) -> None:
-    seconds = broken(track, track.seconds)
-    for values, name, colour in zip(broken(track, track.poses.xyz).T, "xyz", _COLOURS, strict=True):
+def _draw_position(axes: Any, track: Trajectory) -> None:
+    seconds = broken(track, seconds_of(track))
+    for values, name, colour in zip(broken(track, track.xyz).T, "xyz", _COLOURS, strict=True):
         axes.plot(seconds, values, color=colour, label=name, linewidth=1.3)
     _widen(axes, "y", _LEAST_M)
     _label(axes, "position (m)")
 
 
-def _draw_orientation(axes: Any, track: Track) -> None:
+def _draw_orientation(axes: Any, track: Trajectory) -> None:
     seconds, degrees = (
-        broken(track, each) for each in (track.seconds, np.degrees(track.rpy_rad()))
+        broken(track, each) for each in (seconds_of(track), np.degrees(rpy_rad(track)))
     )
     names = ("roll", "pitch", "yaw")
     for values, name, colour in zip(degrees.T, names, _COLOURS, strict=True):
@@ -333,11 +336,11 @@ def _draw_orientation(axes: Any, track: Track) -> None:
     _label(axes, "orientation (degrees)")
 
 
-def _draw_speed(axes: Any, track: Track) -> None:
-    between = (track.seconds[1:] + track.seconds[:-1]) / 2
-    is_gap = track.gaps()
+def _draw_speed(axes: Any, track: Trajectory) -> None:
+    between = (seconds_of(track)[1:] + seconds_of(track)[:-1]) / 2
+    is_gap = gaps_of(track)
     linear, turning = (
-        np.where(is_gap, np.nan, each) for each in (track.linear_speed(), track.angular_speed())
+        np.where(is_gap, np.nan, each) for each in (linear_speed(track), angular_speed(track))
     )
     axes.plot(between, linear, color="#111827", label="linear", linewidth=1.3)
     angular = axes.twinx()
@@ -353,9 +356,9 @@ def _draw_speed(axes: Any, track: Track) -> None:
     axes.tick_params(labelsize=8)
 
 
-def _draw_path(axes: Any, track: Track) -> None:
-    x, y = track.poses.xyz[:, 0], track.poses.xyz[:, 1]
-    axes.plot(*broken(track, track.poses.xyz[:, :2]).T, color="#2563eb", linewidth=1.4)
+def _draw_path(axes: Any, track: Trajectory) -> None:
+    x, y = track.xyz[:, 0], track.xyz[:, 1]
+    axes.plot(*broken(track, track.xyz[:, :2]).T, color="#2563eb", linewidth=1.4)
     axes.plot(x[0], y[0], "o", color="#16a34a", markersize=6, label="first")
     axes.plot(x[-1], y[-1], "s", color="#dc2626", markersize=6, label="last")
     axes.set_aspect("equal", adjustable="datalim")
@@ -370,9 +373,9 @@ def _draw_path(axes: Any, track: Track) -> None:
     axes.legend(fontsize=8, loc="best")
 
 
-def broken(track: Track, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def broken(track: Trajectory, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The values with one in each gap that is not drawn: nothing is known of the time between."""
-    return np.insert(values, np.flatnonzero(track.gaps()) + 1, np.nan, axis=0)
+    return np.insert(values, np.flatnonzero(gaps_of(track)) + 1, np.nan, axis=0)
 
 
 def _widen(axes: Any, side: Literal["x", "y"], least: float) -> None:

@@ -41,8 +41,8 @@ from tfbus.wire.transforms import TransformMessage, TransformReader
 from tfbus.wording import printable
 
 if TYPE_CHECKING:
-    from tfbus.recording.lasting_statics import LastingStatics, Statics
     from tfbus.recording.reader import RecordingReader
+    from tfbus.recording.state import LastingStatics, Statics
 
 S = 1_000_000_000
 
@@ -91,7 +91,7 @@ class RecordedFrames:
 
     @cached_property
     def _lasting(self) -> "LastingStatics | None":
-        from tfbus.recording.lasting_statics import LastingStatics  # numpy
+        from tfbus.recording.state import LastingStatics  # numpy
 
         return LastingStatics(self._source) if self._statics == "always" else None
 

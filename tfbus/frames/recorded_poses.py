@@ -22,11 +22,10 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.track import Track
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import Item, TransformItem
-from tfbus.trajectory.trajectory import Trajectory, check_count
+from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -166,17 +165,15 @@ def recorded_track(
     source: str,
     rate_hz: float | None = None,
     sampling: Sampling = TF2,
-) -> Track:
+) -> Trajectory:
     """The poses of `recorded_transforms` together."""
     parts = list(_parts(choice, settings, fleet, target, source, rate_hz, sampling))
-    return Track(
+    return of_checked(
         target,
         source,
         np.concatenate([stamps_ns for stamps_ns, _ in parts]),
-        TransformArray(
-            np.concatenate([poses.xyz for _, poses in parts]),
-            np.concatenate([poses.quat_xyzw for _, poses in parts]),
-        ),
+        np.concatenate([poses.xyz for _, poses in parts]),
+        np.concatenate([poses.quat_xyzw for _, poses in parts]),
     )
 
 

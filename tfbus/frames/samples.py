@@ -14,10 +14,10 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.runs import FIRST_NS, LAST_NS, Run, runs_of
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import TransformItem
-from tfbus.recording.lasting_statics import LastingStatics, Statics
 from tfbus.recording.part import Group, Part
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Viewpoint
+from tfbus.recording.state import LastingStatics, Statics
 from tfbus.recording.summary import EdgeFacts, EdgeTable, StreamKey
 
 Ints = NDArray[np.int64]

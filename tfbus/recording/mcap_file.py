@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.recording.damage import Damage
 from tfbus.recording.records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -32,6 +31,7 @@ from tfbus.recording.records import (
     STATISTICS,
     Channel,
     Chunk,
+    Damage,
     Fields,
     Message,
     Schema,

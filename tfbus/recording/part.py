@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.damage import Damage
 from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
@@ -29,7 +28,7 @@ from tfbus.recording.layout import (
     topic_of,
 )
 from tfbus.recording.mcap_file import McapFile
-from tfbus.recording.records import Channel, Chunk, Message, Schema
+from tfbus.recording.records import Channel, Chunk, Damage, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.counterparts import Counterpart, counterpart_of_ros

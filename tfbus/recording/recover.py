@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from heapq import merge
 
 from tfbus.errors import DecodeError
-from tfbus.recording.damage import Damage, time_text, united
 from tfbus.recording.items import Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.part import Part, UnreadItem, read_items
@@ -25,10 +24,13 @@ from tfbus.recording.records import (
     PREFIX,
     SCHEMA,
     Chunk,
+    Damage,
     Message,
     chunk_records,
     read_message,
     records_in,
+    time_text,
+    united,
 )
 from tfbus.recording.selection import ALL
 from tfbus.recording.state import BusState

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.recording.damage import Damage, united
 from tfbus.recording.index import Edge
 from tfbus.recording.items import EventItem
 from tfbus.recording.part import StreamChannel
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
+from tfbus.recording.records import Damage, united
 from tfbus.recording.selection import Viewpoint
 
 if TYPE_CHECKING:

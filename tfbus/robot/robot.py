@@ -17,10 +17,9 @@ from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import Transform, make_transform
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.robot.kinematics import ManySteps, Steps, local_pose, plane_axes
+from tfbus.robot.kinematics import ManySteps, Position, Positions, Steps, local_pose, plane_axes
 from tfbus.robot.mesh_files import MeshFiles, folder_of_source
 from tfbus.robot.model import Collision, Joint, Link, Model, Visual
-from tfbus.robot.positions import Position, Positions
 from tfbus.robot.urdf import read_model
 from tfbus.robot.xml import MOST_BYTES, decoded, read_xml
 from tfbus.wording import counted, did_you_mean, printable

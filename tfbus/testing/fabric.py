@@ -10,10 +10,9 @@ from typing import Any
 
 import zenoh
 
-from tfbus.testing import retained
+from tfbus.testing import publications
 from tfbus.testing.callers import Handler
-from tfbus.testing.links import LEASE_S, Face, Lane, Paths
-from tfbus.testing.meeting import Meeting, foreign_place
+from tfbus.testing.links import LEASE_S, Face, Lane, Meeting, Paths, foreign_place
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.queries import Cancellation
 from tfbus.testing.tasks import SimulationError, Tasks
@@ -78,11 +77,11 @@ class Fabric:
 
     def declare_advanced_publisher(self, *args: Any, **options: Any) -> Any:
         """As Zenoh's extension."""
-        return retained.declare_advanced_publisher(*args, **options)
+        return publications.declare_advanced_publisher(*args, **options)
 
     def declare_advanced_subscriber(self, *args: Any, **options: Any) -> Any:
         """As Zenoh's extension."""
-        return retained.declare_advanced_subscriber(*args, **options)
+        return publications.declare_advanced_subscriber(*args, **options)
 
     def new_cancellation(self) -> Cancellation:
         """As Zenoh's CancellationToken."""

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from tfbus.testing.callers import Callers, Handler, Source, guarded
-from tfbus.testing.declarations import Declarations, Declared, Names
+from tfbus.testing.declarations import Declarations, Declared, Liveliness, Names, Tokens
 from tfbus.testing.links import Face
-from tfbus.testing.liveliness import Liveliness, Tokens
 from tfbus.testing.publications import Matchings, Message, Publications, Publisher, Querier
 from tfbus.testing.queries import Cancellation, Queries
 from tfbus.testing.routing import Direct, Router

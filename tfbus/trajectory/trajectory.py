@@ -23,6 +23,11 @@ else:
 
 FilePath = str | os.PathLike[str]
 
+# The columns of a pose in CSV, as `tfbus echo --format csv` writes them.
+FRAME_COLUMNS = ("frame_id", "child_frame_id")
+POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+CSV_COLUMNS = ("stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS, "roll", "pitch", "yaw")
+
 # Of as many poses, all at once, a machine has the memory: some 4 GB. At 100 Hz they are 55 hours.
 _MOST_POSES = 20_000_000
 
@@ -92,7 +97,7 @@ class Trajectory:
         Further columns do not count; of equal stamps the last one does. Several pairs of frames are
         an error.
         """
-        from tfbus.trajectory.table import read_one
+        from tfbus.trajectory.files import read_one
 
         return read_one(path)
 
@@ -101,7 +106,7 @@ class Trajectory:
 
         As every `write_` it replaces a file in one step. Raises OSError.
         """
-        from tfbus.trajectory.table import write_table
+        from tfbus.trajectory.files import write_table
 
         write_table(self, path)
 
@@ -112,13 +117,13 @@ class Trajectory:
 
         Raises DecodeError, which names the line, and OSError.
         """
-        from tfbus.trajectory.text_files import read_tum
+        from tfbus.trajectory.files import read_tum
 
         return read_tum(path, frame_id, child_frame_id)
 
     def write_tum(self, path: FilePath) -> None:
         """Write a file in TUM's format, which evo and most SLAM tools read. Raises OSError."""
-        from tfbus.trajectory.text_files import write_tum
+        from tfbus.trajectory.files import write_tum
 
         write_tum(self, path)
 
@@ -131,13 +136,13 @@ class Trajectory:
 
         Raises DecodeError, which names the line, and OSError.
         """
-        from tfbus.trajectory.text_files import read_kitti
+        from tfbus.trajectory.files import read_kitti
 
         return read_kitti(path, stamps_ns, frame_id, child_frame_id)
 
     def write_kitti(self, path: FilePath) -> None:
         """Write a file in KITTI's format, which has no times. Raises OSError."""
-        from tfbus.trajectory.text_files import write_kitti
+        from tfbus.trajectory.files import write_kitti
 
         write_kitti(self, path)
 
@@ -148,7 +153,7 @@ class Trajectory:
 
         Raises DecodeError, which names the line, and OSError.
         """
-        from tfbus.trajectory.text_files import read_euroc
+        from tfbus.trajectory.files import read_euroc
 
         return read_euroc(path, frame_id, child_frame_id)
 
@@ -169,7 +174,7 @@ class Trajectory:
 
         Roll, pitch and yaw are in radians.
         """
-        from tfbus.trajectory.table import columns
+        from tfbus.trajectory.files import columns
 
         return columns(self)
 

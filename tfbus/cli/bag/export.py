@@ -19,8 +19,8 @@ from tfbus.recording.exported import (
     write_transforms_npz,
 )
 from tfbus.recording.items import Item
-from tfbus.recording.lasting_statics import STATICS, Statics
 from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.state import STATICS, Statics
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, did_you_mean, duration
 

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.bag.keeping import Splits
-from tfbus.bag.parts_written import existing_parts, is_folder, path_of_recording
+from tfbus.bag.keeping import Splits, existing_parts, is_folder, path_of_recording
 from tfbus.bag.trigger import Condition
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.selection import Selection, is_of_transforms

@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from tfbus.bag.capture import Capture
-from tfbus.bag.parts_written import PartsWritten, WrittenPart
+from tfbus.bag.keeping import PartsWritten, WrittenPart
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder, Snapshots

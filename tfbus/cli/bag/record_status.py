@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.bag.parts_written import WrittenPart
+from tfbus.bag.keeping import WrittenPart
 from tfbus.cli.bag.counted_transforms import counted_transforms, many
 from tfbus.cli.output import paint, width
 from tfbus.wire.limits import size_text

@@ -38,8 +38,9 @@ class RosMessage:
         return {name: codec.shown for name, codec in cls.__codecs__.items()}
 
     def __bus_map__(self) -> dict[str, Any]:
-        """The message as it goes over the bus."""
-        return self.__write__(self, "")
+        """The message as it goes over the bus, with lists in the place of arrays."""
+        written: dict[str, Any] = _with_lists(self.__write__(self, ""))
+        return written
 
     @classmethod
     def __write__(cls, message: Any, path: str) -> dict[str, Any]:
@@ -194,6 +195,14 @@ def _constants(message: MessageType) -> dict[str, Any]:
 
 def _doc(message: MessageType) -> str:
     return f"ROS's {message.name}: {', '.join(field.name for field in message.fields) or 'empty'}."
+
+
+def _with_lists(value: Any) -> Any:
+    if isinstance(value, array):
+        return value.tolist()
+    if type(value) is dict:
+        return {name: _with_lists(each) for name, each in value.items()}
+    return [_with_lists(each) for each in value] if type(value) is list else value
 
 
 def _are_equal(one: Any, other: Any) -> bool:

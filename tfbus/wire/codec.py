@@ -6,7 +6,6 @@ and 0 and 1 for false and true; numbers, booleans and texts of numpy, and arrays
 as Python's own. Nothing else is converted.
 """
 
-from array import array
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -57,13 +56,10 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
 
 
 def _of_numpy(value: Any) -> Any:
-    """A number, boolean or text of numpy, or an array of these, as Python's own, exactly; also the
-    numbers of an array.array.
+    """A number, boolean or text of numpy, or an array of these, as Python's own, exactly.
 
     Raises TypeError for all else.
     """
-    if isinstance(value, array) and value.typecode != "u":
-        return value.tolist()
     dtype: Any = getattr(value, "dtype", None)
     if (
         dtype is None

@@ -5,14 +5,14 @@ from typing import Any
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import standard_definition
 from tfbus.ros.schema import MessageCodec
-from tfbus.wire.codec import as_map, from_map
+from tfbus.wire.codec import from_map
 
 __all__ = ["deserialize_message", "serialize_message"]
 
 
 def serialize_message(message: Any) -> bytes:
     """The bytes of a message. Raises TypeError and ValueError with the field that is wrong."""
-    encoded = _codec(type(message)).encode_fitted(as_map(message))
+    encoded = _codec(type(message)).encode_fitted(type(message).__write__(message, ""))
     if encoded is None:
         raise ValueError("the message has a text that is not valid Unicode")
     return encoded

@@ -1,13 +1,21 @@
 """The marks of a timeline: what the events of a recording say, and its silences."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tests.builders import S
-from tests.view.recordings import END_S, EVENTS, SIM, START_NS, at, described, gone, record
-from tfbus.recording.items import EventItem
+from tests.builders import S, examples
+from tests.view.recordings import END_S, EVENTS, SIM, START_NS, at, base_at, described, gone, record
+from tfbus import NodeSettings
+from tfbus.doctor.recorded import examine_recorded
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.geometry.columns import Columns
+from tfbus.recording.items import EventItem, RecordedStream, TransformItem
+from tfbus.recording.reader import RecordingReader
 from tfbus.view.model.timeline import (
     Mark,
     Timeline,
@@ -17,6 +25,9 @@ from tfbus.view.model.timeline import (
     marks_of_events,
     whole_timeline,
 )
+
+pytest.importorskip("mcap", reason="needs mcap: the extra bag")
+from tfbus.recording.writer import RecordingWriter
 
 Told = tuple[str, float, float, str]
 
@@ -39,6 +50,28 @@ def told(marks: Iterable[Mark]) -> list[Told]:
 def told_of(*events: EventItem) -> list[Told]:
     """What the timeline of these events says."""
     return told(in_order(marks_of_events(events, at(END_S))))
+
+
+def recorded_with(folder: Path, events: Sequence[EventItem], times_s: Sequence[float]) -> Path:
+    """A recording of these events, and of the base, which `sim` sends at these times."""
+    sim = RecordedStream(SIM, epoch_ns=at(-1.0))
+    sent = [
+        TransformItem(at(each), sim, Columns.of_transforms([base_at(each)]), seq=number)
+        for number, each in enumerate(times_s)
+    ]
+    with RecordingWriter(folder / "run.mcap") as writer:
+        for item in sorted([*events, *sent], key=lambda item: item.log_ns):
+            writer.write(item)
+    return folder / "run.mcap"
+
+
+def timeline_of(path: Path) -> Timeline:
+    """The timeline of a whole recording."""
+    with RecordingReader(path) as reader:
+        known = known_timeline(reader, reader.start_ns, reader.end_ns)
+        whole = whole_timeline(reader, known, lambda: False)
+    assert whole is not None
+    return whole
 
 
 def test_streams_that_leave_and_come_back_and_conflicts_are_marked() -> None:
@@ -135,8 +168,6 @@ def test_marks_are_found_from_a_time_on() -> None:
 def test_silence_is_found_in_the_file_and_how_busy_it_was(tmp_path: Path) -> None:
     """A stream that is gone is not silent as well."""
     path = record(tmp_path / "a.mcap")
-    from tfbus.recording.reader import RecordingReader
-
     with RecordingReader(path) as reader:
         known = known_timeline(reader, reader.start_ns, reader.end_ns)
         assert told(known.marks) == IN_ORDER
@@ -148,3 +179,51 @@ def test_silence_is_found_in_the_file_and_how_busy_it_was(tmp_path: Path) -> Non
         assert not [n for n in busy if 2.1 / END_S < n / bars < 3.9 / END_S]
         assert sum(whole.activity) == 41 + 20 + 121
         assert whole_timeline(reader, known, lambda: True) is None
+
+
+def test_a_stream_that_was_silent_before_it_was_gone_has_both_marks(tmp_path: Path) -> None:
+    """A broken link is noticed late: until then the stream is silent, and from then on gone."""
+    frame = ("map", "base", False)
+    events = [described(0.0, SIM, -1.0, frame), gone(5.0, SIM), described(7.0, SIM, -1.0, frame)]
+    path = recorded_with(tmp_path, events, [0.0, 0.1, 0.2, 0.3, 7.1, 7.2, 7.3])
+    assert told(timeline_of(path).marks) == [
+        ("gap", 0.3, 5.0, "'sim' silent for 4.7 s"),
+        ("gone", 5.0, 7.0, "'sim' gone: /sim on robot, pid 7"),
+        ("back", 7.0, 7.0, "'sim' back after 2.0 s"),
+    ]
+
+
+def test_two_gaps_of_one_stream_are_two_marks(tmp_path: Path) -> None:
+    """Equally long, and less than half a second apart."""
+    path = recorded_with(tmp_path, [], [0.0, 0.05, 0.1, 0.15, 0.45, 0.75, 0.8, 0.85, 0.9])
+    assert [mark.kind for mark in timeline_of(path).marks] == ["gap", "gap"]
+
+
+@settings(max_examples=examples(40))
+@given(
+    st.lists(st.sampled_from([0.01, 0.04, 0.05, 0.06, 0.2, 0.24, 0.26, 0.5, 1.0, 3.0])),
+    st.none() | st.tuples(st.floats(0.0, 5.0), st.floats(0.1, 5.0)),
+)
+def test_the_gaps_are_those_that_the_doctor_finds(
+    tmp_path_factory: pytest.TempPathFactory,
+    waits_s: list[float],
+    pause: tuple[float, float] | None,
+) -> None:
+    """As many, the longest at the same time, and none in a pause of the recorder."""
+    begin_s, length_s = pause or (0.0, 0.0)
+    begin_ns, end_ns = at(begin_s), at(begin_s + length_s)
+    times = [0.0, *accumulate(waits_s)]
+    times = [each for each in times if not begin_ns < at(each) < end_ns]
+    events = [EventItem(begin_ns, "paused"), EventItem(end_ns, "resumed")] if pause else []
+    path = recorded_with(tmp_path_factory.mktemp("gaps"), events, times)
+    # Silence at the end is the view's own.
+    marks = [mark for mark in timeline_of(path).marks if mark.start_ns < at(times[-1])]
+    gaps = [mark for mark in marks if mark.kind == "gap"]
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        # From before the first message, which is one of the span then.
+        span = reader.start_ns - 1, reader.end_ns
+        [flow] = examine_recorded(frames, NodeSettings("doctor"), *span).flows
+    assert len(gaps) == flow.gaps
+    longest = max(gaps, key=lambda mark: mark.end_ns - mark.start_ns, default=None)
+    assert (longest.start_ns if longest else None) == flow.gap_from_ns

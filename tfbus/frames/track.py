@@ -32,11 +32,15 @@ def least_gap_s(period_s: float) -> float:
     return max(_LEAST_S, _PERIODS * period_s)
 
 
+def least_gap_between(between_ns: NDArray[np.int64]) -> float:
+    """The time in ns beyond which there is a gap, by the times between samples (N,)."""
+    period_ns = float(np.median(between_ns)) if len(between_ns) else 0.0
+    return least_gap_s(period_ns / 1e9) * 1e9
+
+
 def gaps_in(between_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of the times between samples (N,) are gaps (N,)."""
-    if not len(between_ns):
-        return between_ns > 0
-    return between_ns > least_gap_s(float(np.median(between_ns)) / 1e9) * 1e9
+    return between_ns > least_gap_between(between_ns)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from tfbus.frames.track import least_gap_between
 from tfbus.recording.items import EventItem
+from tfbus.recording.pauses import Pause, waits_between
 from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.part import Part
     from tfbus.recording.reader import RecordingReader
+
+Ints = NDArray[np.int64]
 
 MarkKind = Literal["gone", "back", "restart", "conflict", "gap", "paused", "dropped"]
 
@@ -57,6 +61,7 @@ class Mark:
         return (
             (self.kind, self.what) == (other.kind, other.what)
             and bool(self.streams and other.streams)
+            and not set(self.streams) & set(other.streams)
             and abs(self.start_ns - other.start_ns) <= _TOGETHER_NS
             and abs(self.end_ns - other.end_ns) <= _TOGETHER_NS
         )
@@ -272,17 +277,6 @@ def _children(facts: Mapping[str, Any]) -> frozenset[str]:
 
 _BARS = 240
 
-# A stream is silent after as long as a frame is stale: 1 s, and three of its periods. Those vary:
-# the period is the one that 19 of 20 keep to.
-_STALE_S = 1.0
-_STALE_PERIODS = 3.0
-_USUAL = 0.95
-
-# No shorter pause can decide.
-_NOTED_NS = int(1e9 * _STALE_S / _STALE_PERIODS)
-
-_MOST_NOTED = 100_000
-
 
 def known_timeline(reader: "RecordingReader", start_ns: int, end_ns: int) -> Timeline:
     """The span, with the marks of the events."""
@@ -299,7 +293,7 @@ def whole_timeline(
     Raises DecodeError if the file is damaged.
     """
     busy = _Activity(known.start_ns, known.end_ns)
-    times: dict[str, _Times] = {}
+    times: dict[str, list[Ints]] = {}
     described = {event.name for event in reader.events if event.kind == "stream"}
     restarts: dict[tuple[str, int], int] = {}
     for part in reader.parts:
@@ -308,19 +302,21 @@ def whole_timeline(
                 return None
             name, epoch_ns, log_ns = found
             busy.add(log_ns)
-            times.setdefault(name, _Times()).add(log_ns)
+            times.setdefault(name, []).append(log_ns)
             if name not in described:
                 key = (name, epoch_ns)
                 restarts[key] = min(restarts.get(key, 2**63), int(log_ns[0]))
     end_ns = reader.end_ns
     marks = [*known.marks, *_restarted(restarts)]
-    for name, stream in times.items():
-        marks += _silences(name, stream, end_ns, known.marks)
+    for name, found_ns in times.items():
+        # What is gone, or was not recorded, is marked as that.
+        gone = [Pause(mark.start_ns, mark.end_ns) for mark in known.marks if mark.is_gone(name)]
+        marks += _silences(name, np.sort(np.concatenate(found_ns)), [*reader.pauses, *gone], end_ns)
     shown = cut_to(in_order(marks), known.start_ns, known.end_ns)
     return replace(known, marks=shown, activity=tuple(busy.counts.tolist()))
 
 
-def _times_of(part: "Part") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
+def _times_of(part: "Part") -> Iterator[tuple[str, int, Ints]]:
     """Stream, epoch and log times of the dynamic transforms in each chunk."""
     for chunk in part.file.chunks:
         for number, log_ns in part.file.log_times(chunk).items():
@@ -328,33 +324,6 @@ def _times_of(part: "Part") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
             if channel is not None and not channel.is_static and log_ns:
                 stream = channel.stream
                 yield stream.name, stream.epoch_ns, np.sort(np.array(log_ns, np.int64))
-
-
-@dataclass
-class _Times:
-    """How the messages of a stream came: the pauses that may be silence, (start, end)."""
-
-    count: int = 0
-    last_ns: int | None = None
-    pauses: list[tuple[int, int]] = field(default_factory=list)
-
-    def add(self, log_ns: NDArray[np.int64]) -> None:
-        """Take log times, in order and after those before."""
-        if self.last_ns is not None:
-            log_ns = np.concatenate(([self.last_ns], log_ns))
-        noted = np.flatnonzero(np.diff(log_ns) > _NOTED_NS)
-        if len(self.pauses) < _MOST_NOTED:
-            self.pauses += zip(log_ns[noted].tolist(), log_ns[noted + 1].tolist(), strict=True)
-        self.count += len(log_ns)
-        self.last_ns = int(log_ns.max())
-
-    def longest_usual_s(self) -> float:
-        """The longest pause between messages that is no silence."""
-        lengths = sorted((end - start) / 1e9 for start, end in self.pauses)
-        unusual = round((1.0 - _USUAL) * self.count)
-        if len(lengths) <= unusual:
-            return _STALE_S
-        return max(_STALE_S, _STALE_PERIODS * lengths[-1 - unusual])
 
 
 class _Activity:
@@ -365,27 +334,23 @@ class _Activity:
         self._start_ns = start_ns
         self._span_ns = max(end_ns - start_ns, 1)
 
-    def add(self, log_ns: NDArray[np.int64]) -> None:
+    def add(self, log_ns: Ints) -> None:
         """Count these."""
         bars = ((log_ns - self._start_ns) / self._span_ns * _BARS).astype(np.int64)
         inside = bars[(bars >= 0) & (bars <= _BARS)]
         self.counts += np.bincount(np.minimum(inside, _BARS - 1), minlength=_BARS)
 
 
-def _silences(name: str, stream: _Times, end_ns: int, marks: Iterable[Mark]) -> Iterator[Mark]:
-    usual_s = stream.longest_usual_s()
-    pauses = list(stream.pauses)
-    if stream.last_ns is not None:
-        pauses.append((stream.last_ns, end_ns))
-    # What is gone, or was not recorded, is marked as that.
-    known = [mark for mark in marks if mark.kind == "paused" or mark.is_gone(name)]
-    for start_ns, stop_ns in pauses:
-        length_s = (stop_ns - start_ns) / 1e9
-        if length_s <= usual_s:
-            continue
-        if any(mark.start_ns <= stop_ns and mark.end_ns >= start_ns for mark in known):
-            continue
-        yield Mark("gap", start_ns, stop_ns, f"silent for {duration(length_s)}", (name,))
+def _silences(name: str, log_ns: Ints, apart: Sequence[Pause], end_ns: int) -> Iterator[Mark]:
+    """The gaps in a stream with messages at these log times, and its silence up to the end; a gap
+    begins, or ends, at what is `apart` from it.
+    """
+    least_ns = least_gap_between(waits_between(log_ns, apart).length_ns)
+    waits = waits_between(np.append(log_ns, max(end_ns, int(log_ns[-1]))), apart)
+    for row in np.flatnonzero(waits.length_ns > least_ns).tolist():
+        start_ns, length_ns = int(waits.from_ns[row]), int(waits.length_ns[row])
+        how_long = duration(length_ns / 1e9)
+        yield Mark("gap", start_ns, start_ns + length_ns, f"silent for {how_long}", (name,))
 
 
 def _restarted(first_ns: dict[tuple[str, int], int]) -> Iterator[Mark]:

@@ -37,6 +37,7 @@ from tfbus.command import (
     listening_options,
     own_name,
 )
+from tfbus.frames import Listening as Bus
 from tfbus.view import ViewSettings, holds_settings, load_settings
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def main(
         buffer = Buffer(history_s)
         with TransformListener(buffer, node, fleet=fleet) as listener:
             robots = RobotsOnBus(node, fleet, package_path, robot)
-            page = Page(node, buffer, listener, serving, robots, _guests(node))
+            page = Page(node, Bus(node, buffer, listener, fleet), serving, robots, _guests(node))
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
@@ -249,7 +250,7 @@ def _show_recording(
         else:
             robots = RecordedRobots(opened.reader, replay, package_path)
         with replay.until_signal():
-            page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
+            page = Page(replay, replay, serving, robots, replay=replay)
             try:
                 if shot:
                     replay.measure()

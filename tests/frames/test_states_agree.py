@@ -190,7 +190,7 @@ def said_by_doctor(tree: FrameTree) -> Faults:
 
 def said_by_view(tree: FrameTree, buffer: Buffer) -> Faults:
     """The words before a colon in the facts of the frame on the page."""
-    frame = frames_of(tree, buffer, "map")[FRAME]
+    frame = frames_of(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "map")[FRAME]
     row = re.findall(r"<dt>State</dt><dd>(.*?)</dd>", text.facts(frame, tree.recorded_ns))[0]
     words = re.findall(r"(\w+):", unescape(re.sub("<.*?>", "", row)))
     assert words[0] == frame.state
@@ -243,7 +243,7 @@ def test_a_root_is_a_root() -> None:
     above = [replace(stream, frames=(("odom", "map", False),)) for stream in (ARM, LEFT)]
     tree = frame_tree(buffer_of(), above, NOW_NS)
     assert state(tree, tree.frames["map"]) == "root"
-    assert frames_of(tree, buffer_of(), "map")["map"].state == "root"
+    assert frames_of(BusMoment(at_ns=NOW_NS, tree=tree), buffer_of(), "map")["map"].state == "root"
 
 
 @given(st.floats(0.01, 1e3))

@@ -14,6 +14,7 @@ from tfbus.discover.graph import graph_of
 from tfbus.frames import document
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import edge_lines, tree_lines
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.meter import TransformMeter
@@ -72,5 +73,5 @@ class Tools:
             assert len({row.key for row in table.rows}) == len(table.rows)
             for column in range(len(table.headings)):
                 chosen(table, "", column, True)
-        shown = frames_of(tree, self._buffer, "sane_root")
+        shown = frames_of(BusMoment(at_ns=_NOW_NS, tree=tree), self._buffer, "sane_root")
         assert "sane_tool" in shown

@@ -63,7 +63,7 @@ def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], 
     buffer.set_transform(moved(1 * S, "map", "base", 1.0))
     program = Program(buffer)
     serving = Serving(port=free_port(), read_only=read_only)
-    page = Page(program, buffer, program, serving, guests=(lamps,))
+    page = Page(program, program, serving, guests=(lamps,))
 
     def tabs() -> tuple[str, ...]:
         page.step(at_once=True)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, SettingsError, Transform, TransformStamped
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
 from tfbus.view.model.frames import (
@@ -66,7 +67,9 @@ def look(
     buffer: Buffer, fixed_frame: str = "map", *streams: StreamInfo, at_ns: int = 2 * S
 ) -> Frames:
     """The frames at a time."""
-    return frames_of(frame_tree(buffer, streams, at_ns), buffer, fixed_frame)
+    return frames_of(
+        BusMoment(at_ns=at_ns, tree=frame_tree(buffer, streams, at_ns)), buffer, fixed_frame
+    )
 
 
 # States; how they are judged is tested in tests/frames/test_states_agree.py.

@@ -49,7 +49,7 @@ class Opened:
 
     def __post_init__(self) -> None:
         program = Program(self.buffer)
-        self.page = Page(program, self.buffer, program, Serving(port=free_port()), self.robots)
+        self.page = Page(program, program, Serving(port=free_port()), self.robots)
         self.page._cameras = Cameras(Server(self.camera))
 
     def send(self, parent: str, child: str, pose: Transform, *, static: bool = False) -> None:

@@ -15,6 +15,7 @@ from tfbus import Buffer, InvalidArgumentException, Robot, Transform, TransformS
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.robot.model import JointLimits
 from tfbus.view.model.frames import Frames, Placed, frames_of, place
@@ -92,7 +93,7 @@ def seen(*edges: tuple[str, str, float], fixed: str = "base") -> tuple[Placed, F
         stamped = TransformStamped(0, parent, child, Transform((0.0, 0.0, z)))
         buffer.set_transform(stamped, static=True)
     names = sorted({name for edge in edges for name in edge[:2]})
-    frames = frames_of(frame_tree(buffer, (), 0), buffer, fixed)
+    frames = frames_of(BusMoment(at_ns=0, tree=frame_tree(buffer, (), 0)), buffer, fixed)
     return place(buffer, fixed, names, None), frames
 
 

@@ -312,7 +312,7 @@ def test_a_page_that_is_read_only_has_no_sliders(read_only: bool) -> None:
     program = Program(buffer)
     robots = GivenRobots([ShownRobot(Robot.from_text(urdf("arm")))])
     serving = Serving(port=free_port(), read_only=read_only)
-    page = Page(program, buffer, program, serving, robots)
+    page = Page(program, program, serving, robots)
     try:
         page.step()
         panel = page.panel._robots_panel

@@ -68,7 +68,7 @@ def page(robots: Robots) -> Iterator[Page]:
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "base", "hand", 1.0))
     program = Program(buffer)
-    page = Page(program, buffer, program, Serving(port=free_port(), rate_hz=60.0), robots)
+    page = Page(program, program, Serving(port=free_port(), rate_hz=60.0), robots)
     yield page
     page.close()
 

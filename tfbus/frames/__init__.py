@@ -1,6 +1,6 @@
 """The tree of frames as a whole: who publishes what, what is wrong with it, and its pictures.
 
-Listed here is what nodes use: how `tfbus echo` writes a transform.
+Listed here is what nodes use: how `tfbus echo` writes a transform, and the bus that a page shows.
 """
 
 from tfbus.runtime.lazy_exports import exported
@@ -9,6 +9,7 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.frames.command_listener import Listening as Listening
     from tfbus.frames.document import CSV_HEADER as CSV_HEADER
     from tfbus.frames.document import Numbers as Numbers
     from tfbus.frames.document import csv_line as csv_line
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "recorded_transforms": "tfbus.frames.recorded_poses",
     "recorded_transform": "tfbus.frames.recorded_poses",
+    "Listening": "tfbus.frames.command_listener",
     "CSV_HEADER": "tfbus.frames.document",
     "Numbers": "tfbus.frames.document",
     "csv_line": "tfbus.frames.document",

@@ -4,7 +4,6 @@ import atexit
 import logging
 import math
 import threading
-from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from types import TracebackType
@@ -15,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException, TfbusError
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
-from tfbus.listen.info import StreamInfo
 from tfbus.runtime.addresses import is_local
-from tfbus.runtime.clock import Clock
+from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 
 if TYPE_CHECKING:
     from tfbus.frames.recording import Recording
@@ -44,16 +44,16 @@ class Program:
 
     def __init__(self, buffer: Buffer) -> None:
         self.log = logging.getLogger("tfbus.view")
-        self._buffer = buffer
+        self.buffer = buffer
         self._ended = threading.Event()
 
     def now_ns(self) -> int:
         newest = [
             frame.newest_ns
-            for frame in self._buffer.all_frames()
+            for frame in self.buffer.all_frames()
             if frame.newest_ns is not None and not frame.static
         ]
-        return max(newest, default=0) or self._buffer.clock()
+        return max(newest, default=0) or self.buffer.clock()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         return not self._ended.wait(timeout_s)
@@ -64,8 +64,20 @@ class Program:
     def close(self) -> None:
         pass
 
-    def streams(self) -> Sequence[StreamInfo]:
-        return ()
+    # As the bus of the page: a buffer without publishers.
+
+    @property
+    def dropped(self) -> int:
+        return 0
+
+    def tree(self) -> FrameTree:
+        return frame_tree(self.buffer, (), self.now_ns())
+
+    def moment(self) -> BusMoment:
+        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=self.tree())
+
+    def hint(self, frame: str = "") -> str:
+        return ""
 
 
 class View:
@@ -493,7 +505,7 @@ def show(
     program = Program(buffer)
     serving = replace(serving, history_s=history_s or _history_s(buffer))
     robots = GivenRobots()
-    return View(Page(program, buffer, program, serving, robots), program, robots)
+    return View(Page(program, program, serving, robots), program, robots)
 
 
 def _access(host: str) -> "Access":
@@ -522,7 +534,7 @@ def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | Non
         first_ns = reader.start_ns if at_ns is None else at_ns
         replay = Replay(reader, at_ns=first_ns, plays=at_ns is None)
         robots = RecordedRobots(reader, replay)
-        page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
+        page = Page(replay, replay, serving, robots, replay=replay)
     except BaseException:
         reader.close()
         raise

@@ -11,8 +11,7 @@ import numpy as np
 import viser
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.frames.snapshot import frame_tree
-from tfbus.listen.info import StreamInfo
+from tfbus.frames.moment import BusView
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log_once import LogOnce
@@ -33,24 +32,14 @@ from tfbus.wording import printable
 
 
 class Host(Protocol):
-    """The time, the log and the end of the page; a Node is one."""
+    """The log and the end of the page; a Node is one."""
 
     @property
     def log(self) -> logging.Logger:
         """The log for warnings."""
 
-    def now_ns(self) -> int:
-        """The time that ages are judged by, in nanoseconds since the Unix epoch."""
-
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until the end of the page; whether it goes on."""
-
-
-class Publishers(Protocol):
-    """The publishers of frames; a TransformListener is one."""
-
-    def streams(self) -> Sequence[StreamInfo]:
-        """The streams of all of them."""
 
 
 # The panel is for reading, and looking at all frames costs more than moving them.
@@ -108,30 +97,27 @@ class _Choice:
 class Page:
     """A server of the page, from its construction until `close`.
 
-    With a `replay` the page shows a recording, and moves it: `node`, `buffer` and `listener` are
-    the replay's. Raises ServeError if it cannot listen.
+    It shows the moments of a bus, live or recorded. With a `replay`, which is host and bus then, it
+    also moves the recording. Raises ServeError if it cannot listen.
     """
 
     def __init__(
         self,
-        node: Host,
-        buffer: Buffer,
-        listener: Publishers,
+        host: Host,
+        bus: BusView,
         serving: Serving,
         robots: RobotSource | None = None,
         guests: Sequence[Guest] = (),
         replay: Replay | None = None,
     ) -> None:
-        self._node = node
-        self._log_once = LogOnce(node.log)
-        self._live_buffer = buffer
+        self._host = host
+        self._bus = bus
         self._replay = replay
-        self._listener = listener
         self._serving = serving
         self._guests = guests
         self.view = ViewState(serving.settings)
         self._selections = Selections(serving.settings.selected)
-        self._log_once = LogOnce(node.log)
+        self._log_once = LogOnce(host.log)
         guard = Guard(serving.host, serving.access, serving.is_framed, self._on_refused)
         self._server = serve(serving.host, serving.port, serving.title, guard)
         self._frames = Frames()
@@ -148,7 +134,7 @@ class Page:
         self.robots = RobotScenes(
             self._server.scene,
             robots or GivenRobots(),
-            node.log,
+            host.log,
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self._server.scene)
@@ -210,7 +196,7 @@ class Page:
         period_s = 1.0 / self._serving.rate_hz
         due_s = time.monotonic()
         # Browsers are watched in real time, also while a simulated time stands still.
-        while self._node.wait(max(0.0, due_s - time.monotonic()), clock=SYSTEM_CLOCK):
+        while self._host.wait(max(0.0, due_s - time.monotonic()), clock=SYSTEM_CLOCK):
             due_s = max(due_s + period_s, time.monotonic())
             if not self._is_held:
                 self._try_step()
@@ -261,7 +247,7 @@ class Page:
             self._selected_marks.draw(self._frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
-                now_ns = self._node.now_ns()
+                now_ns = self._bus.now_ns()
                 self.panel.refresh(self._frames, whole, choice.fixed_frame, self._buffer, now_ns)
         shown = [self._frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
@@ -283,16 +269,11 @@ class Page:
 
     @property
     def _buffer(self) -> Buffer:
-        return self._replay.buffer if self._replay else self._live_buffer
+        return self._bus.buffer
 
     def _look(self, settings: ViewSettings) -> Frames:
-        tree = (
-            self._replay.tree()
-            if self._replay
-            else frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())
-        )
         before = settings.fixed_frame or self._frames.natural_fixed_frame()
-        return frames_of(tree, self._buffer, before)
+        return frames_of(self._bus.moment(), self._buffer, before)
 
     def _choose(self, settings: ViewSettings) -> _Choice:
         frames = self._frames

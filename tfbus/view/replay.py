@@ -2,15 +2,15 @@
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree
-from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.runtime.clock import Clock
@@ -94,17 +94,22 @@ class Replay:
         """The namespace that it shows."""
         return self._frames.namespace
 
-    def streams(self) -> Sequence[StreamInfo]:
-        """The streams as they were at the cursor."""
-        return self._frames.streams()
+    @property
+    def dropped(self) -> int:
+        """How many messages the listener would have dropped."""
+        return self._frames.dropped
+
+    def moment(self) -> BusMoment:
+        """The bus at the cursor."""
+        return self._frames.moment()
 
     def tree(self) -> FrameTree:
         """The frames at the cursor."""
         return self._frames.tree()
 
-    def hint(self) -> str:
-        """The place of other frames, while there are none at the cursor; "" if nowhere."""
-        return self._frames.hint()
+    def hint(self, frame: str = "") -> str:
+        """The place of a frame, or of any, elsewhere than at the cursor; "" if nowhere."""
+        return self._frames.hint(frame)
 
     def now_ns(self) -> int:
         """The time of the cursor; by the simulated clock if the publishers followed that."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
-from tfbus.frames.moment import Fault, State, silent_s, stale_after_s, state
-from tfbus.frames.snapshot import FrameTree
+from tfbus.frames.moment import BusMoment, Fault, State, stale_after_s
 from tfbus.geometry.transform import Transform
 from tfbus.geometry.transform_array import TransformArray
 
@@ -81,23 +80,30 @@ class Frames:
         return next(iter(self.roots), "")
 
 
-def frames_of(tree: FrameTree, buffer: Buffer, fixed_frame: str) -> Frames:
-    """The frames of a tree, a snapshot of the buffer, to be seen from the fixed frame."""
-    frames = []
+def frames_of(moment: BusMoment, buffer: Buffer, fixed_frame: str) -> Frames:
+    """The frames at a moment, to be seen from the fixed frame; the buffer is that of the moment."""
+    tree, frames = moment.tree, []
     for whole in tree.trees:
         root = whole[0][1].name
         unplaced = _why_apart(buffer, fixed_frame, root)
         for depth, info in whole:
-            judged = state(tree, info)
-            silence_s, opacity = 0.0, FADED if judged == "gone" else 1.0
-            if judged == "stale":
-                silence_s = silent_s(tree, info) or 0.0
+            status = moment.frames[info.name]
+            silence_s, opacity = 0.0, FADED if status.state == "gone" else 1.0
+            if status.state == "stale":
+                silence_s = status.silent_s or 0.0
                 opacity = fading(silence_s, stale_after_s(info))
-            ahead_s = -(tree.age_s(info) or 0.0) if judged == "ahead" else 0.0
-            publishers = tree.publishers(info)
+            ahead_s = -(status.age_s or 0.0) if status.state == "ahead" else 0.0
             frames.append(
                 ViewFrame(
-                    info, judged, silence_s, opacity, publishers, root, depth, unplaced, ahead_s
+                    info,
+                    status.state,
+                    silence_s,
+                    opacity,
+                    status.publishers,
+                    root,
+                    depth,
+                    unplaced,
+                    ahead_s,
                 )
             )
     return Frames(frames)

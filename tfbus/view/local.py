@@ -19,6 +19,7 @@ from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
 from tfbus.runtime.addresses import is_local
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
+from tfbus.view.scene.drawn import color_of, image_of, length_of, place_of, point_of, points_of
 
 if TYPE_CHECKING:
     from tfbus.frames.recording import Recording
@@ -154,8 +155,6 @@ class View:
 
         Points that are not finite, as scans have them where nothing is, are left out.
         """
-        from tfbus.view.scene.drawn import color_of, length_of, points_of
-
         xyz = points_of(points)
         finite = np.isfinite(xyz).all(axis=1)
         colors = color_of(color, len(xyz))
@@ -184,8 +183,6 @@ class View:
         width_m: float = 0.01,
     ) -> None:
         """Draw a line along points (N, 3), or N separate lines (N, 2, 3)."""
-        from tfbus.view.scene.drawn import color_of, length_of, points_of
-
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 3 or array.shape[1:] != (2, 3):
             along = points_of(array)
@@ -212,8 +209,6 @@ class View:
         width_m: float = 0.02,
     ) -> None:
         """Draw an arrow from one point (3,) to another, such as a velocity or a force."""
-        from tfbus.view.scene.drawn import color_of, length_of, point_of
-
         ends = np.stack((point_of(start, "start"), point_of(end, "end")))[None]
         width, colors = length_of(width_m, "width_m"), color_of(color)
         head_m = min(4.0 * width, 0.5 * float(np.linalg.norm(ends[0, 1] - ends[0, 0])))
@@ -241,8 +236,6 @@ class View:
         opacity: float = 1.0,
     ) -> None:
         """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
-
         sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
         look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
         self._add(
@@ -264,8 +257,6 @@ class View:
         opacity: float = 1.0,
     ) -> None:
         """Draw a sphere around the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import color_of, length_of, place_of
-
         radius, place = length_of(radius_m, "radius_m"), place_of(pose)
         look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
         self._add(
@@ -285,8 +276,6 @@ class View:
         pose: Transform | ArrayLike | None = None,
     ) -> None:
         """Write a text that always faces the browser, at the origin of the frame, or at `pose`."""
-        from tfbus.view.scene.drawn import place_of
-
         place = place_of(pose)
         self._add(
             name,
@@ -312,8 +301,6 @@ class View:
         top to bottom (1.0), or that of a `camera_matrix` (3, 3) for pictures of `size_px`, width by
         height. The picture, `depth_m` ahead, is uint8 (H, W, 3), red first, or (H, W).
         """
-        from tfbus.view.scene.drawn import color_of, image_of, length_of
-
         picture = None if image is None else image_of(image)
         if size_px is None:
             size_px = (4, 3) if picture is None else (picture.shape[1], picture.shape[0])
@@ -354,8 +341,6 @@ class View:
         """Draw an image (H, W, 3) or (H, W), uint8, such as a map, in the plane of x (to its right)
         and y (up) around the frame's origin, or at `pose`.
         """
-        from tfbus.view.scene.drawn import image_of, length_of, place_of, point_of
-
         picture, width = image_of(image), length_of(width_m, "width_m")
         height = width * picture.shape[0] / picture.shape[1]
         # viser's images have y down.

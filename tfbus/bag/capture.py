@@ -25,7 +25,7 @@ from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import as_map, is_of_ros
 from tfbus.wire.descriptions import NodeDescription, StreamDescription

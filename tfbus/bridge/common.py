@@ -14,7 +14,7 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 # One that is missing from this many looks, one after the other, is gone.

@@ -18,7 +18,7 @@ from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import CLOCK_TOPIC, relative_name
 from tfbus.wording import listed

@@ -15,7 +15,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.signals import interrupt_again
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
 from tfbus.wording import printable

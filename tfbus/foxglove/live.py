@@ -22,7 +22,7 @@ from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.robot.robot import Robot
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import namespace_of, relative_name

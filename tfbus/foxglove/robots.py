@@ -24,7 +24,7 @@ from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described, remedy_of_missing
 from tfbus.robot.xml import Element, read_xml
 from tfbus.ros.schema import MessageCodecs
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map
 from tfbus.wire.fleet import FrameNames
 from tfbus.wording import listed, printable

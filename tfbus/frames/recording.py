@@ -4,7 +4,7 @@ import math
 import os
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
@@ -30,7 +30,6 @@ from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.selection import ALL, Selection, Viewpoint, is_of_transforms
 from tfbus.runtime import scheduler
-from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamps import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
@@ -66,7 +65,7 @@ class RecordedFrame:
     last_ns: int
 
 
-class Recording(Closing):
+class Recording(AbstractContextManager["Recording"]):
     """The traffic of a bus, from the files that `tfbus bag record` wrote; opened by the path of a
     file, of several, or of a folder with the files of one recording.
 
@@ -120,6 +119,9 @@ class Recording(Closing):
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
         self._last: Buffer | None = None
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close the files. Lookups raise InvalidArgumentException from then on."""

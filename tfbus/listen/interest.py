@@ -16,8 +16,7 @@ from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.info import StreamState
 from tfbus.runtime import scheduler
-from tfbus.runtime.log import library_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce, library_log
 from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames

@@ -17,7 +17,7 @@ from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of

@@ -18,7 +18,7 @@ from tfbus.node.topic import Publisher, Subscription
 from tfbus.recording.items import TopicItem
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot, read_described
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.view.meshes.mesh import MeshError
 from tfbus.view.model.robots import GivenRobots, Joints, ShownRobot
 from tfbus.wire.codec import decode_message, is_of_ros

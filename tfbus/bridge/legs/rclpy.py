@@ -22,7 +22,7 @@ from tfbus.bridge.legs import (
     unheard,
 )
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 try:

@@ -22,7 +22,7 @@ from tfbus.command.extras import install_command
 from tfbus.errors import TfbusError
 from tfbus.ros.rmw import type_hash
 from tfbus.ros.ros_names import domain_of
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 try:

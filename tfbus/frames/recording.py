@@ -2,7 +2,6 @@
 
 import math
 import os
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.selection import ALL, Selection, Viewpoint, is_of_transforms
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.stamps import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
@@ -117,7 +117,8 @@ class Recording(AbstractContextManager["Recording"]):
         self._lock = scheduler.RLock()
         self._is_closed = False
         self._known: Samples | None = None
-        self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
+        # By their last use.
+        self._spans: Bounded[tuple[int, bool], Span] = Bounded(_KEPT_SPANS)
         self._last: Buffer | None = None
 
     def __exit__(self, *_: object) -> None:
@@ -543,10 +544,7 @@ class Recording(AbstractContextManager["Recording"]):
             span = self._spans.get(key)
             if span is None:
                 span = samples.span(first_ns, cell_ns + _CELL_NS - 1, of_last_runs=of_last_runs)
-                self._spans[key] = span
-                if len(self._spans) > _KEPT_SPANS:
-                    self._spans.popitem(last=False)
-            self._spans.move_to_end(key)
+            self._spans[key] = span
             return span
 
     def _end(self) -> Buffer:

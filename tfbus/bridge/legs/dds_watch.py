@@ -13,6 +13,7 @@ from cyclonedds.sub import DataReader
 
 from tfbus.errors import DecodeError
 from tfbus.ros.rmw import decode_nodes
+from tfbus.runtime.bounded import Bounded
 
 # Taken at once.
 MOST_TAKEN = 256
@@ -61,7 +62,7 @@ class DdsWatch:
         self.conditions = [ReadCondition(each, ANY) for each in (self._publications, nodes)]
         self._lock = threading.Lock()
         self._writers: dict[int, Writer] = {}
-        self._gone: dict[int, str] = {}
+        self._gone: Bounded[int, str] = Bounded(_MOST_GONE)
         # The full names of nodes by the gids of their writers, for each participant.
         self._names: dict[str, dict[str, str]] = {}
 
@@ -137,8 +138,6 @@ class DdsWatch:
         if gone is None:
             return
         self._gone[handle] = gone.gid
-        if len(self._gone) > _MOST_GONE:
-            del self._gone[next(iter(self._gone))]
         if all(each.participant != gone.participant for each in self._writers.values()):
             self._names.pop(gone.participant, None)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from tfbus.bridge.legs import RosPublisher
 from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, RosToken, gid_of, read_token, ros_type_name
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.wording import listed, printable
 
 # Tokens are strangers' to make up.
@@ -48,7 +49,7 @@ class RosGraph:
         # Those of all publishers.
         self.gids: set[str] = set()
         # By topic and gid.
-        self._untold: dict[tuple[str, str], _Untold] = {}
+        self._untold: Bounded[tuple[str, str], _Untold] = Bounded(_MOST_UNTOLD)
 
     def on_token(self, text: str, alive: bool) -> None:
         """A token has come, or is gone."""
@@ -91,8 +92,6 @@ class RosGraph:
         with self._lock:
             if gid not in self.gids:
                 self._untold[topic, gid] = _Untold(session(), self.clock_s())
-                if len(self._untold) > _MOST_UNTOLD:
-                    del self._untold[next(iter(self._untold))]
 
     def publishers(self, topic: str) -> list[RosPublisher]:
         """The publishers of a topic, in order of their gids. A publisher that puts other

@@ -10,11 +10,13 @@ from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
+    GraphWatch,
     NodeWatch,
     describe_nodes,
     key_beside,
     list_nodes,
 )
+from tfbus.runtime.executor import Executor
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
 
@@ -186,3 +188,36 @@ def attempt(session: Session) -> list[NodeDescription]:
         return describe_nodes(session, "/robot8/sim")
     except BusError:
         return []
+
+
+def test_a_watch_tells_of_the_nodes_of_other_sessions(bus: Bus) -> None:
+    """It asks again and again, so that a node which comes later is there too."""
+    session = look(bus)
+    executor = Executor("graph", logging.getLogger("test"))
+    seen: list[list[str]] = []
+    watch = GraphWatch(session, logging.getLogger("test"), answer_within_s=0.8)
+    watch.start(executor, lambda nodes: seen.append(sorted(node.name for node in nodes)))
+    eventually(lambda: [] in seen)
+    bus.node("sim")
+    bus.node("sim", namespace="robot7")
+    eventually(lambda: bool(seen) and seen[-1] == ["/robot7/sim", "/sim"])
+    executor.close()
+
+
+def test_a_watch_passes_over_a_node_that_it_cannot_read(
+    bus: Bus, caplog: pytest.LogCaptureFixture
+) -> None:
+    """That is logged once, however often it asks."""
+    session = look(bus)
+
+    def answer(query: Query) -> None:
+        with query.answering("description"):
+            query.answer(node_key("odd"), b"odd")
+
+    other = bus.node("sim").session
+    declared = other.queryable(node_key("odd"), answer)
+    watch = GraphWatch(session, logging.getLogger("test"), answer_within_s=0.8)
+    eventually(lambda: bool(watch.nodes() and caplog.messages))
+    assert [node.name for node in watch.nodes()] == ["/sim"]
+    assert sum("odd" in line for line in caplog.messages) == 1
+    declared.close()

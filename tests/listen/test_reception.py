@@ -12,7 +12,7 @@ from tfbus import Buffer
 from tfbus.listen.conflicts import Resolution
 from tfbus.listen.reception import StreamReception
 from tfbus.listen.stream_facts import Listening
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.transforms import TransformReader
 
 

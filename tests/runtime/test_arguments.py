@@ -1,12 +1,15 @@
-"""Seconds to wait."""
+"""Arguments that callers give."""
 
+import inspect
 import math
 import threading
 
 import numpy as np
 import pytest
 
-from tfbus.runtime.arguments import seconds_to_wait
+from tfbus import StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+from tfbus.compat import tf2_ros
+from tfbus.runtime.arguments import called_as, seconds_to_wait
 
 
 @pytest.mark.parametrize(
@@ -39,3 +42,52 @@ def test_what_is_no_number_is_no_timeout(given: object) -> None:
     """The error names the type."""
     with pytest.raises(TypeError, match="timeout_s must be a number of seconds or None, not "):
         seconds_to_wait(given)  # that is the test
+
+
+@called_as("double(number)")
+def double(number: int, *, twice: bool = False) -> int:
+    """Twice the number."""
+    return double.__wrapped__(2 * number) if twice else 2 * number
+
+
+def test_a_call_that_fits_is_as_it_was() -> None:
+    """Its result, its signature and its docstring."""
+    assert double(2, twice=True) == 8
+    assert str(inspect.signature(double)) == "(number: int, *, twice: bool = False) -> int"
+    assert double.__doc__ == "Twice the number."
+
+
+def test_a_call_that_does_not_fit_names_the_right_form() -> None:
+    """Where an argument is missing, too many, or of no such name."""
+    for call in (lambda: double(), lambda: double(1, 2), lambda: double(1, once=True)):
+        with pytest.raises(TypeError, match=r"double\(\) .*; call it as in double\(number\)$"):
+            call()
+
+
+def test_an_error_within_the_call_stays_as_it_is() -> None:
+    """A TypeError of another cause does not ask for other arguments."""
+
+    @called_as("fail(number)")
+    def fail(number: object) -> object:
+        return number + 1
+
+    with pytest.raises(TypeError, match=r"^(?!.*call it as)"):
+        fail("text")
+
+
+@pytest.mark.parametrize(
+    ("cls", "form"),
+    [
+        (TransformListener, "TransformListener(buffer, node)"),
+        (TransformBroadcaster, "TransformBroadcaster(node)"),
+        (StaticTransformBroadcaster, "StaticTransformBroadcaster(node)"),
+        (tf2_ros.TransformListener, "TransformListener(buffer, node)"),
+        (tf2_ros.TransformBroadcaster, "TransformBroadcaster(node)"),
+        (tf2_ros.StaticTransformBroadcaster, "StaticTransformBroadcaster(node)"),
+    ],
+)
+def test_the_classes_of_transforms_name_their_arguments(cls: type, form: str) -> None:
+    """Where the node is missing, as programs of ROS sometimes have it."""
+    with pytest.raises(TypeError) as raised:
+        cls()
+    assert str(raised.value).endswith(f"; call it as in {form}")

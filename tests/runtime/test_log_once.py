@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from tests.fakes import Clock
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 
 
 def test_the_first_of_a_kind_is_logged_and_all_are_counted(

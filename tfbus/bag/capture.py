@@ -12,9 +12,9 @@ from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo, graph_of
-from tfbus.discover.presence import describe_all
+from tfbus.discover.presence import GraphWatch
 from tfbus.discover.ros_types import RosTypes
-from tfbus.errors import BusError, DecodeError, InvalidNameError
+from tfbus.errors import BusError, InvalidNameError
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import MOST_GONE, StreamWatch
 from tfbus.names import is_printable
@@ -25,7 +25,7 @@ from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import as_map, is_of_ros
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
@@ -79,6 +79,7 @@ class NodeRoster:
         self._session = session
         self._on_change = on_change
         self._once = LogOnce(log)
+        self._graph = GraphWatch(session, log, answer_within_s=_ANSWER_WITHIN_S)
         # Tokens that came or were lost, by their nodes.
         self._news: dict[str, bool] = {}
         self._living: set[str] = set()
@@ -143,12 +144,12 @@ class NodeRoster:
         if self._closed or not self._living:
             return
         try:
-            described = describe_all(self._session, self._warn, timeout_s=_ANSWER_WITHIN_S)
+            described = self._graph.nodes()
         except BusError:
             return  # the session is closed
         # Of several nodes of one name always the same counts.
         for node in sorted(described, key=lambda node: (node.name, node.started_ns, node.session)):
-            if node.name in self._living and node.session != self._session.id:
+            if node.name in self._living:
                 self._take(node)
 
     def _take(self, node: NodeDescription) -> None:
@@ -156,9 +157,6 @@ class NodeRoster:
         if former is None or _lasting(former) != _lasting(node):
             self._nodes[node.name] = node
             self._on_change(node.name, node)
-
-    def _warn(self, error: DecodeError) -> None:
-        self._once.warning("unreadable", "Did not record a node: %s", error)
 
 
 def _lasting(node: NodeDescription) -> NodeDescription:

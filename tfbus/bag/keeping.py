@@ -16,6 +16,7 @@ from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
+from tfbus.runtime.bounded import Bounded
 from tfbus.wording import printable
 
 ENDING = ".mcap"
@@ -227,9 +228,9 @@ class MissedMessages:
     def __init__(self) -> None:
         self.count = 0
         # By key: the epoch, and the number that comes next.
-        self._next: dict[MessageSource, tuple[int, int]] = {}
+        self._next: Bounded[MessageSource, tuple[int, int]] = Bounded(_MOST_KEYS)
         # Key, epoch and number, the oldest first.
-        self._missing: dict[tuple[MessageSource, int, int], None] = {}
+        self._missing: Bounded[tuple[MessageSource, int, int], None] = Bounded(_MOST_LATE)
 
     def add(self, source: MessageSource, item: Item) -> None:
         """Take the next message of a key."""
@@ -246,16 +247,12 @@ class MissedMessages:
             self.count -= 1
             return
         epoch, expected = self._next.get(source, (None, 0))
-        if epoch is None and len(self._next) >= _MOST_KEYS:
-            self._next.clear()
         if epoch != epoch_ns:
             expected = seq
         if seq > expected:
             self.count += seq - expected
             for number in range(max(expected, seq - _MOST_LATE), seq):
                 self._missing[source, epoch_ns, number] = None
-            while len(self._missing) > _MOST_LATE:
-                del self._missing[next(iter(self._missing))]
         self._next[source] = (epoch_ns, max(expected, seq + 1))
 
 

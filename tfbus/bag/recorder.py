@@ -26,7 +26,7 @@ from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.runtime import scheduler
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import counted, duration
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.

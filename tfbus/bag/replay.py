@@ -32,7 +32,7 @@ from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.definitions import Definition
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import encode_map, from_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of

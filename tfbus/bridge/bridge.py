@@ -16,7 +16,7 @@ from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import counted, listed, printable
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
 from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES, full_name, node_key
@@ -75,7 +76,7 @@ class Bridges:
         self._own = own
         self._on_change = on_change
         self._lock = threading.Lock()
-        self._others: dict[str, RosBridge] = {}
+        self._others: Bounded[str, RosBridge] = Bounded(_MOST)
         # The full names of the nodes that are there.
         self._living: set[str] = set()
         self._namespace = node.namespace
@@ -137,10 +138,8 @@ class Bridges:
         if other.session == self._own.session:
             return
         with self._lock:
-            former = self._others.pop(other.session, None)
+            former = self._others.get(other.session)
             self._others[other.session] = other
-            if len(self._others) > _MOST:
-                del self._others[next(iter(self._others))]
         if former is None or former.gids != other.gids:
             self._on_change()
 

@@ -13,8 +13,9 @@ from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 # One that is missing from this many looks, one after the other, is gone.
@@ -266,7 +267,7 @@ class Crossed:
         self._going: dict[Way, set[str]] = {"to ROS": set(), "from ROS": set()}
         # Of each frame that goes both ways: its stamps by direction, and which direction came
         # second, and when.
-        self._stamps: dict[str, dict[Way, dict[int, None]]] = {}
+        self._stamps: dict[str, dict[Way, Bounded[int, None]]] = {}
         self._second: dict[str, tuple[Way, float]] = {}
 
     def record(self, way: Way, children: Iterable[str]) -> bool:
@@ -279,7 +280,7 @@ class Crossed:
                     going.add(child)
                     if child in back:
                         begins = True
-                        self._stamps[child] = {way: {}, _OTHER[way]: {}}
+                        self._stamps[child] = {each: Bounded(_MOST_STAMPS) for each in _OTHER}
                         self._second[child] = way, self._clock_s() + _LEARNING_S
                 is_contested |= child in self._stamps
         if begins:
@@ -314,10 +315,7 @@ class Crossed:
         second, until_s = self._second[child]
         if way == second and self._clock_s() < until_s:
             return False
-        own = stamps[way]
-        own[stamp_ns] = None
-        if len(own) > _MOST_STAMPS:
-            del own[next(iter(own))]
+        stamps[way][stamp_ns] = None
         return True
 
 

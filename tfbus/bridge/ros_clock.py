@@ -16,7 +16,7 @@ from tfbus.ros.definitions import CLOCK
 from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wording import printable
 

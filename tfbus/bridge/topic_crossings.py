@@ -16,7 +16,7 @@ from tfbus.ros.definition_text import message_of
 from tfbus.ros.message_type import MessageType, Sequence, Text, Type
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wording import printable
 

@@ -13,18 +13,17 @@ from tfbus.bridge.topic_crossings import TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
-from tfbus.discover.presence import describe_all
+from tfbus.discover.presence import GraphWatch
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import CLOCK_TOPIC, relative_name
 from tfbus.wording import listed
 
-# How often both sides are asked what they have, and how long the nodes of the bus may take.
-_POLL_EVERY_S = 1.0
+# Nodes that take longer to describe themselves are left out until the next time.
 _ASK_WITHIN_S = 0.8
 
 # A busy node may not answer for a while; its topics stay that long.
@@ -78,8 +77,8 @@ class TopicBridge:
         self._topics: dict[str, _Topic] = {}
         self._is_closed = False
         self._executor = Executor(f"{node.full_name} topics", log)
-        self._executor.submit("topics", self._poll)
-        self._executor.every(_POLL_EVERY_S, self._poll)
+        graph = GraphWatch(node.session, log, answer_within_s=_ASK_WITHIN_S)
+        graph.start(self._executor, self._look)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
@@ -101,10 +100,8 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _poll(self) -> None:
-        described = describe_all(self._node.session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
-        own = self._node.session.id
-        nodes = [each for each in described if each.session != own and self._sees(each)]
+    def _look(self, described: list[NodeDescription]) -> None:
+        nodes = [each for each in described if self._sees(each)]
         bridges = {each.name for each in nodes if _is_bridge(each)}
         graph = graph_of(nodes, {}, self._node.namespace)
         for name in sorted({*graph.topics, *self._table.names, *self._topics}):
@@ -171,9 +168,6 @@ class TopicBridge:
         if topic is not None:
             return topic.line
         return None if types else self._table.names.get(name)
-
-    def _on_unreadable(self, error: TfbusError) -> None:
-        self._once.warning(("unreadable", str(error)), "%s", error)
 
 
 class _Topic:

@@ -8,7 +8,7 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
-from tfbus.runtime.right_form import called_as
+from tfbus.runtime.arguments import called_as
 from tfbus.runtime.stamps import (
     LATEST_OF_ANOTHER_UNIT,
     MOST_AHEAD_NS,

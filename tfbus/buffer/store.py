@@ -18,7 +18,7 @@ from tfbus.core.kernel import LONGEST_NS, Path
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import LookupException, TransformException
 from tfbus.geometry.transform import TransformStamped, child_name
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 # Gets each pair of frames that is looked up; and explains, if it can, why one has no answer.

@@ -15,7 +15,8 @@ from typing import Any
 
 import zenoh
 
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.signals import interrupt_again
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
 from tfbus.wording import printable
@@ -38,7 +39,7 @@ class StrayKeys:
     def __init__(self, expression: str, once: LogOnce) -> None:
         self._expression = zenoh.KeyExpr.autocanonize(expression)
         self._once = once
-        self._within: set[str] = set()
+        self._within: Bounded[str, None] = Bounded(_MOST_KEYS)
 
     def __call__(self, key: str) -> bool:
         """Whether a key is one of them."""
@@ -52,9 +53,7 @@ class StrayKeys:
                 printable(str(self._expression)),
             )
             return True
-        if len(self._within) >= _MOST_KEYS:
-            self._within.clear()
-        self._within.add(key)
+        self._within[key] = None
         return False
 
 

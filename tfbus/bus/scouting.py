@@ -18,6 +18,7 @@ from tfbus.bus.links import Links
 from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
+from tfbus.runtime.bounded import Bounded
 from tfbus.wire.scouting import (
     LARGEST,
     Hello,
@@ -144,7 +145,7 @@ class Scouts:
         # When each of those that are lost was lost.
         self._lost_s: dict[str, float] = {}
         self._asking: dict[Place, socket.socket] = {}
-        self._waiting: dict[str, float] = {}
+        self._waiting: Bounded[str, float] = Bounded(_MOST_WAITING)
         self._turn = 0
         self._missed_s = 0.0
         self.next_s: float | None = None
@@ -251,8 +252,6 @@ class Scouts:
             return scheduler.monotonic() - self._lost_s[hello.zid] >= self._apart_s
         if hello.role == "router" or int(self._id, 16) > int(hello.zid, 16):
             return True
-        if len(self._waiting) >= _MOST_WAITING:
-            self._waiting.clear()
         now_s = scheduler.monotonic()
         return now_s - self._waiting.setdefault(hello.zid, now_s) >= _POLITE_S
 

@@ -10,8 +10,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
 from tfbus.discover.presence import watch_nodes
 from tfbus.node.surroundings import watch_members
-from tfbus.runtime.log import open_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce, open_log
 from tfbus.runtime.signals import StopSignals
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"

@@ -21,7 +21,7 @@ from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definitions import STRING, TURTLE_POSE
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.scan import TransformMessage
 from tfbus.wire.transforms import decode_transforms

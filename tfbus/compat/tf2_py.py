@@ -21,8 +21,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.runtime.log import library_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce, library_log
 
 __all__ = [
     "BufferCore",

@@ -1,5 +1,6 @@
 """The nodes and streams on the bus, and how each describes itself."""
 
+import logging
 from collections.abc import Callable
 
 from tfbus.bus.handles import Declaration
@@ -9,6 +10,8 @@ from tfbus.bus.session import Session
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime import scheduler
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
 from tfbus.wire.keys import (
@@ -26,6 +29,8 @@ PATIENCE_S = 5.0
 # A link may be open before its far end has said on it who is there.
 _SAID_WITHIN_S = 1.0
 _AGAIN_AFTER_S = 0.1
+# A watch asks again after this time.
+_POLL_EVERY_S = 1.0
 
 
 def list_nodes(session: Session) -> list[str]:
@@ -159,6 +164,46 @@ class NodeWatch:
         with self._changed:
             (self._present.add if alive else self._present.discard)(name)
             self._changed.notify_all()
+
+
+class GraphWatch:
+    """Asks the nodes of other processes for their descriptions, all by one query.
+
+    Descriptions that it cannot read are logged, each once.
+    """
+
+    def __init__(self, session: Session, log: logging.Logger, *, answer_within_s: float) -> None:
+        self._session = session
+        self._once = LogOnce(log)
+        self._answer_within_s = answer_within_s
+
+    def start(self, executor: Executor, on_nodes: Callable[[list[NodeDescription]], None]) -> None:
+        """Ask now, and then every second; `on_nodes(descriptions)` is called after each, on the
+        executor's thread, and no more once that is closed.
+        """
+
+        def poll() -> None:
+            on_nodes(self.nodes())
+
+        executor.submit("graph", poll)
+        executor.every(_POLL_EVERY_S, poll)
+
+    def nodes(self) -> list[NodeDescription]:
+        """The descriptions of the nodes of other sessions, now."""
+        described = describe_all(
+            self._session, self._on_unreadable, timeout_s=self._answer_within_s
+        )
+        return [each for each in described if each.session != self._session.id]
+
+    def streams(self) -> dict[str, StreamDescription]:
+        """The descriptions of all streams by their keys, now: as `describe_streams`."""
+        described, _ = describe_streams(
+            self._session, self._on_unreadable, timeout_s=self._answer_within_s
+        )
+        return described
+
+    def _on_unreadable(self, error: DecodeError) -> None:
+        self._once.warning(str(error), "%s", error)
 
 
 def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:

@@ -6,6 +6,7 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.ros.definitions import Definition, standard_definition
 from tfbus.ros.ros_names import is_message_type
 from tfbus.ros.schema import MessageCodec
+from tfbus.runtime.bounded import Bounded
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDefinitions
 from tfbus.wire.keys import definitions_selector, node_key
@@ -25,7 +26,7 @@ class RosTypes:
         self._session = session
         # By the names of nodes and types; in the place of a codec the text that a node has said, ""
         # for none, until the codec is asked for.
-        self._known: dict[tuple[str, str], MessageCodec | str | None] = {}
+        self._known: Bounded[tuple[str, str], MessageCodec | str | None] = Bounded(_MOST_TYPES)
 
     def codec(self, node: str, type_name: str) -> MessageCodec | None:
         """The codec of a type that a node publishes; None if it is no type of ROS, or its
@@ -35,9 +36,8 @@ class RosTypes:
             return None
         key = node, type_name
         if key not in self._known:
-            if len(self._known) >= _MOST_TYPES:
-                self._known.clear()
-            self._known |= {(node, each): text for each, text in self._said(node).items()}
+            said = {(node, each): text for each, text in self._said(node).items()}
+            self._known.update(said)
         known = self._known.get(key, "")
         if isinstance(known, str):
             known = self._known[key] = _codec(type_name, known)

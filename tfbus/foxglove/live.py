@@ -6,8 +6,8 @@ from typing import Any
 
 from tfbus.discover.graph import graph_of
 from tfbus.discover.parameters import set_parameter
-from tfbus.discover.presence import describe_all, describe_streams
-from tfbus.errors import DecodeError, ParameterError
+from tfbus.discover.presence import GraphWatch
+from tfbus.errors import ParameterError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections, NodeParameters, connections
@@ -22,13 +22,12 @@ from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.robot.robot import Robot
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import namespace_of, relative_name
 
-# How often all nodes are asked what they have, and how long one may take to answer.
-_LOOK_EVERY_S = 1.0
+# Nodes that take longer to describe themselves are left out until the next time.
 _ASK_WITHIN_S = 0.8
 
 _TIME_HZ = 20.0
@@ -83,8 +82,8 @@ class LiveBridge(Requests):
         # With history, so that frames which seldom move are known at once, too.
         self._listener = TransformListener(self._buffer, node, history_s=_CACHE_S, fleet=fleet)
         node.clock.add_jump_callback(self._on_jump_back)
-        self._executor.submit("foxglove", self._look)
-        self._executor.every(_LOOK_EVERY_S, self._look)
+        self._graph = GraphWatch(node.session, node.log, answer_within_s=_ASK_WITHIN_S)
+        self._graph.start(self._executor, self._adapt)
         if node.clock.is_simulated:
             self._executor.every(1.0 / _TIME_HZ, self._tell_time)
         self.front = Front(serving, self._server, self._on_refused)
@@ -160,16 +159,13 @@ class LiveBridge(Requests):
 
     # What changes, on the executor's thread
 
-    def _look(self) -> None:
-        """Ask all nodes what they have."""
-        session = self._node.session
-        described = describe_all(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
-        nodes = [each for each in described if each.session != session.id and self._sees(each)]
-        described_streams, _ = describe_streams(
-            session, self._on_unreadable, timeout_s=_ASK_WITHIN_S
-        )
+    def _adapt(self, described: list[NodeDescription]) -> None:
+        """Offer what the nodes have now."""
+        nodes = [each for each in described if self._sees(each)]
         streams = [
-            each for key, each in described_streams.items() if self._fleet or not namespace_of(key)
+            each
+            for key, each in self._graph.streams().items()
+            if self._fleet or not namespace_of(key)
         ]
         graph = graph_of(nodes, {})
         self._parameters.update(nodes)
@@ -202,9 +198,6 @@ class LiveBridge(Requests):
         self._send_present()
 
     # What is wrong
-
-    def _on_unreadable(self, error: DecodeError) -> None:
-        self._once.warning(("unreadable", str(error)), "%s", error)
 
     def _on_refused(self, reason: str) -> None:
         self._once.warning(("refused", reason), "Refused a client: %s", reason)

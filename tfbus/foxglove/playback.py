@@ -30,8 +30,7 @@ from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
 from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import open_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce, open_log
 from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription

@@ -24,7 +24,8 @@ from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described, remedy_of_missing
 from tfbus.robot.xml import Element, read_xml
 from tfbus.ros.schema import MessageCodecs
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map
 from tfbus.wire.fleet import FrameNames
 from tfbus.wording import listed, printable
@@ -64,7 +65,7 @@ class ShownRobots:
         self._package_path = tuple(package_path)
         self._fetch = fetch
         self._lock = Lock()
-        self._known: dict[tuple[str, str], _Known] = {}
+        self._known: Bounded[tuple[str, str], _Known] = Bounded(_MOST_ROBOTS)
 
     def shown(
         self, values: Mapping[str, Any], names: FrameNames | None = None, origin: str = ""
@@ -141,9 +142,6 @@ class ShownRobots:
         frames = {link: names.outside(f"{prefix}{link}") for link in robot.links}
         shown = _with_text(given, _rewritten(robot.text, frames, uris))
         with self._lock:
-            self._known.pop(slot, None)
-            while len(self._known) >= _MOST_ROBOTS:
-                del self._known[next(iter(self._known))]
             self._known[slot] = _Known(dict(given), shown, meshes, origin)
         return shown
 

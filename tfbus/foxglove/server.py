@@ -33,7 +33,7 @@ from tfbus.foxglove.protocol import (
     text,
     time_of,
 )
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.workers import Workers
 from tfbus.wording import printable
 

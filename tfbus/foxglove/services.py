@@ -17,7 +17,7 @@ from tfbus.foxglove.server import Server, Service
 from tfbus.messages import Twist
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wording import listed, printable
 

@@ -26,7 +26,7 @@ from tfbus.node.topic import RawSubscription
 from tfbus.ros.definitions import MSGPACK, TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_map
 
 # A topic whose messages changed their schema this many times goes on as JSON.

@@ -2,9 +2,8 @@
 
 import math
 import os
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
@@ -30,7 +29,7 @@ from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.selection import ALL, Selection, Viewpoint, is_of_transforms
 from tfbus.recording.state import STATICS, Statics
 from tfbus.runtime import scheduler
-from tfbus.runtime.closing import Closing
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.stamps import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
@@ -66,7 +65,7 @@ class RecordedFrame:
     last_ns: int
 
 
-class Recording(Closing):
+class Recording(AbstractContextManager["Recording"]):
     """The traffic of a bus, from the files that `tfbus bag record` wrote; opened by the path of a
     file, of several, or of a folder with the files of one recording.
 
@@ -118,8 +117,12 @@ class Recording(Closing):
         self._lock = scheduler.RLock()
         self._is_closed = False
         self._known: Samples | None = None
-        self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
+        # By their last use.
+        self._spans: Bounded[tuple[int, bool], Span] = Bounded(_KEPT_SPANS)
         self._last: Buffer | None = None
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close the files. Lookups raise InvalidArgumentException from then on."""
@@ -541,10 +544,7 @@ class Recording(Closing):
             span = self._spans.get(key)
             if span is None:
                 span = samples.span(first_ns, cell_ns + _CELL_NS - 1, of_last_runs=of_last_runs)
-                self._spans[key] = span
-                if len(self._spans) > _KEPT_SPANS:
-                    self._spans.popitem(last=False)
-            self._spans.move_to_end(key)
+            self._spans[key] = span
             return span
 
     def _end(self) -> Buffer:

@@ -11,6 +11,7 @@ from tfbus.buffer.info import Change
 from tfbus.errors import InvalidArgumentException
 from tfbus.listen.stream_facts import lines_of
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wording import listed
@@ -218,19 +219,17 @@ class Starts:
         self._met_ns = clock_ns()
         self._is_late = False
         # By stream and session: a process is started once.
-        self._starts: dict[tuple[str, str], tuple[int, int]] = {}
+        self._starts: Bounded[tuple[str, str], tuple[int, int]] = Bounded(_MOST_STARTS)
 
     def of(self, stream: str, description: StreamDescription) -> tuple[int, int]:
         """When a stream counts as started, then when it says so, both in ns."""
         # Where a clock goes back the epoch grows, though the publisher is as old as before.
         said_ns = description.started_ns or description.epoch
         key = (stream, description.session)
-        known = self._starts.pop(key, None)
+        known = self._starts.get(key)
         is_known = known is not None and (description.session or known[1] == said_ns)
         start = known if known is not None and is_known else self._judge(said_ns)
         self._starts[key] = start
-        if len(self._starts) > _MOST_STARTS:
-            del self._starts[next(iter(self._starts))]
         return start
 
     def _judge(self, said_ns: int) -> tuple[int, int]:

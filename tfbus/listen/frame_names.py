@@ -9,6 +9,7 @@ from collections.abc import Callable
 from tfbus.bus.settings import NodeSettings
 from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.info import StreamState
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.structs import replace
 from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
@@ -90,7 +91,7 @@ class FrameRights:
         self.patterns = patterns
         self._prefix = prefix
         self._refuse = refuse
-        self._allowed: set[str] = set()
+        self._allowed: Bounded[str, None] = Bounded(_MOST_NAMES)
         # Rows whose frames all may come.
         self._clean = FoundOfRows(_MOST_NAMES)
 
@@ -112,9 +113,7 @@ class FrameRights:
         name = frame.removeprefix(self._prefix)
         if not any(matches(pattern, name) for pattern in self.patterns):
             return False
-        if len(self._allowed) >= _MOST_NAMES:
-            self._allowed.clear()
-        self._allowed.add(frame)
+        self._allowed[frame] = None
         return True
 
 

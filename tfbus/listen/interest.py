@@ -16,8 +16,8 @@ from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.info import StreamState
 from tfbus.runtime import scheduler
-from tfbus.runtime.log import library_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce, library_log
 from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames
@@ -77,7 +77,7 @@ class DescribedTree:
     def __init__(self, parent_elsewhere: Callable[[str], str | None] = lambda frame: None) -> None:
         self._parent_elsewhere = parent_elsewhere
         self._streams: dict[str, list[DescribedEdge]] = {}
-        self._gone: dict[str, None] = {}
+        self._gone: Bounded[str, None] = Bounded(_MOST_GONE, lambda stream, _: self._remove(stream))
         self._above: dict[str, dict[str, DescribedEdge]] = {}
         # How many edges begin at a frame.
         self._below: Counter[str] = Counter()
@@ -91,8 +91,6 @@ class DescribedTree:
             self._below[edge.parent] += 1
         if not alive:
             self._gone[stream] = None
-            if len(self._gone) > _MOST_GONE:
-                self._remove(next(iter(self._gone)))
 
     def _remove(self, stream: str) -> None:
         self._gone.pop(stream, None)

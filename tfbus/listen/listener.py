@@ -40,10 +40,10 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
+from tfbus.runtime.arguments import called_as
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
-from tfbus.runtime.right_form import called_as
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.structs import replace
 from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet

@@ -19,7 +19,7 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import Counts
 from tfbus.runtime import scheduler
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.transforms import TransformMessage
 
 # Late messages of a dead process come within a moment: those closer together are counted once.

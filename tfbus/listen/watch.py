@@ -16,8 +16,9 @@ from tfbus.listen.queries import ask_for_description
 from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
@@ -87,7 +88,7 @@ class StreamWatch:
         log = log or logging.getLogger(__name__)
         self._once = LogOnce(log)
         self._states: dict[str, StreamState] = {}
-        self._gone: dict[str, None] = {}
+        self._gone: Bounded[str, None] = Bounded(MOST_GONE, lambda name, _: self._states.pop(name))
         # When the tokens came that are back, and whose descriptions are not there so far.
         self._returning: dict[str, float] = {}
         # The tokens that are there.
@@ -467,14 +468,8 @@ class StreamWatch:
         self._states[state.name] = state
         self._gone.pop(state.name, None)
         if not state.alive:
-            self._remember_as_gone(state.name)
+            self._gone[state.name] = None
         self._on_change(state)
-
-    def _remember_as_gone(self, name: str) -> None:
-        self._gone[name] = None
-        if len(self._gone) > MOST_GONE:
-            oldest = next(iter(self._gone))
-            del self._gone[oldest], self._states[oldest]
 
     def _reject(self, stream: str, error: DecodeError | str) -> None:
         self.rejected[stream if stream in self._states else ""] += 1

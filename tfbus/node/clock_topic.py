@@ -8,7 +8,7 @@ from tfbus.messages import Clock
 from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 from tfbus.wording import stamp_text

@@ -22,7 +22,7 @@ from tfbus.node.parameters import Parameters
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.installation import installed_version
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS, NodeDescription

@@ -11,7 +11,7 @@ from tfbus.errors import DecodeError
 from tfbus.node.endpoint import Endpoint, Lane
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import is_async
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
 M = TypeVar("M")

@@ -3,6 +3,7 @@
 import heapq
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
@@ -19,9 +20,7 @@ from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.runtime.closing import Closing
-from tfbus.runtime.log import library_log
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce, library_log
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.wording import printable
 
@@ -115,7 +114,7 @@ class TopicSummary:
     definition: Definition | None = field(default=None, repr=False)
 
 
-class RecordingReader(Closing):
+class RecordingReader(AbstractContextManager["RecordingReader"]):
     """Reads the items of one or several files, or of those in a folder, as one recording.
 
     An unreadable part of a file is left out. `on_damage` is called with the file and the damage
@@ -157,6 +156,9 @@ class RecordingReader(Closing):
     def chunks(self) -> Sequence[StoredChunk]:
         """The chunks of all files, by the log times of their first messages."""
         return self._chunks
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close the files."""

@@ -9,6 +9,7 @@ from tfbus.core.packed import edge_bytes
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
+from tfbus.runtime.bounded import Bounded
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
@@ -31,8 +32,8 @@ class BusState:
         self.retained: dict[str, TopicItem] = {}
         self.streams: dict[str, EventItem] = {}
         self.nodes: dict[str, EventItem] = {}
-        self.gone: dict[str, EventItem] = {}
-        self._gone_nodes: dict[str, None] = {}
+        self.gone: Bounded[str, EventItem] = Bounded(MOST_GONE, self._forget)
+        self._gone_nodes: Bounded[str, None] = Bounded(MOST_GONE)
 
     def take(self, item: Item) -> None:
         """Take an item; items come in order of their log times."""
@@ -75,21 +76,16 @@ class BusState:
                 self.streams[item.name] = item
                 self.gone.pop(item.name, None)
             case "stream gone":
-                self.gone.pop(item.name, None)
                 self.gone[item.name] = item
-                if len(self.gone) > MOST_GONE:
-                    self._forget(next(iter(self.gone)))
             case "node":
                 self.nodes[item.name] = item
                 self._gone_nodes.pop(item.name, None)
             case "node gone":
                 self.nodes.pop(item.name, None)
                 self._gone_nodes[item.name] = None
-                if len(self._gone_nodes) > MOST_GONE:
-                    del self._gone_nodes[next(iter(self._gone_nodes))]
 
-    def _forget(self, stream: str) -> None:
-        for known in (self.gone, self.streams, self.statics):
+    def _forget(self, stream: str, _: EventItem) -> None:
+        for known in (self.streams, self.statics):
             known.pop(stream, None)
 
 

@@ -3,7 +3,7 @@
 import errno
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import TYPE_CHECKING, Literal
 
 from tfbus.errors import InvalidArgumentException
@@ -27,7 +27,6 @@ from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
-from tfbus.runtime.closing import Closing
 from tfbus.runtime.installation import installed_version
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ _SEQUENCES = 2**32
 _MESSAGE_BYTES = 31
 
 
-class RecordingWriter(Closing):
+class RecordingWriter(AbstractContextManager["RecordingWriter"]):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
     After an OSError, as of a full disk, the file has what was there at the last `flush`, and each
@@ -118,6 +117,9 @@ class RecordingWriter(Closing):
         with self._failing():
             self._end_chunk()
             self._file.flush()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Write the summary and the indices, and close the file. Raises OSError."""

@@ -1,10 +1,16 @@
-"""Arguments that callers give: callbacks, of which some are an async def, and seconds to wait."""
+"""Arguments that callers give: callbacks, seconds to wait, and the right form of a call."""
 
+import functools
 import math
+from collections.abc import Callable
 from functools import partial
+from typing import Any, ParamSpec, TypeVar
 
 from tfbus.runtime import scheduler
 from tfbus.wording import printable
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 # Of a code object: it is that of an `async def`.
 _CO_COROUTINE = 0x80
@@ -65,3 +71,34 @@ def seconds_to_wait(timeout_s: float | None) -> float | None:
     if math.isnan(seconds):
         raise ValueError("timeout_s must be a number of seconds, or None to wait for ever, not nan")
     return max(seconds, 0.0) if seconds < scheduler.TIMEOUT_MAX else None
+
+
+def called_as(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let the TypeError of a call that lacks arguments, or has others, say how it is called:
+    `TransformListener(buffer, node)`.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def call(*args: P.args, **named: P.kwargs) -> R:
+            try:
+                return function(*args, **named)
+            except TypeError as error:
+                if _fit(function, args, named):  # it is raised within the call
+                    raise
+                raise TypeError(f"{error}; call it as in {form}") from None
+
+        return call
+
+    return decorate
+
+
+def _fit(function: Callable[..., Any], args: tuple[Any, ...], named: dict[str, Any]) -> bool:
+    """Whether the function takes these arguments, by their number and names."""
+    import inspect  # slow, and most calls fit
+
+    try:
+        inspect.signature(function).bind(*args, **named)
+    except TypeError:
+        return False
+    return True

@@ -1,7 +1,10 @@
 """Classes of named values as `dataclasses` makes them, for the modules that each process imports.
 
-dataclasses imports inspect, and compiles up to six functions for each class: together a third of
-the time in which a node starts. The functions here are written once, for all classes.
+`dataclasses` imports inspect, and compiles up to six functions for each class: 33 million
+instructions for the import and 3.7 million for each of the 16 classes that `from tfbus import
+Buffer, Node` makes, which takes 178 million without. A class made here takes 0.14 million: its
+functions are written once, for all classes. Modules that only some processes import have
+dataclasses.
 """
 
 import sys

@@ -7,13 +7,13 @@ import secrets
 import ssl
 import tempfile
 import time
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import main_address, own_names
+from tfbus.runtime.bounded import Bounded
 from tfbus.secure.folder import SecureFolder, check_is_private
 
 # One that is made is for one run.
@@ -133,7 +133,7 @@ class AccessToken:
             )
         self.is_new = not text
         self.text = text or secrets.token_urlsafe(16)
-        self._guesses: OrderedDict[str, list[float]] = OrderedDict()
+        self._guesses: Bounded[str, list[float]] = Bounded(_MOST_ADDRESSES)
 
     def derived(self, purpose: str) -> str:
         """A text of 64 digits and letters a to f that only who has the token can make."""
@@ -149,9 +149,6 @@ class AccessToken:
         if is_same(given, self.text):
             return "right"
         self._guesses[who] = [*recent, now_s]
-        self._guesses.move_to_end(who)
-        if len(self._guesses) > _MOST_ADDRESSES:
-            self._guesses.popitem(last=False)
         return "wrong"
 
     def __repr__(self) -> str:

@@ -18,7 +18,8 @@ from tfbus.node.topic import Publisher, Subscription
 from tfbus.recording.items import TopicItem
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot, read_described
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.view.meshes.mesh import MeshError
 from tfbus.view.model.robots import GivenRobots, Joints, ShownRobot
 from tfbus.wire.codec import decode_message, is_of_ros
@@ -73,7 +74,7 @@ class RobotsOnBus:
         # By namespace and prefix, which tell their frames apart.
         self._described: dict[tuple[str, str], _Described] = {}
         self._given = None if robot is None else ShownRobot(robot)
-        self._mistakes: dict[str, str] = {}
+        self._mistakes: Bounded[str, str] = Bounded(_MOST_MISTAKES)
         self._joints: dict[str, _JointTopics | None] = {}
         self._meshes = RobotMeshes(node)
         self._subscription: Declaration | None = None
@@ -168,9 +169,6 @@ class RobotsOnBus:
                 self._name_mistake(origin, text, kind)
 
     def _name_mistake(self, origin: str, mistake: str, kind: Hashable = None) -> None:
-        self._mistakes.pop(origin, None)
-        while len(self._mistakes) >= _MOST_MISTAKES:
-            del self._mistakes[next(iter(self._mistakes))]
         self._mistakes[origin] = mistake
         self._log_once.warning(mistake if kind is None else kind, "%s", mistake)
 

@@ -14,7 +14,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusView
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.model.robots import GivenRobots, RobotSource

@@ -35,7 +35,7 @@ from tfbus.ros.rmw import (
     type_hash,
 )
 from tfbus.ros.ros_names import domain_of
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import did_you_mean, listed, printable
 
 try:

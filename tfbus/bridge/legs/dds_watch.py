@@ -17,6 +17,7 @@ from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import PLACEHOLDER, MessageType, Scalar, Sequence, Text, Type
 from tfbus.ros.rmw import dds_type, decode_nodes
+from tfbus.runtime.bounded import Bounded
 
 # Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
 # Cyclone answers each question about types, also one meant for others, with those it knows. For a
@@ -149,7 +150,7 @@ class DdsWatch:
         self.conditions = [ReadCondition(each, ANY) for each in (self._publications, nodes)]
         self._lock = threading.Lock()
         self._writers: dict[int, Writer] = {}
-        self._gone: dict[int, str] = {}
+        self._gone: Bounded[int, str] = Bounded(_MOST_GONE)
         # The full names of nodes by the gids of their writers, for each participant.
         self._names: dict[str, dict[str, str]] = {}
 
@@ -225,8 +226,6 @@ class DdsWatch:
         if gone is None:
             return
         self._gone[handle] = gone.gid
-        if len(self._gone) > _MOST_GONE:
-            del self._gone[next(iter(self._gone))]
         if all(each.participant != gone.participant for each in self._writers.values()):
             self._names.pop(gone.participant, None)
 

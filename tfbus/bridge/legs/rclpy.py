@@ -22,7 +22,8 @@ from tfbus.bridge.legs import (
     unheard,
 )
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 try:
@@ -71,15 +72,13 @@ class _OwnMessages:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._waiting: dict[int, int] = {}
+        # Those which never come back go first.
+        self._waiting: Bounded[int, int] = Bounded(_MOST_OWN)
 
     def add(self, key: int) -> None:
         """An is sent, whose bytes have this hash."""
         with self._lock:
-            # At the end, so that those which never come back go first.
-            self._waiting[key] = self._waiting.pop(key, 0) + 1
-            if len(self._waiting) > _MOST_OWN:
-                del self._waiting[next(iter(self._waiting))]
+            self._waiting[key] = self._waiting.get(key, 0) + 1
 
     def remove(self, key: int) -> bool:
         """Whether one that came is one of them."""

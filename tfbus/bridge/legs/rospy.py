@@ -15,7 +15,7 @@ from tfbus.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.bridge.legs.ros1_type import Ros1Type, ros1_type
 from tfbus.errors import DecodeError, SettingsError, TfbusError
 from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.log import LogOnce
 
 # Where Debian has it, and ROS Noetic.
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")

@@ -27,7 +27,8 @@ from tfbus.errors import TfbusError
 from tfbus.ros.rmw import type_hash
 from tfbus.ros.ros_names import domain_of
 from tfbus.runtime import scheduler
-from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import listed, printable
 
 try:
@@ -96,7 +97,7 @@ class RosGraph:
         # Those of all publishers.
         self.gids: set[str] = set()
         # By topic and gid.
-        self._untold: dict[tuple[str, str], _Untold] = {}
+        self._untold: Bounded[tuple[str, str], _Untold] = Bounded(_MOST_UNTOLD)
 
     def on_token(self, text: str, alive: bool) -> None:
         """A token has come, or is gone."""
@@ -139,8 +140,6 @@ class RosGraph:
         with self._lock:
             if gid not in self.gids:
                 self._untold[topic, gid] = _Untold(session(), self.clock_s())
-                if len(self._untold) > _MOST_UNTOLD:
-                    del self._untold[next(iter(self._untold))]
 
     def publishers(self, topic: str) -> list[RosPublisher]:
         """The publishers of a topic, in order of their gids. A publisher that puts other

@@ -6,7 +6,7 @@ from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as TfbusBroad
 from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_broadcaster import as_tfbus
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
-from tfbus.runtime.right_form import called_as
+from tfbus.runtime.arguments import called_as
 
 __all__ = ["StaticTransformBroadcaster"]
 

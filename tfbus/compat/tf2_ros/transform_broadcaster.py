@@ -8,7 +8,7 @@ from tfbus.compat.fields import stamped_of
 from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.geometry.transform import TransformStamped
-from tfbus.runtime.right_form import called_as
+from tfbus.runtime.arguments import called_as
 
 __all__ = ["TransformBroadcaster"]
 

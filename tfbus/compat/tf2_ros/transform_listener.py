@@ -9,7 +9,7 @@ from tfbus.compat.rclpy.executors import ExternalShutdownException, SingleThread
 from tfbus.compat.rclpy.node import Node, node_of_transforms, tfbus_node_of
 from tfbus.compat.tf2_ros.buffer import Buffer
 from tfbus.listen.listener import TransformListener as TfbusListener
-from tfbus.runtime.right_form import called_as
+from tfbus.runtime.arguments import called_as
 
 __all__ = ["DEFAULT_STATIC_TF_TOPIC", "DEFAULT_TF_TOPIC", "TransformListener"]
 

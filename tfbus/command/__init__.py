@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.listening import Listening as Listening
     from tfbus.command.listening import listening_options as listening_options
-    from tfbus.command.moment import Moment as Moment
     from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
     from tfbus.command.parameters import Declared as Declared
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
+    from tfbus.command.types import Moment as Moment
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
@@ -43,7 +43,7 @@ _MODULE_OF = {
     "KeyReader": "tfbus.command.terminal",
     "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.parameters",
-    "Moment": "tfbus.command.moment",
+    "Moment": "tfbus.command.types",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "RawTerminal": "tfbus.command.terminal",

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tfbus.cli.bag.counted_transforms import counted_transforms, many
-from tfbus.cli.output import say
+from tfbus.cli.output import counted_transforms, many, say
 from tfbus.command.extras import install_command
 from tfbus.command.types import OutputFile
 from tfbus.errors import InvalidArgumentException, TfbusError

@@ -10,7 +10,6 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.command.extras import install_command as install_command
     from tfbus.command.listening import Listening as Listening
     from tfbus.command.listening import listening_options as listening_options
     from tfbus.command.names import namespaces_serving as namespaces_serving
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
     from tfbus.command.types import own_name as own_name
+    from tfbus.runtime.installation import install_command as install_command
     from tfbus.runtime.whole_file import replacing as replacing
     from tfbus.runtime.yaml_file import Value as Value
     from tfbus.runtime.yaml_file import YamlFileError as YamlFileError
@@ -51,7 +51,7 @@ _MODULE_OF = {
     "YamlFileError": "tfbus.runtime.yaml_file",
     "frame_mistake": "tfbus.command.types",
     "max_gap_option": "tfbus.command.options",
-    "install_command": "tfbus.command.extras",
+    "install_command": "tfbus.runtime.installation",
     "namespaces_serving": "tfbus.command.names",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.runtime.yaml_file",

@@ -7,11 +7,11 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.cli.verbs import Answering
-from tfbus.command.extras import install_command
 from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, Number, Size, TopicName
 from tfbus.errors import TfbusError
+from tfbus.runtime.installation import install_command
 
 # A file begins with what is in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000

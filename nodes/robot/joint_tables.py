@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tfbus import Recording, Robot, TfbusError
+from tfbus.command import install_command
 from tfbus.messages import JointState
 from tfbus.wording import counted, did_you_mean, listed, printable
 
@@ -124,7 +125,7 @@ def rows_of_recording(paths: Sequence[Path], topic: str) -> list[Row]:
                 rows.append(_row(log_ns, state))
     except ImportError as error:
         raise TableError(
-            f"--bag needs the extra bag: pip install 'tfbus[bag]' ({error})"
+            f"--bag needs {error.name or 'mcap'}, which is not installed: {install_command('bag')}"
         ) from error
     except OSError as error:
         raise TableError(

@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: the extra foxglove")
 
 from tfbus.bag.player import Player
-from tfbus.cli.bag.play_keys import follow
+from tfbus.cli.bag.play_run import follow
 from tfbus.foxglove import playback
 from tfbus.foxglove.protocol import PlaybackControl
 from tfbus.recording.playhead import FASTEST, SLOWEST, AtEnd, Progress

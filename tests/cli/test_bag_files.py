@@ -17,8 +17,8 @@ from tests.recordings import publisher, sent, write
 from tfbus import Buffer, Trajectory
 from tfbus.buffer import trajectories
 from tfbus.cli import main
-from tfbus.cli.bag.group import VERBS
-from tfbus.cli.bag.group import command as group
+from tfbus.cli.bag import VERBS
+from tfbus.cli.bag import command as group
 from tfbus.cli.bag.new_file import write_recording
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns

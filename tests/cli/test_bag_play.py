@@ -15,8 +15,7 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
 from tfbus.bag.player import Player
 from tfbus.cli.bag.play import command
-from tfbus.cli.bag.play_keys import follow
-from tfbus.cli.bag.play_status import bar_text, end_text, log_text
+from tfbus.cli.bag.play_run import bar_text, end_text, follow, log_text
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import RecordedStream, TopicItem, TransformItem
 from tfbus.recording.playhead import Progress

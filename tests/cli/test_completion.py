@@ -25,7 +25,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.cli import main
-from tfbus.cli.completion.shells import SHELLS, Bash
+from tfbus.cli.completion import SHELLS, Bash
 from tfbus.cli.messages.fields import prototype
 from tfbus.cli.messages.message import complete_values, supplied_names, supplied_type
 from tfbus.command.names import LiveNames, live_names, look_for_names

@@ -96,10 +96,11 @@ def test_the_checks_are_listed(bus: Bus) -> None:
 
 
 def test_an_unknown_check_is_a_mistake(bus: Bus) -> None:
-    """An unknown check exits with 2."""
-    done = bus.run("doctor", "--only", "health")
+    """An unknown check exits with 2, and the nearest names come first."""
+    done = bus.run("doctor", "--only", "nodez")
     assert done.returncode == 2
-    assert "'health' is not one of" in done.stderr
+    assert "'nodes'" in done.stderr
+    assert "--list" in done.stderr
 
 
 def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from tfbus.cli.output import paint, screen, table, yaml_text
-from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
+from tfbus.cli.topic.measure import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.flow import Reading
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.command.moment import Moment, parse_moment
+from tfbus.command.types import Moment, parse_moment
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from tests.recordings import at, publisher, steadily, write
-from tfbus.command.moment import parse_moment
 from tfbus.command.recordings import BagChoice, bag_options, open_recording, wall
+from tfbus.command.types import parse_moment
 from tfbus.errors import TfbusError
 
 

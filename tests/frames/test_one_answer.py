@@ -14,8 +14,8 @@ import pytest
 from tests.builders import Row, S
 from tests.recordings import T0, at, described, gone, publisher, sent, statics
 from tfbus import NodeSettings
-from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice
+from tfbus.command.types import Moment
 from tfbus.errors import ExtrapolationException, LookupException, TfbusError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.recorded_poses import frames_of, recorded_track, recorded_transform

@@ -8,8 +8,8 @@ import pytest
 
 from tests.recordings import at, described, gone, publisher, sent, statics, steadily, write
 from tfbus import NodeSettings, Recording
-from tfbus.command.moment import parse_moment
 from tfbus.command.recordings import BagChoice
+from tfbus.command.types import parse_moment
 from tfbus.errors import TfbusError
 from tfbus.frames.recorded_poses import recorded_track, recorded_transform, recorded_transforms
 from tfbus.trajectory.trajectory import Trajectory

@@ -26,9 +26,8 @@ from hypothesis import strategies as st
 from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
-from tfbus.launch.run.child import Timeouts
+from tfbus.launch.run.child import Program, Timeouts
 from tfbus.launch.run.console import Console, Lines, OutputStream, safe_line
-from tfbus.launch.run.program import Program
 from tfbus.launch.run.run import Debounce, adopting_orphans
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 

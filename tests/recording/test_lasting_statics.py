@@ -14,8 +14,8 @@ from tests.builders import examples
 from tests.recordings import T0, at, described, publisher, sent, statics, write
 from tfbus import Buffer
 from tfbus.bus.settings import NodeSettings
-from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice
+from tfbus.command.types import Moment
 from tfbus.frames.recorded_poses import recorded_transform
 from tfbus.recording.items import Item
 from tfbus.recording.reader import RecordingReader

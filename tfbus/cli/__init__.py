@@ -45,13 +45,6 @@ TOOLS = {
     "topic": "List, show, print, measure and publish topics.",
     "why": "Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.",
 }
-# Tools of several files.
-_IN_PACKAGES = {
-    "bag": "bag.group",
-    "completion": "completion.command",
-    "param": "param.group",
-    "topic": "topic.group",
-}
 
 NODES = {
     "broadcaster": "Broadcast the frames of a turtle and its drone.",
@@ -105,9 +98,9 @@ class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
     def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
-        """As click's own; `completion.shells` answers a shell's completion."""
+        """As click's own; `completion` answers a shell's completion."""
         if _COMPLETE_VARIABLE in os.environ:
-            import_module("tfbus.cli.completion.shells")
+            import_module("tfbus.cli.completion")
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -299,8 +292,7 @@ def entry_points() -> dict[str, Any]:
 
 
 def _tool(name: str) -> click.Command:
-    module = _IN_PACKAGES.get(name, name)
-    command: click.Command = import_module(f"tfbus.cli.{module}").command
+    command: click.Command = import_module(f"tfbus.cli.{name}").command
     return command
 
 

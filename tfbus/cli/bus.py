@@ -1,7 +1,7 @@
 """A session without a node, for commands that look at the bus and exit."""
 
 import sys
-from collections.abc import Callable, Sized
+from collections.abc import Callable, Collection, Sized
 from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
@@ -60,6 +60,13 @@ def look_once(session: "Session") -> Graph:
     if not graph.topics and not graph.services:
         warn_if_out_of_reach(session)
     return graph
+
+
+def warn_of_unanswered(names: Collection[str]) -> None:
+    """Warn of nodes that are there and did not answer, by their full names."""
+    if names:
+        are = "is" if len(names) == 1 else "are"
+        warn(f"{listed(names)} {are} there, and did not answer: stopped, or too busy?")
 
 
 def warn_if_out_of_reach(session: "Session") -> bool:

@@ -13,15 +13,16 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus
 from tfbus.cli.messages.fields import request_of
 from tfbus.cli.messages.message import (
+    bare,
     checked_map,
+    complete_request,
     complete_values,
     encode_values,
     find_call,
+    is_of_type,
     read_map,
     supplied_call,
 )
-from tfbus.cli.messages.of_type import bare, is_of_type
-from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options

@@ -20,10 +20,27 @@ from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
 from tfbus.frames.changes import Ongoing
 from tfbus.wire.fleet import Fleet
+from tfbus.wording import counted, duration, near_names
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
+
+
+class _CheckName(click.Choice[str]):
+    """The name of a check; an unknown one is answered with the nearest."""
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error for another text."""
+        if value in CHECKS:
+            return str(value)
+        near = near_names(str(value), CHECKS)
+        meant = f"; did you mean {' or '.join(map(repr, near))}?" if near else ";"
+        self.fail(
+            f"there is no check {str(value)!r}{meant} tfbus doctor --list names all", param, ctx
+        )
 
 
 @click.command(
@@ -33,7 +50,7 @@ _INDENT = " " * 4
 @click.option(
     "--only",
     "names",
-    type=click.Choice(list(CHECKS)),
+    type=_CheckName(list(CHECKS)),
     multiple=True,
     metavar="CHECK",
     help="Run only this check; repeatable. --list names all.",
@@ -97,6 +114,8 @@ def command(
         return
     from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
+    if watch and not as_json:
+        print_lines([_watching(settings, _watched(names), listen_s)])
     with closing(examine(settings, listen_s, warn, fleet)) as examinations:
         if watch:
             findings = (examined(seen, _watched(names)) for seen in examinations)
@@ -109,6 +128,13 @@ def command(
 def _watched(names: tuple[str, ...]) -> list[str]:
     """The checks that make sense again and again: the doctor itself reads each stream then."""
     return [name for name in names or CHECKS if name != "unread"]
+
+
+def _watching(settings: NodeSettings, names: list[str], listen_s: float) -> str:
+    """The first line of --watch, before anything is known."""
+    place = f"the bus, namespace /{settings.namespace}" if settings.namespace else "the bus"
+    which = names[0] if len(names) == 1 else counted(len(names), "check")
+    return f"{_now()} watching {place}: {which}, first findings after {duration(listen_s)}"
 
 
 def _watch(

@@ -1,5 +1,6 @@
 """`tfbus frames`: the tree of frames in the terminal, as a picture, or as JSON."""
 
+import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -8,9 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import is_running
+from tfbus.cli.bus import is_running, warn_of_unanswered
 from tfbus.cli.output import json_option, longest_line, paint_state, print_lines, screen, width
-from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, OutputFile, own_name
@@ -20,6 +20,7 @@ from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.installation import install_command
 from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
@@ -96,8 +97,11 @@ def command(
             return
         heard.ask_about_clocks()
         tree = heard.tree()
+        heard.ask_nodes()
+        unanswered = heard.moment().unanswered
         hint = "" if tree.frames else heard.hint()
-    _show(tree, outputs, long=long, as_json=as_json)
+    _show(tree, outputs, unanswered, long=long, as_json=as_json)
+    warn_of_unanswered(unanswered)
     if not tree.frames:
         silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
         why = hint or silent or is_running("broadcaster")
@@ -128,14 +132,22 @@ def _show_recorded(
             )
         if not as_json and not outputs:
             print_lines(moment_lines(bag, heard))
-        _show(tree, outputs, long=long, as_json=as_json)
+        _show(tree, outputs, heard.moment().unanswered, long=long, as_json=as_json)
     if check and tree.problems():
         raise SystemExit(1)
 
 
-def _show(tree: FrameTree, outputs: tuple[Path, ...], *, long: bool, as_json: bool) -> None:
+def _show(
+    tree: FrameTree,
+    outputs: tuple[Path, ...],
+    unanswered: tuple[str, ...],
+    *,
+    long: bool,
+    as_json: bool,
+) -> None:
     if as_json:
-        click.echo(document.as_json(tree), nl=False)
+        told = document.as_map(tree) | {"unanswered": list(unanswered)}
+        click.echo(json.dumps(told, indent=2))
     elif tree.frames and not outputs:
         print_lines(_lines(tree, long))
     for path in outputs:

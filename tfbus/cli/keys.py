@@ -11,9 +11,9 @@ import click
 
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
 from tfbus.cli.verbs import Verbs
-from tfbus.command.extras import install_command
 from tfbus.command.types import Number
 from tfbus.errors import SettingsError, TfbusError
+from tfbus.runtime.installation import install_command
 from tfbus.secure.rights import RIGHTS, ROLES, Identity
 from tfbus.wording import listed
 

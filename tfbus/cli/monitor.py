@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import is_running
+from tfbus.cli.bus import is_running, warn_of_unanswered
 from tfbus.cli.monitor_report import as_lines
 from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
@@ -74,6 +74,8 @@ def command(
 
     pair = PairWatch(target, source) if target is not None and source is not None else None
     with listening(settings, fleet, goes_on=not once) as heard:
+        heard.ask_nodes()
+        warn_of_unanswered(heard.moment().unanswered)
         reports = _reports(heard, pair, period_s)
         first = next(reports, None)
         if first is None:

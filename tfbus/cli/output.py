@@ -277,3 +277,18 @@ def _padded(cell: str, wide: int, right: bool) -> str:
         cell = cell.replace(bare, cut(bare, wide))
     space = " " * (wide - _length(cell))
     return space + cell if right else cell + space
+
+
+def counted_transforms(dynamic: int, static: int) -> str:
+    """`9,000 dynamic and 2 static transforms`; each static frame of a stream counts once, however
+    often its transform is repeated.
+    """
+    if not static:
+        return many(dynamic, "dynamic transform")
+    text = many(static, "static transform")
+    return f"{dynamic:,} dynamic and {text}" if dynamic else text
+
+
+def many(count: int, noun: str) -> str:
+    """A number of things, with commas: `9,000,000 transforms`."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -12,7 +12,6 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say
-from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
@@ -21,6 +20,7 @@ from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.installation import install_command
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted

@@ -9,15 +9,16 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.call import CALLED_IN_ROS, TIMEOUT, follow, typed_request, types_of
+from tfbus.cli.messages.fields import print_type, print_types
 from tfbus.cli.messages.message import (
+    bare,
     call_of_ros,
+    complete_request,
     find_call,
+    names_of_type,
     supplied_call,
     supplied_calls,
 )
-from tfbus.cli.messages.of_type import bare, names_of_type
-from tfbus.cli.messages.prototype import complete_request
-from tfbus.cli.messages.show import print_type, print_types
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options

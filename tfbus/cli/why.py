@@ -9,10 +9,9 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
-from tfbus.command.types import FrameName, MomentType, own_name
+from tfbus.command.types import FrameName, Moment, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet

@@ -10,10 +10,8 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.command.extras import install_command as install_command
     from tfbus.command.listening import Listening as Listening
     from tfbus.command.listening import listening_options as listening_options
-    from tfbus.command.moment import Moment as Moment
     from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
     from tfbus.command.parameters import Declared as Declared
@@ -24,10 +22,12 @@ if TYPE_CHECKING:
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
+    from tfbus.command.types import Moment as Moment
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
     from tfbus.command.types import own_name as own_name
+    from tfbus.runtime.installation import install_command as install_command
     from tfbus.runtime.whole_file import replacing as replacing
     from tfbus.runtime.yaml_file import Value as Value
     from tfbus.runtime.yaml_file import YamlFileError as YamlFileError
@@ -43,7 +43,7 @@ _MODULE_OF = {
     "KeyReader": "tfbus.command.terminal",
     "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.parameters",
-    "Moment": "tfbus.command.moment",
+    "Moment": "tfbus.command.types",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "RawTerminal": "tfbus.command.terminal",
@@ -51,7 +51,7 @@ _MODULE_OF = {
     "YamlFileError": "tfbus.runtime.yaml_file",
     "frame_mistake": "tfbus.command.types",
     "max_gap_option": "tfbus.command.options",
-    "install_command": "tfbus.command.extras",
+    "install_command": "tfbus.runtime.installation",
     "namespaces_serving": "tfbus.command.names",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.runtime.yaml_file",

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
+from tfbus.runtime.installation import install_command
 
 if TYPE_CHECKING:
     from tfbus.secure.server_access import AccessToken, ServerTls

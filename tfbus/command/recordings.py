@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from tfbus.command.extras import install_command
-from tfbus.command.moment import Moment
-from tfbus.command.types import MomentType
+from tfbus.command.types import Moment, MomentType
 from tfbus.errors import TfbusError
+from tfbus.runtime.installation import install_command
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, duration, printable
 

@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
 from tfbus.ros.ros_names import HIGHEST_DOMAIN, is_bridge
-from tfbus.runtime.installation import SLOWER
+from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import counted, listed, printable
 
@@ -29,7 +29,7 @@ def check_kernel(seen: Examination) -> Finding:
     return Finding(
         "warn",
         (seen.host.why_interpreted or f"the buffer is interpreted: {SLOWER}",),
-        "reinstall tfbus with a C compiler present, without TFBUS_PURE_PYTHON",
+        f"with a C compiler, and without TFBUS_PURE_PYTHON: {compile_command()}",
     )
 
 

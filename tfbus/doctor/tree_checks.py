@@ -28,7 +28,13 @@ _MOST_TIMES = 5
 
 
 def check_nodes(seen: Examination) -> Finding:
-    """There are nodes in the namespace that the doctor looks at."""
+    """There are nodes in the namespace that the doctor looks at, and each answers."""
+    if unanswered := [name for name in seen.moment.unanswered if not _is_tool(name)]:
+        return Finding(
+            "warn",
+            tuple(f"{name} is there, and did not answer" for name in unanswered),
+            "see whether the process is stopped (Ctrl-Z, a debugger) or too busy",
+        )
     namespace = seen.settings.namespace
     inside = [node.name.strip("/") for node in seen.nodes if not _is_tool(node.name)]
     inside = [name.removeprefix(f"{namespace}/") for name in inside if _is_below(name, namespace)]

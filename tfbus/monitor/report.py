@@ -155,6 +155,7 @@ def as_map(report: Report) -> dict[str, Any]:
         "to_ns": span and span.to_ns,
         "pauses": [asdict(pause) for pause in span.pauses] if span else [],
         "dropped": report.moment.dropped,
+        "unanswered": list(report.moment.unanswered),
         "pair": None if report.pair is None else asdict(report.pair),
         "edges": [
             asdict(row.frame) | {"age_s": report.tree.age_s(row.frame)} | asdict(row.flow)

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from tfbus.errors import UrdfError
 from tfbus.robot.mesh_files import MeshFiles
+from tfbus.runtime.installation import install_command
 from tfbus.runtime.limited_process import command_of, limit_this_process
 from tfbus.wording import printable
 
@@ -121,7 +122,7 @@ def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expand
     installed, or cannot expand the file, or not within 30 s of CPU and 2 GB of memory.
     """
     if find_spec("xacro") is None:
-        raise UrdfError(f"{path} needs xacro: pip install 'xacro>=2.1'")
+        raise UrdfError(f"{path} needs xacro: {install_command('robot')}")
     request = {
         "path": str(path),
         "arguments": dict(arguments),

@@ -1,6 +1,8 @@
 """This installation of tfbus: its version, its clone, and whether it is complete and compiled."""
 
 import os
+import shlex
+import shutil
 import sys
 from contextlib import suppress
 from functools import cache
@@ -86,8 +88,41 @@ def why_interpreted() -> str:
         return ""
     return (
         f"tfbus runs without its compiled kernel, and {SLOWER}: {reason}. Install a C compiler and "
-        "the headers of Python, then: pip install --force-reinstall --no-deps --no-cache-dir tfbus"
+        f"the headers of Python, then: {compile_command()}"
     )
+
+
+def compile_command(clone: Path = Path(__file__).parents[2]) -> str:
+    """The command line that compiles this installation, once there is a C compiler."""
+    if _is_clone(clone):
+        return f"{_pip()} install --force-reinstall --no-deps --editable {shlex.quote(str(clone))}"
+    return f"{_pip()} install --force-reinstall --no-deps --no-cache-dir --no-binary tfbus tfbus"
+
+
+def install_command(extra: str, clone: Path = Path(__file__).parents[2]) -> str:
+    """The command line that installs an extra: `pip install 'tfbus[bag]'`.
+
+    pip needs no index for tfbus itself if it is installed, from a wheel or editable. If `pip` on
+    PATH is not that of this Python, it begins with this Python. Sources that are not installed are
+    named by their folder.
+    """
+    from importlib import metadata
+
+    try:
+        metadata.distribution("tfbus")
+    except metadata.PackageNotFoundError:
+        return f"{_pip()} install --editable {shlex.quote(f'{clone}[{extra}]')}"
+    return f"{_pip()} install 'tfbus[{extra}]'"
+
+
+def _is_clone(folder: Path) -> bool:
+    return (folder / "setup.py").exists() and (folder / "pyproject.toml").exists()
+
+
+def _pip() -> str:
+    pip = shutil.which("pip")
+    is_ours = pip is not None and Path(pip).parent == Path(sys.executable).parent
+    return "pip" if is_ours else f"{sys.executable} -m pip"
 
 
 def why_not_installed() -> str:

@@ -127,8 +127,10 @@ def streams_table(report: Report) -> Table:
     return Table("streams", headings, tuple(rows), least_useful)
 
 
-def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
-    """Each node: where and how long it runs, and the numbers of its topics and services."""
+def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> Table:
+    """Each node: where and how long it runs, and the numbers of its topics and services; last the
+    full names of nodes that are there and did not answer.
+    """
     rows = []
     for node in nodes:
         up_s = time.time() - node.started_ns / 1e9
@@ -145,6 +147,9 @@ def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
             _held_up(node),
         )
         rows.append(Row(f"{node.name} {node.session}", cells))
+    for name in unanswered:
+        blank = (Cell.of(None, ""),) * 8
+        rows.append(Row(name, (_text(name), _text("NO ANSWER"), *blank)))
     headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params", "lost")
     least_useful = ("params", "serves", "sub", "pub", "streams", "pid", "up", "host")
     return Table("nodes", headings, tuple(rows), least_useful)
@@ -281,7 +286,7 @@ class Source:
         return {
             "frames": frames_table(report),
             "streams": streams_table(report),
-            "nodes": nodes_table(report.moment.nodes),
+            "nodes": nodes_table(report.moment.nodes, report.moment.unanswered),
             "topics": topics_table(topics, report.moment.services, self._rates_hz(report)),
         }
 

@@ -19,7 +19,6 @@ from tfbus.bridge.legs import (
     unheard,
 )
 from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
-from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.definitions import Definition
 from tfbus.ros.rmw import (
@@ -35,6 +34,7 @@ from tfbus.ros.rmw import (
     type_hash,
 )
 from tfbus.ros.ros_names import domain_of
+from tfbus.runtime.installation import install_command
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import did_you_mean, listed, printable
 

@@ -4,11 +4,11 @@ import threading
 from functools import cache
 from typing import Any, Protocol
 
-from tfbus.command.extras import install_command
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.ros1 import decode_ros1_tf_message, encode_ros1_tf_message
 from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
+from tfbus.runtime.installation import install_command
 
 
 class Ros1Type(Protocol):

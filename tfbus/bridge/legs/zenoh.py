@@ -22,12 +22,12 @@ from tfbus.bridge.legs import (
     RosTopic,
 )
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
-from tfbus.command.extras import install_command
 from tfbus.errors import TfbusError
 from tfbus.ros.rmw import type_hash
 from tfbus.ros.ros_names import domain_of
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.installation import install_command
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import listed, printable
 

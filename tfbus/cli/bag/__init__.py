@@ -1,1 +1,59 @@
-"""`tfbus bag`: record a bus, replay it, and cut, convert and repair recordings."""
+"""The verbs of `tfbus bag`, each imported when it is used."""
+
+from importlib import import_module
+from keyword import iskeyword
+from typing import Any
+
+import click
+
+from tfbus.cli.verbs import Verbs
+from tfbus.errors import TfbusError
+
+# One line each, repeated here because importing all of them for `--help` is slow; a test compares
+# them.
+VERBS: dict[str, str] = {
+    "cut": "Write a part of a recording into a new one.",
+    "export": "Write where SOURCE was, seen from TARGET, or all transforms, or a topic.",
+    "filter": "Write a recording without some of its topics, streams and frames.",
+    "import": "Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.",
+    "info": "Show what is in a recording: streams, rates, gaps, static transforms, topics, events.",
+    "merge": "Write several recordings into one, in order of time.",
+    "play": "Replay a recording: its streams, topics and static transforms, as they were.",
+    "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
+    "recover": "Write what can be read of a recording that is cut short or damaged.",
+}
+
+# Verbs of ros2 bag that have another name here.
+_CALLED_IN_ROS = {
+    "burst": "use: tfbus bag play --rate 1000",
+    "convert": "use: tfbus bag cut, merge, filter or export",
+    "list": "recordings are MCAP files; tfbus bag import reads other formats",
+    "reindex": "use: tfbus bag recover",
+}
+
+
+class _Bag(Verbs):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except TfbusError as error:
+            raise click.ClickException(str(error)) from error
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in VERBS:
+            return None
+        module = f"{name}_" if iskeyword(name) else name  # import_.py
+        command: click.Command = import_module(f"tfbus.cli.bag.{module}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(VERBS.items()))
+
+
+@click.group(cls=_Bag, hints=_CALLED_IN_ROS)
+def command() -> None:
+    """Record a bus, replay it, and cut, convert and repair recordings."""

@@ -11,10 +11,9 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
-from tfbus.cli.bag.sources import recordings_argument, warn_of_unreadable
-from tfbus.command.moment import Moment
+from tfbus.cli.bag.selecting import recordings_argument, warn_of_unreadable
 from tfbus.command.recordings import BagChoice, OpenBag
-from tfbus.command.types import MomentType
+from tfbus.command.types import Moment, MomentType
 from tfbus.recording.edit import Span, cut
 from tfbus.recording.writer import Compression
 

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.cli.bag.new_file import new_file, with_progress
-from tfbus.cli.bag.sources import RECORDING
+from tfbus.cli.bag.selecting import RECORDING
 from tfbus.cli.output import say
-from tfbus.command.moment import Moment
 from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
-from tfbus.command.types import POSITIVE, FrameName, MomentType
+from tfbus.command.types import POSITIVE, FrameName, Moment, MomentType
 from tfbus.recording.exported import (
     write_topic_csv,
     write_transforms_csv,

@@ -12,8 +12,8 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
-from tfbus.cli.bag.selecting import Regex
-from tfbus.cli.bag.sources import (
+from tfbus.cli.bag.selecting import (
+    Regex,
     SeveralNames,
     names_of,
     recordings_argument,

@@ -13,8 +13,7 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
-from tfbus.cli.bag.selecting import Regex
-from tfbus.cli.bag.sources import SeveralNames, names_of, selected
+from tfbus.cli.bag.selecting import Regex, SeveralNames, names_of, selected
 from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable

@@ -9,9 +9,17 @@ from typing import Any
 
 import click
 
-from tfbus.cli.bag.counted_transforms import counted_transforms, many
-from tfbus.cli.bag.sources import RECORDING
-from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
+from tfbus.cli.bag.selecting import RECORDING
+from tfbus.cli.output import (
+    counted_transforms,
+    json_option,
+    many,
+    paint,
+    print_json,
+    print_lines,
+    table,
+    width,
+)
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
 from tfbus.frames.track import least_gap_s

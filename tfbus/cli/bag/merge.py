@@ -12,7 +12,7 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
-from tfbus.cli.bag.sources import recordings_argument, warn_of_unreadable
+from tfbus.cli.bag.selecting import recordings_argument, warn_of_unreadable
 from tfbus.cli.output import warn
 from tfbus.command.recordings import open_recording
 from tfbus.recording.edit import conflicting_epochs, joined, repeated

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tfbus.cli.bag.counted_transforms import counted_transforms, many
-from tfbus.cli.output import say
-from tfbus.command.extras import install_command
+from tfbus.cli.output import counted_transforms, many, say
 from tfbus.command.types import OutputFile
 from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.runtime.installation import install_command
 from tfbus.runtime.signals import StopSignals
 from tfbus.runtime.whole_file import taking_place_of
 from tfbus.wire.limits import size_text

@@ -5,14 +5,13 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.ros_options import OF_RECORD
 from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.cli.verbs import Answering
-from tfbus.command.extras import install_command
 from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, Number, Size, TopicName
 from tfbus.errors import TfbusError
+from tfbus.runtime.installation import install_command
 
 # A file begins with what is in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000
@@ -20,11 +19,46 @@ _LEAST_CACHE_BYTES = 1_000_000
 _NO_CACHE = "messages are always written from memory, within 1 s; omit the option for 100MB"
 _NO_LIMIT = "omit the option for no limit"
 
+# Options of `ros2 bag record` that are not needed here, or have another name.
+_NO_SERVICES = "services and actions are not recorded"
+_COMPRESSION = "use --compression zstd, lz4 or none"
+_NO_THREADS = "not needed: compression takes part of one thread; --compression none takes none"
+
+_CALLED_IN_ROS = {
+    "--services": _NO_SERVICES,
+    "--all-services": _NO_SERVICES,
+    "--exclude-services": _NO_SERVICES,
+    "--actions": _NO_SERVICES,
+    "--all-actions": _NO_SERVICES,
+    "--exclude-actions": _NO_SERVICES,
+    "--topic-types": "use --topics with what tfbus topic find TYPE prints",
+    "--exclude-topic-types": "use --exclude-topics with what tfbus topic find TYPE prints",
+    "--static-topics-path": "use --topics; they need not be there yet",
+    "--include-unpublished-topics": "not needed: topics that nodes only subscribe to are recorded",
+    "--include-hidden-topics": "not needed: no topic is hidden",
+    "--ignore-leaf-topics": "use --exclude-topics",
+    "--no-discovery": "use --topics for those that are there now",
+    "--polling-interval": "not needed: nodes tell of their topics",
+    "-p": "not needed: nodes tell of their topics",
+    "--qos-profile-overrides-path": "not needed: there is no QoS",
+    "--snapshot-mode": "use --snapshot SECONDS",
+    "--max-cache-duration": "use --snapshot SECONDS",
+    "--use-sim-time": "not needed: stamps are recorded as they are, and the topic clock",
+    "--repeat-transient-local": "not needed: static transforms are in each file, every 5 s",
+    "--compression-mode": _COMPRESSION,
+    "--storage-preset-profile": _COMPRESSION,
+    "--storage-config-file": _COMPRESSION,
+    "--compression-queue-size": _NO_THREADS,
+    "--compression-threads": _NO_THREADS,
+    "--compression-threads-priority": _NO_THREADS,
+    "--stats_max_publishing_rate": "what is lost is in the status line, the log and the file",
+}
+
 
 @click.command(
     "record",
     cls=Answering,
-    hints=OF_RECORD,
+    hints=_CALLED_IN_ROS,
     epilog="Examples: tfbus bag record; tfbus bag record -o run --max-size 500MB; tfbus bag record "
     "--topics turtle1/pose tf tf_static; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )
@@ -195,8 +229,7 @@ def command(
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Splits
     from tfbus.bag.trigger import Condition
-    from tfbus.cli.bag.record_plan import Plan, checked, free_path, pairs_of
-    from tfbus.cli.bag.record_run import record
+    from tfbus.cli.bag.record_run import Plan, checked, free_path, pairs_of, record
 
     try:
         settings = (

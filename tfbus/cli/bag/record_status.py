@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.bag.keeping import WrittenPart
-from tfbus.cli.bag.counted_transforms import counted_transforms, many
-from tfbus.cli.output import paint, width
+from tfbus.cli.output import counted_transforms, many, paint, width
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, cut, duration, listed, printable
 

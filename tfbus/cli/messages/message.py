@@ -6,19 +6,20 @@ ROS's by their full name, others by their place in Python: `my_robot.messages:Ba
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from struct import iter_unpack
-from typing import TYPE_CHECKING, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, Protocol, get_args, get_type_hints
 
 import click
+from click.shell_completion import CompletionItem
 
-from tfbus.cli.messages.fields import is_called, prototype
-from tfbus.cli.messages.of_type import bare
+from tfbus.cli.messages.fields import is_called, prototype, request_of
+from tfbus.command.types import absolute, matching, names_at
 from tfbus.discover.graph import TRANSFORMS_TYPE
-from tfbus.errors import DecodeError
+from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 from tfbus.wire.ros_fields import renewed
@@ -26,7 +27,8 @@ from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.geometry.columns import Columns
-    from tfbus.wire.scan import TransformMessage
+    from tfbus.wire.scan import TransformMessage as ReceivedTransforms
+
 
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]
@@ -275,7 +277,7 @@ def _read_transforms(payload: bytes) -> dict[str, Any]:
     return transforms_map(decode_transforms(payload))
 
 
-def transforms_map(message: "TransformMessage") -> dict[str, Any]:
+def transforms_map(message: "ReceivedTransforms") -> dict[str, Any]:
     """A message of transforms as a map."""
     counted = {} if message.seq is None else {"seq": message.seq}
     return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.rows)}
@@ -297,3 +299,92 @@ def _rows(rows: "Columns") -> list[dict[str, Any]]:
         }
         for (parent, child), stamp_ns, pose in columns
     ]
+
+
+class _Typed(Protocol):
+    @property
+    def types(self) -> tuple[str, ...]: ...
+
+
+def bare(type_name: str) -> str:
+    """The name of a type without ROS's package: `geometry_msgs/msg/Twist` is `Twist`."""
+    return type_name.rpartition("/")[2]
+
+
+def is_of_type(announced: str, type_name: str) -> bool:
+    """Whether a type announced on the bus is the one typed in: by its name there, or with ROS's
+    package before it, or without.
+    """
+    return announced in (type_name, bare(type_name)) or bare(announced) == type_name
+
+
+def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
+    """The names of those of this type.
+
+    Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".
+    """
+    found = sorted(
+        name
+        for name, info in known.items()
+        if any(is_of_type(each, type_name) for each in info.types)
+    )
+    if not found:
+        types = {each for info in known.values() for each in info.types}
+        hint = did_you_mean(type_name, types, none=f", nor any other {kind}: is a node running?")
+        raise BusError(f"there is no {kind} of type {type_name!r}{hint}")
+    return found
+
+
+# The name here, and that of ROS.
+TRANSFORMS_TYPES = (TRANSFORMS_TYPE, "TFMessage")
+
+
+@dataclass(frozen=True)
+class TransformMessage:
+    """The transforms of a stream, as tfbus topic echo prints them; a TransformBroadcaster sends
+    them. Each has stamp_ns, frame_id, child_frame_id, and a transform of a translation (x, y, z)
+    and a rotation (x, y, z, w). epoch is the start of the stream, and seq counts its messages.
+    """
+
+    epoch: int
+    seq: int
+    transforms: list[dict[str, Any]]
+
+
+# The kind of such a candidate for a shell: a word with blanks, to quote as a whole.
+MAP = "map"
+
+
+def complete_message(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """The types, then a message of the given type; or a message of the topic's type."""
+    typed = ctx.params.get("message") or ()
+    type_name = typed[0] if typed else names_at(ctx).topics.get(_name(ctx, "topic"), "")
+    types = [] if typed else matching(supplied_names(), incomplete)
+    return [*_items(supplied_type(type_name), incomplete), *types]
+
+
+def complete_request(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """A request of the service's type, or a goal of the action's."""
+    type_name = names_at(ctx).services.get(_name(ctx, "service"), "")
+    return _items(request_of(supplied_call(type_name)), incomplete)
+
+
+def _name(ctx: click.Context, param: str) -> str:
+    return str(ctx.params.get(param) or "").removeprefix(absolute("", ctx))
+
+
+def _items(message_type: type | None, incomplete: str) -> list[CompletionItem]:
+    """The message, if nothing of one is typed yet."""
+    if message_type is None or incomplete:
+        return []
+    import yaml
+
+    text = yaml.safe_dump(
+        prototype(message_type), default_flow_style=True, sort_keys=False, width=2**31 - 1
+    )
+    # Shells put single quotes around it, in which double ones need no escape.
+    return [CompletionItem(text.strip().replace("''", '""'), MAP)]

@@ -1,7 +1,10 @@
 """`tfbus topic hz|bw|delay`: the rate, the bandwidth and the delay of messages."""
 
 import functools
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -10,24 +13,241 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
-from tfbus.cli.output import json_option, warn
-from tfbus.cli.topic import reports
-from tfbus.cli.topic.meter import Meter, measure, print_measured
-from tfbus.cli.topic.source import full_topic, type_of, visiting
+from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
+from tfbus.cli.topic.source import SAY_AFTER_S, full_topic, subscribe, type_of, visiting, why_silent
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
-from tfbus.errors import BusError
+from tfbus.errors import BusError, DecodeError
+from tfbus.monitor.flow import Reading, Spread, Window, spread_of
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative
+from tfbus.wording import counted
 
 if TYPE_CHECKING:
-    from tfbus.cli.topic.recorded import RecordedMessage
+    from tfbus.cli.topic.source import RecordedMessage
     from tfbus.node.node import Node
 
+
 F = TypeVar("F", bound=Callable[..., Any])
+
+# The number to measure of a message, from its bytes; None if the message does not count.
+Meter = Callable[[bytes], float | None]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A measure as numbers, as lines, and as a row of a table of several topics.
+
+    `numbers` takes a reading and the time now (monotonic s), and returns None for too few messages.
+    """
+
+    name: str
+    numbers: Callable[[Reading, float], dict[str, Any] | None]
+    lines: Callable[[dict[str, Any]], list[str]]
+    headings: tuple[str, ...]
+    row: Callable[[dict[str, Any]], list[str]]
+
+
+def _spread(spread: Spread, unit: str) -> dict[str, float]:
+    names = ("min", "max", "std_dev", "p50", "p95", "p99")
+    return {f"{name}_{unit}": getattr(spread, name) for name in names}
+
+
+def _rate(reading: Reading, now_s: float) -> dict[str, Any] | None:
+    spread = spread_of(reading.intervals_s)
+    if spread is None or spread.mean <= 0.0:
+        return None
+    return {
+        "rate_hz": 1.0 / spread.mean,
+        **_spread(spread, "s"),
+        "window": len(reading.arrivals_s),
+    }
+
+
+def _delay(reading: Reading, now_s: float) -> dict[str, Any] | None:
+    spread = spread_of(reading.numbers)
+    if spread is None:
+        return None
+    return {"mean_s": spread.mean, **_spread(spread, "s"), "window": spread.count}
+
+
+def _bandwidth(reading: Reading, now_s: float) -> dict[str, Any] | None:
+    spread = spread_of(reading.numbers)
+    if spread is None or spread.count < 2:
+        return None
+    return {
+        "bytes_per_s": spread.mean * spread.count / (now_s - reading.arrivals_s[0]),
+        "mean_bytes": spread.mean,
+        "min_bytes": spread.min,
+        "max_bytes": spread.max,
+        "window": spread.count,
+    }
+
+
+def _spread_line(it: dict[str, Any]) -> str:
+    return (
+        f"\tmin: {it['min_s']:.3f}s max: {it['max_s']:.3f}s std dev: {it['std_dev_s']:.5f}s "
+        f"window: {it['window']}"
+    )
+
+
+def _spread_row(it: dict[str, Any]) -> list[str]:
+    return [f"{it[name]:.5f}" for name in ("min_s", "max_s", "std_dev_s")] + [str(it["window"])]
+
+
+def _in_bytes(number: float) -> str:
+    for unit, size in (("MB", 1e6), ("KB", 1e3)):
+        if number >= size:
+            return f"{number / size:.2f} {unit}"
+    return f"{number:.0f} B"
+
+
+def _sizes(it: dict[str, Any]) -> list[str]:
+    return [_in_bytes(it[name]) for name in ("mean_bytes", "min_bytes", "max_bytes")]
+
+
+def _bandwidth_lines(it: dict[str, Any]) -> list[str]:
+    mean, least, most = _sizes(it)
+    return [
+        f"{_in_bytes(it['bytes_per_s'])}/s from {counted(it['window'], 'message')}",
+        f"\tMessage size mean: {mean} min: {least} max: {most}",
+    ]
+
+
+RATE = Report(
+    "hz",
+    _rate,
+    lambda it: [f"average rate: {it['rate_hz']:.3f}", _spread_line(it)],
+    ("rate", "min_delta", "max_delta", "std_dev", "window"),
+    lambda it: [f"{it['rate_hz']:.3f}", *_spread_row(it)],
+)
+BANDWIDTH = Report(
+    "bw",
+    _bandwidth,
+    _bandwidth_lines,
+    ("bandwidth", "mean", "min", "max", "window"),
+    lambda it: [f"{_in_bytes(it['bytes_per_s'])}/s", *_sizes(it), str(it["window"])],
+)
+DELAY = Report(
+    "delay",
+    _delay,
+    lambda it: [f"average delay: {it['mean_s']:.3f}", _spread_line(it)],
+    ("delay", "min", "max", "std_dev", "window"),
+    lambda it: [f"{it['mean_s']:.5f}", *_spread_row(it)],
+)
+
+
+_PERIOD_S = 1.0
+
+
+class MeteredTopic:
+    """A subscribed topic, and the window of its messages."""
+
+    def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
+        self.topic = topic
+        self.window = Window(window)
+        self.failure: Exception | None = None
+        self._node = node
+        self._meter = meter
+        self._read_total = 0
+        self._silent_since_s = time.monotonic()
+        self._rejected = 0
+        type_name = type_of(look(node.session), topic)
+        self._subscription = subscribe(node, topic, type_name, self._take)
+
+    def _take(self, payload: bytes) -> None:
+        at_s = time.monotonic()
+        try:
+            number = self._meter(payload)
+        except DecodeError as error:
+            self._rejected += 1
+            if self._rejected == 1:
+                warn(f"skipped a message of {self.topic!r}: {error} (warned once)")
+        except (BusError, click.UsageError) as error:
+            self.failure = error
+        else:
+            if number is not None:
+                self.window.add(at_s, number)
+
+    def read_new(self, now_s: float) -> Reading | None:
+        """The window; None if nothing came since the last call. Prints once that nothing comes.
+
+        Raises the error of a message that cannot be measured.
+        """
+        if self.failure is not None:
+            raise self.failure
+        reading = self.window.read()
+        if reading.total != self._read_total:
+            self._read_total, self._silent_since_s = reading.total, now_s
+            return reading
+        if now_s - self._silent_since_s >= SAY_AFTER_S:
+            self._silent_since_s = math.inf
+            silent = f"No new messages on {self.topic!r}"
+            say(silent if reading.total else why_silent(self._node, self.topic))
+        return None
+
+
+def measure(
+    node: "Node",
+    meters: Mapping[str, Meter],
+    report: Report,
+    *,
+    window: int,
+    once: bool,
+    timeout_s: float | None,
+    as_json: bool,
+) -> None:
+    """Print a report of each topic every second, until the node is shut down.
+
+    Raises BusError if there is nothing to report for the first `timeout_s` (None: never), and
+    KeyboardInterrupt if the node is shut down before the only report.
+    """
+    topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
+    give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
+    while node.wait(_period_s(give_up_s), clock=SYSTEM_CLOCK):
+        now_s = time.monotonic()
+        measured = {}
+        for each in topics:
+            reading = each.read_new(now_s)
+            numbers = report.numbers(reading, now_s) if reading else None
+            if numbers is not None:
+                measured[each.topic] = numbers
+        print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
+        if measured:
+            give_up_s = None
+            if once:
+                return
+        elif give_up_s is not None and now_s >= give_up_s:
+            names = ", ".join(repr(each.topic) for each in topics)
+            raise BusError(f"too few messages on {names} after {timeout_s:g} s")
+    if once:
+        raise KeyboardInterrupt
+
+
+def _period_s(give_up_s: float | None) -> float:
+    if give_up_s is None:
+        return _PERIOD_S
+    return min(_PERIOD_S, max(give_up_s - time.monotonic(), 0.01))
+
+
+def print_measured(
+    measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+) -> None:
+    """Print a report of each topic; of several as a table."""
+    if as_json:
+        for topic, numbers in measured.items():
+            print_json({"topic": topic, **numbers})
+    elif as_table and measured:
+        rows = [[topic, *report.row(numbers)] for topic, numbers in measured.items()]
+        right = range(1, len(report.headings) + 1)
+        print_lines([*table(("topic", *report.headings), rows, right=right), ""])
+    else:
+        print_lines(line for numbers in measured.values() for line in report.lines(numbers))
+
 
 _OF_HZ = {"--wall-time": "not needed: rates are measured by this host's clock"}
 
@@ -88,7 +308,7 @@ def hz_command(
         def counted(message: "RecordedMessage") -> float | None:
             return 0.0 if wanted is None or wanted.takes(message.values) else None
 
-        _run_recorded(settings, topics, bag, reports.RATE, counted, how["as_json"])
+        _run_recorded(settings, topics, bag, RATE, counted, how["as_json"])
         return
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -98,7 +318,7 @@ def hz_command(
         read = reader_of(type_of(look(node.session), topic))
         return lambda payload: 0.0 if takes(read(payload)) else None
 
-    _run(settings, topics, reports.RATE, number_of, **how)
+    _run(settings, topics, RATE, number_of, **how)
 
 
 @click.command("bw", cls=Answering, epilog="Example: tfbus topic bw turtle1/pose")
@@ -113,9 +333,9 @@ def bw_command(
     recording, or of a span of it, once.
     """
     if bag is not None:
-        _run_recorded(settings, topics, bag, reports.BANDWIDTH, lambda it: it.size, how["as_json"])
+        _run_recorded(settings, topics, bag, BANDWIDTH, lambda it: it.size, how["as_json"])
         return
-    _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
+    _run(settings, topics, BANDWIDTH, lambda node, topic: len, **how)
 
 
 @click.command("delay", cls=Answering, epilog="Example: tfbus topic delay turtle1/pose")
@@ -131,7 +351,7 @@ def delay_command(
     of a recording, or of a span of it, once.
     """
     if bag is not None:
-        _run_recorded(settings, topics, bag, reports.DELAY, _age_s, how["as_json"])
+        _run_recorded(settings, topics, bag, DELAY, _age_s, how["as_json"])
         return
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -139,13 +359,13 @@ def delay_command(
         stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
         return _Age(node, topic, stamp_of)
 
-    _run(settings, topics, reports.DELAY, number_of, **how)
+    _run(settings, topics, DELAY, number_of, **how)
 
 
 def _run(
     settings: NodeSettings,
     topics: tuple[str, ...],
-    report: reports.Report,
+    report: Report,
     number_of: Callable[["Node", str], Meter],
     *,
     once: bool,
@@ -161,11 +381,11 @@ def _run_recorded(
     settings: NodeSettings,
     topics: tuple[str, ...],
     bag: BagChoice,
-    report: reports.Report,
+    report: Report,
     number_of: Callable[["RecordedMessage"], float | None],
     as_json: bool,
 ) -> None:
-    from tfbus.cli.topic.recorded import reading_of
+    from tfbus.cli.topic.source import reading_of
 
     measured = {}
     for topic in topics:
@@ -213,7 +433,7 @@ def _newest_stamp(payload: bytes) -> int:
 
 
 def _stamp(topic: str, payload: bytes) -> int:
-    from tfbus.cli.topic.recorded import stamp_in
+    from tfbus.cli.topic.source import stamp_in
 
     stamp_ns = stamp_in(decode_map(payload))
     if stamp_ns is None:

@@ -9,7 +9,10 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.messages.message import (
+    TRANSFORMS_TYPES,
+    bare,
     checked_map,
+    complete_message,
     complete_values,
     encode_values,
     find_type,
@@ -17,9 +20,6 @@ from tfbus.cli.messages.message import (
     supplied_type,
     type_of_ros,
 )
-from tfbus.cli.messages.of_type import bare
-from tfbus.cli.messages.prototype import complete_message
-from tfbus.cli.messages.transforms import TRANSFORMS_TYPES
 from tfbus.cli.output import as_json, print_text, say, warn
 from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
 from tfbus.cli.verbs import Answering

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Argument, LaunchArgumentError, LaunchError, Process, Respawn
-from tfbus.launch.read.arguments import Scope, argument_values, declared_arguments, truth
-from tfbus.launch.read.fields import Fields
+from tfbus.launch.read.arguments import Fields, Scope, argument_values, declared_arguments, truth
 from tfbus.launch.read.find import find_in, find_launch_file
 from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
 from tfbus.secure.folder import open_folder

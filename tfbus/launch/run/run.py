@@ -11,10 +11,9 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from tfbus.launch.run.child import Timeouts
+from tfbus.launch.run.child import Program, Timeouts
 from tfbus.launch.run.console import Console, OutputStream
 from tfbus.launch.run.guard import GuardProcess
-from tfbus.launch.run.program import Program
 from tfbus.launch.run.supervisor import Presence, Supervisor
 
 _REASONS = {

@@ -12,9 +12,8 @@ from contextlib import suppress
 from typing import Protocol
 
 from tfbus.errors import TfbusError
-from tfbus.launch.run.child import Child, Escalation, Timeouts
+from tfbus.launch.run.child import Child, Escalation, Program, Timeouts
 from tfbus.launch.run.console import Console
-from tfbus.launch.run.program import Program
 from tfbus.wording import listed
 
 # There is no event for an empty process group.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trimesh.resolvers import Resolver
 
 from tfbus.robot.mesh_files import BESIDE
+from tfbus.runtime.installation import install_command
 from tfbus.view.meshes.mesh import (
     KINDS,
     MOST_BYTES,
@@ -108,7 +109,7 @@ def read_mesh(
     # Its functions have no exact types.
     trimesh: Any = import_module("trimesh")
     if kind not in trimesh.available_formats():
-        raise MeshError(f"no installed package reads .{kind}: pip install pycollada")
+        raise MeshError(f"no installed package reads .{kind}: {install_command('robot')}")
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
     own = _Texture(trimesh, *texture) if texture else None

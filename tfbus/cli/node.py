@@ -14,7 +14,6 @@ from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName
 from tfbus.discover.presence import describe_nodes, describe_present, list_nodes
-from tfbus.errors import DecodeError
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import printable
@@ -42,16 +41,11 @@ def list_command(
     else:
         with open_bus(settings) as session:
             present = list_nodes(session)
-            unreadable: list[DecodeError] = []
-            answered, unanswered = describe_present(session, unreadable.append)
+            answered, unanswered = describe_present(session, warn)
             described = {(node.session, node.name) for node in answered}
             names = _shown(present, everyone)
             say_if_empty(session, names, "node", is_all=not present)
-        for error in unreadable:
-            warn(error)
-        # An unreadable answer names its node.
-        silent = [name for name in unanswered if not any(name in str(it) for it in unreadable)]
-        warn_of_unanswered(_shown(silent, everyone))
+        warn_of_unanswered(_shown(unanswered, everyone))
         for name, count in Counter(name for _, name in described).items():
             if count > 1:
                 warn(f"{count} nodes have the name {name}")

@@ -67,14 +67,7 @@ def describe_all(
     timeout_s: float = 1.0,
 ) -> list[NodeDescription]:
     """The descriptions of all nodes; calls `on_unreadable(error)` for those it cannot read."""
-    described = []
-    for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=timeout_s):
-        if answer.refusal is None:
-            try:
-                described.append(_read(session, answer))
-            except DecodeError as error:
-                on_unreadable(error)
-    return described
+    return _ask_all(session, on_unreadable, timeout_s)[0]
 
 
 def describe_present(
@@ -84,13 +77,27 @@ def describe_present(
     timeout_s: float = 1.0,
 ) -> tuple[list[NodeDescription], list[str]]:
     """The descriptions of all nodes, and the full names of the nodes that are alive and did not
-    answer in time.
+    answer in time; calls `on_unreadable(error)` for descriptions it cannot read.
     """
     alive = session.living(ALL_NODES_EVERYWHERE)
-    described = describe_all(session, on_unreadable, timeout_s=timeout_s)
+    described, answered = _ask_all(session, on_unreadable, timeout_s)
     namespace = session.settings.namespace
-    names = {printable(full_name(key, namespace)) for key in alive}
-    return described, sorted(names - {node.name for node in described})
+    return described, sorted(printable(full_name(key, namespace)) for key in {*alive} - answered)
+
+
+def _ask_all(
+    session: Session, on_unreadable: Callable[[DecodeError], object], timeout_s: float
+) -> tuple[list[NodeDescription], set[str]]:
+    """The descriptions of all nodes, and the keys of the nodes that answered."""
+    described, answered = [], set()
+    for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=timeout_s):
+        if answer.refusal is None:
+            answered.add(answer.key)
+            try:
+                described.append(_read(session, answer))
+            except DecodeError as error:
+                on_unreadable(error)
+    return described, answered
 
 
 def describe_streams(
@@ -105,9 +112,11 @@ def describe_streams(
     """
     alive = session.living(ALL_STREAMS_EVERYWHERE)
     described: dict[str, StreamDescription] = {}
+    answered: set[str] = set()
     signed: set[str] = set()
     for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
         if answer.refusal is None:
+            answered.add(answer.key)
             try:
                 description, _ = read_description(answer.payload)
                 if answer.sender == description.session:
@@ -118,7 +127,7 @@ def describe_streams(
             except DecodeError as error:
                 name = printable(stream_of(answer.key))
                 on_unreadable(_unreadable(f"stream {name!r}", error))
-    return described, sorted(set(alive) - described.keys())
+    return described, sorted({*alive} - answered)
 
 
 def _read(session: Session, answer: Answer) -> NodeDescription:

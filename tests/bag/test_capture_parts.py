@@ -188,7 +188,7 @@ class TestTriggers:
         triggers = Triggers((Condition.parse("conflict"),))
         assert not triggers.fulfilled_by(streams("one", "base"))
         said = triggers.fulfilled_by(streams("two", "base"))
-        assert said == "streams 'one' and 'two' both send base"
+        assert "'one' and 'two'" in said and said.endswith("send base")
 
     @pytest.mark.parametrize("name", ["base_link", "robot7/base_link", "fleet/robot7/base_link"])
     def test_frames_have_the_names_of_a_fleet_too(self, name: str) -> None:
@@ -215,9 +215,7 @@ class TestTriggers:
 
     def test_another_condition_is_refused(self) -> None:
         """The error says which there are."""
-        with pytest.raises(
-            InvalidArgumentException, match="write 'gone FRAME' or 'conflict FRAME'"
-        ):
+        with pytest.raises(InvalidArgumentException, match=r"gone FRAME' .*'conflict FRAME"):
             Condition.parse("lost base_link")
 
 

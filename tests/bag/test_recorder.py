@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -440,7 +441,7 @@ class TestFailures:
             return not run.recorder.is_running
 
         eventually(sends_until_full)
-        assert run.recorder.failure == "No space left on device"
+        assert run.recorder.failure == os.strerror(errno.ENOSPC)
         kept = numbers(run.items())
         assert kept == list(range(len(kept))) and kept
 

@@ -386,7 +386,7 @@ def test_two_streams_cannot_get_one_name(
     """Their messages would be taken for those of one."""
     other = RecordedStream("other", "/other", epoch_ns=BEGAN_NS)
     items = [moving(0, 1.0), moving(0, 1.0, stream=other)]
-    with pytest.raises(InvalidNameError, match="'other' and 'sim' would both be called 'sim'"):
+    with pytest.raises(InvalidNameError, match="'other' and 'sim'"):
         Played(
             bus, tmp_path / "two.mcap", items, listener, names=ReplayedNames("", {"other": "sim"})
         )
@@ -826,7 +826,7 @@ def test_services_do_what_keys_do(played: Any, bus: Bus) -> None:
     eventually(lambda: call(PlayProgress, "progress").sent == 3)
     call(SetRate, "set_rate", 4.0)
     assert call(PlayProgress, "progress").rate == 4.0
-    with pytest.raises(Exception, match=r"the rate must be from 0\.001"):
+    with pytest.raises(Exception, match=r"rate .*from 0\.001"):
         call(SetRate, "set_rate", 0.0)
     call(Empty, "resume")
     assert not call(PlayProgress, "progress").paused

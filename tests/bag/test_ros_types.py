@@ -1,5 +1,6 @@
 """ROS's types on the bus: what a recording is played as, recorded again, is what it was."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -126,7 +127,7 @@ def test_a_message_of_another_type_is_recorded_as_it_is(sender: Node, recorded: 
     lines = Lines(recorded.node.log)
     item = sent(sender, recorded, "std_msgs/msg/ColorRGBA", {"red": 1})
     assert item.encoded is None and item.values == {"red": 1}
-    assert [line for line in lines.lines if "not of its type std_msgs/msg/ColorRGBA" in line]
+    assert [line for line in lines.lines if re.search("its type .*ColorRGBA", line)]
 
 
 def test_a_class_says_the_name_of_its_type() -> None:

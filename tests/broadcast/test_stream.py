@@ -1,6 +1,7 @@
 """Streams: how they number and divide messages, when an epoch begins, what they keep."""
 
 import logging
+import re
 import tracemalloc
 from collections.abc import Callable
 from typing import Any
@@ -728,18 +729,15 @@ def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Nod
 def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
     """Removing what the stream does not send is an error that says what it sends."""
     broadcaster, static = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
-    with pytest.raises(LookupException, match="sends no frame 'leg'; it sends none"):
+    with pytest.raises(LookupException, match="'leg'; it sends none"):
         broadcaster.remove("leg")
     broadcaster.send_transform([at(child=f"leg{number}") for number in range(7)])
     static.send_transform(at(child="camera"))
     with pytest.raises(LookupException) as caught:
         broadcaster.remove("leg")
-    assert str(caught.value) == (
-        "stream 'sender' sends no frame 'leg'; "
-        "it sends 'leg0', 'leg1', 'leg2', 'leg3', 'leg4' and 2 more"
-    )
+    assert re.search("'sender' sends .*'leg'; .*'leg4' and 2 more$", str(caught.value))
     assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
-    with pytest.raises(LookupException, match="sends no static frame 'leg'; it sends 'camera'"):
+    with pytest.raises(LookupException, match=r"static frame 'leg'; .*'camera'"):
         static.remove("leg")
     with pytest.raises(
         InvalidArgumentException, match="remove it with a StaticTransformBroadcaster"
@@ -754,12 +752,10 @@ def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
     TransformBroadcaster(sender, split=True, priority=1)
     TransformBroadcaster(sender, split=True, priority=1)
     TransformBroadcaster(sender, stream="other")
-    with pytest.raises(InvalidArgumentException) as caught:
+    with pytest.raises(InvalidArgumentException, match=r"'sender' .*\(stream=\.\.\.\)$") as caught:
         TransformBroadcaster(sender)
-    assert str(caught.value) == (
-        "stream 'sender' already has split=True, priority=1, history_s=10, not split=False, "
-        "priority=0, history_s=10: use the same options, or another stream (stream=...)"
-    )
+    assert "has split=True, priority=1" in caught.value.fact
+    assert "not split=False, priority=0" in caught.value.fact
 
 
 @pytest.mark.parametrize(

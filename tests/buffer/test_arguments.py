@@ -128,7 +128,7 @@ def test_a_subclass_may_forget_its_base():
 @pytest.mark.parametrize("wrong", [*NOT_SECONDS, -1.0])
 def test_the_cache_time_is_a_number_of_seconds(wrong: Any):
     """A node, say, is not one."""
-    with pytest.raises(InvalidArgumentException, match="cache_time_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"cache_time_s .*number"):
         Buffer(wrong)
 
 
@@ -136,9 +136,9 @@ def test_the_cache_time_is_a_number_of_seconds(wrong: Any):
 def test_a_timeout_is_a_number_of_seconds(wrong: Any):
     """NaN would never pass."""
     buffer = filled()
-    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"timeout_s .*number"):
         buffer.lookup_transform("world", "robot", 9 * S, timeout_s=wrong)
-    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"timeout_s .*number"):
         buffer.can_transform("world", "robot", 9 * S, timeout_s=wrong)
 
 
@@ -146,14 +146,14 @@ def test_a_timeout_is_a_number_of_seconds(wrong: Any):
 def test_a_wrong_timeout_is_noticed_where_nothing_waits(wrong: Any):
     """Else it would fail on the first day that a transform comes late."""
     buffer = filled()
-    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"timeout_s .*number"):
         buffer.lookup_transform("world", "robot", timeout_s=wrong)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, "1", object()])
 def test_a_wrong_timeout_of_a_coroutine_is_noticed_at_once(wrong: Any):
     """None is for ever there."""
-    with pytest.raises(InvalidArgumentException, match="timeout_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"timeout_s .*number"):
         asyncio.run(filled().wait_for_transform("world", "robot", timeout_s=wrong))
 
 
@@ -168,14 +168,14 @@ def test_a_number_of_seconds_changes_no_answer_that_is_there(right: Any):
 @pytest.mark.parametrize("wrong", [*NOT_SECONDS, math.inf, 0.0, -1.0])
 def test_a_window_is_a_number_of_seconds(wrong: Any):
     """From a nanosecond to all that stamps can say."""
-    with pytest.raises(InvalidArgumentException, match="window_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"window_s .*number"):
         filled().lookup_twist("robot", "world", window_s=wrong)
 
 
 @pytest.mark.parametrize("wrong", ["1", -1.0, math.nan])
 def test_an_age_is_a_number_of_seconds(wrong: Any):
     """None, and only None, means any age."""
-    with pytest.raises(InvalidArgumentException, match="max_age_s must be a number of seconds"):
+    with pytest.raises(InvalidArgumentException, match=r"max_age_s .*number"):
         filled().lookup_transform("world", "robot", max_age_s=wrong)
 
 

@@ -163,12 +163,11 @@ def test_edges_that_have_no_time_in_common_are_named():
     )
     with pytest.raises(ExtrapolationException) as caught:
         buffer.lookup_transform("robot", "camera")
-    assert str(caught.value) == (
-        "no data for 'world' -> 'robot', sent by 'tester': its newest sample is 8.000 s earlier "
-        "than the oldest of 'camera', so they have no common time; wait for newer ones, or keep "
-        "more (cache_time_s)"
-    )
-    assert (caught.value.newest_ns, caught.value.authority) == (2 * S, "tester")
+    error = caught.value
+    assert (error.frame_id, error.child_frame_id, error.authority) == ("world", "robot", "tester")
+    assert (error.newest_ns, error.advice_by) == (2 * S, "cache_time_s")
+    assert error.waiting
+    assert "8.000 s earlier" in error.fact and "oldest of 'camera'" in error.fact
     buffer.set_transform(moved(10 * S, "world", "robot", 0.0))
     assert buffer.lookup_transform("robot", "camera").stamp_ns == 10 * S
 

@@ -212,7 +212,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for length in range(0, len(whole), 97):
         path.write_bytes(whole[:length])
-        with pytest.raises(DecodeError, match=r"a\.npz is not a buffer that can be loaded"):
+        with pytest.raises(DecodeError, match=r"a\.npz is not a buffer"):
             load(path)
 
 
@@ -233,7 +233,7 @@ def test_other_archives_are_refused(tmp_path: Path) -> None:
     """Arrays of something else, pickles, compressed members and other files."""
     path = tmp_path / "a.npz"
     np.savez(path, points=np.zeros(3))
-    with pytest.raises(DecodeError, match="it has not the arrays header"):
+    with pytest.raises(DecodeError, match="not the arrays header"):
         load(path)
     kinds: dict[str, Any] = {"header": np.zeros(2, np.uint8), "stamps_ns": np.zeros(0, np.int64)}
     kinds |= {"parents": np.zeros(0, np.int32), "poses": np.zeros((0, 7))}
@@ -267,9 +267,7 @@ def test_an_array_that_claims_to_be_huge_takes_no_memory(tmp_path: Path) -> None
 def test_a_later_version_says_so(tmp_path: Path) -> None:
     """A file of a later tfbus names its version and the one that is read."""
     changed(tmp_path / "a.npz", lambda header: header.update(version=2))
-    with pytest.raises(
-        DecodeError, match="version 2 of the format, and this tfbus reads version 1"
-    ):
+    with pytest.raises(DecodeError, match=r"version 2 .*reads version 1"):
         load(tmp_path / "a.npz")
 
 

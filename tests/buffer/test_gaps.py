@@ -125,7 +125,7 @@ def test_the_nearest_sample_has_a_tolerance_and_no_largest_gap() -> None:
     with pytest.raises(InvalidArgumentException, match="tolerance_s"):
         Sampling("nearest", max_gap_s=1.0)
     for wrong in (-1.0, math.nan, math.inf, "1"):
-        with pytest.raises(InvalidArgumentException, match="max_gap_s must be a number"):
+        with pytest.raises(InvalidArgumentException, match=r"max_gap_s .*number"):
             Sampling(max_gap_s=wrong)  # type: ignore[arg-type]
 
 

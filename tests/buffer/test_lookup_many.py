@@ -47,7 +47,7 @@ def test_a_call_without_a_timeout_does_not_advise_one():
         lambda: buffer.transform_points(points, "world", "robot", later),
         lambda: buffer.lookup_twist("robot", "world", later),
     ):
-        with pytest.raises(FutureExtrapolationException, match="; ask again in about 1 s, or") as e:
+        with pytest.raises(FutureExtrapolationException, match="again in about 1 s") as e:
             call()
         assert "timeout_s" not in str(e.value)
     with pytest.raises(FutureExtrapolationException, match="lookup_known_transforms"):
@@ -56,7 +56,7 @@ def test_a_call_without_a_timeout_does_not_advise_one():
 
 def test_a_time_of_the_target_needs_a_fixed_frame():
     """Without one it would have no effect."""
-    with pytest.raises(InvalidArgumentException, match="target_stamp_ns needs fixed_frame"):
+    with pytest.raises(InvalidArgumentException, match="needs fixed_frame"):
         arm().transform_points([[0, 0, 0]], "world", "hand", S, target_stamp_ns=2 * S)
 
 

@@ -129,7 +129,7 @@ def test_what_fails_when_the_call_ends_is_logged(caplog):
     buffer = Buffer()
     with buffer._store.lock:
         buffer.remove("nothing")
-    assert "there is no frame 'nothing'" in caplog.text
+    assert "no frame 'nothing'" in caplog.text
 
 
 def test_callbacks_wait_for_the_end_of_the_call():

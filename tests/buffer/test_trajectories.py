@@ -84,7 +84,7 @@ def test_a_trajectory_is_sampled_at_given_stamps() -> None:
 
 def test_between_static_frames_stamps_must_be_given() -> None:
     """There is no motion to follow."""
-    with pytest.raises(InvalidArgumentException, match="is static: give the stamps_ns"):
+    with pytest.raises(InvalidArgumentException, match=r"is static: .*stamps_ns"):
         trajectories.trajectory(mounted(), "base", "camera")
     assert len(trajectories.trajectory(mounted(), "base", "camera", [1, 2])) == 2
 

@@ -61,7 +61,7 @@ def test_an_error_names_the_frames_of_a_loop() -> None:
     for stamp, parent, child in ((1, "a", "b"), (4, "root", "b"), (2, "b", "a"), (5, "root", "a")):
         buffer.set_transform(moved(stamp * S, parent, child))
     for target in ("root", "b"):
-        with pytest.raises(ConnectivityException, match="'a' -> 'b' -> 'a' was a loop then"):
+        with pytest.raises(ConnectivityException, match=r"'a' -> 'b' -> 'a' .*loop"):
             buffer.lookup_transform(target, "a", 3 * S)
 
 

@@ -123,7 +123,7 @@ def test_a_watcher_may_say_why_a_frame_is_missing() -> None:
         buffer.lookup_transform("map", "camera")
     with pytest.raises(ConnectivityException, match=r"^far away$"):
         buffer.lookup_transform("map", "arm")
-    with pytest.raises(LookupException, match=r"^there is no frame 'tool'; available"):
+    with pytest.raises(LookupException, match=r"no frame 'tool'; available"):
         buffer.lookup_transform("map", "tool")
-    with pytest.raises(TimeoutException, match=r"timed out after 0\.01 s: on its way"):
+    with pytest.raises(TimeoutException, match=r" 0\.01 s: on its way$"):
         buffer.lookup_transform("map", "camera", timeout_s=0.01)

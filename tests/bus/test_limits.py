@@ -49,7 +49,7 @@ def test_a_large_message_cannot_be_sent(bus: Bus) -> None:
     """The sender learns that no node would read it."""
     publisher = small(bus, "sender").create_raw_publisher("image")
     publisher.publish(b"x" * 1000)
-    with pytest.raises(BusError, match=r"could not publish image: .* set TFBUS_LIMITS=topic=2kB"):
+    with pytest.raises(BusError, match=r"image: .*LIMITS=topic=2kB"):
         publisher.publish(b"x" * 1001)
 
 
@@ -94,7 +94,7 @@ def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:
             query.answer("add", b"x" * 1001)
 
     node.session.queryable("add", answer)
-    with pytest.raises(BusError, match="could not query add: it has 1 kB"):
+    with pytest.raises(BusError, match=r"query add: .*1 kB"):
         node.session.ask("add", b"x" * 1001)
     answers = eventually(lambda: list(node.session.ask("add")))
     assert str(answers[0].refusal).startswith("the answer cannot be sent: it has 1 kB")
@@ -130,7 +130,7 @@ def test_limits_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("TFBUS_LIMITS", "topic=64MB")
     assert NodeSettings("sim").limits == Limits(topic=64_000_000)
     monkeypatch.setenv("TFBUS_LIMITS", "images=64MB")
-    with pytest.raises(SettingsError, match="TFBUS_LIMITS: 'images=64MB' is not a limit"):
+    with pytest.raises(SettingsError, match="TFBUS_LIMITS: 'images=64MB'"):
         NodeSettings("sim")
 
 

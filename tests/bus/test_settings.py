@@ -62,11 +62,10 @@ def test_whether_time_is_simulated_is_a_word_for_true_or_false(
     monkeypatch.setenv("TFBUS_SIM_TIME", text)
     assert NodeSettings("sim").sim_time is value
     monkeypatch.setenv("TFBUS_SIM_TIME", "perhaps")
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(SettingsError, match=r"^TFBUS_SIM_TIME .*'perhaps'$") as caught:
         NodeSettings("sim")
-    assert str(caught.value) == (
-        "TFBUS_SIM_TIME must be one of 1, true, yes, on, 0, false, no, off, not 'perhaps'"
-    )
+    allowed = str(caught.value).partition("one of ")[2].split(", ")[:-1]
+    assert allowed == ["1", "true", "yes", "on", "0", "false", "no", "off"]
 
 
 def test_given_settings_override_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

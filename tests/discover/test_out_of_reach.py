@@ -51,9 +51,9 @@ def test_a_closed_bus_is_named_to_a_process_without_an_identity(answering: Any) 
     answering["open"] = TCP
     assert said(FakeSession()) == ""
     answering["arm"] = TLS
-    assert said(FakeSession()) == (
-        "a closed bus is here (tls/10.0.0.1:4711): join it by --secure DIR"
-    )
+    hint = said(FakeSession())
+    assert "closed bus" in hint and "(tls/10.0.0.1:4711)" in hint
+    assert hint.endswith("by --secure DIR")
 
 
 def test_a_process_by_an_identity_hears_which_bus_it_is(answering: Any) -> None:
@@ -65,7 +65,9 @@ def test_a_process_by_an_identity_hears_which_bus_it_is(answering: Any) -> None:
     )
     assert said(replace(session, links=frozenset({"arm"}))) == ""
     answering["arm"] = TCP
-    assert said(session) == "an open bus is here (tcp/10.0.0.2:4712): join it without --secure"
+    hint = said(session)
+    assert "open bus" in hint and "(tcp/10.0.0.2:4712)" in hint
+    assert hint.endswith("without --secure")
 
 
 def test_a_client_with_a_router_is_not_kept_out(answering: Any) -> None:

@@ -104,12 +104,10 @@ def test_an_unknown_node_is_refused_with_the_nearest_name(bus: Bus) -> None:
     bus.node("simulator")
     session = look(bus)
     eventually(lambda: len(list_nodes(session)) == 2)
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(BusError, match=r"'/simulater'; .*'/simulator'\?$"):
         describe_nodes(session, "/simulater")
-    assert str(caught.value) == "there is no node '/simulater'; did you mean '/simulator'?"
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(BusError, match=r"'xyz'; available: /looker, /simulator$"):
         describe_nodes(session, "xyz")
-    assert str(caught.value) == "there is no node 'xyz'; available: /looker, /simulator"
 
 
 def test_a_node_that_does_not_answer_is_not_taken_for_absent(bus: Bus) -> None:
@@ -118,19 +116,15 @@ def test_a_node_that_does_not_answer_is_not_taken_for_absent(bus: Bus) -> None:
     bus.node("stranger").session.queryable(node_key("busy"), held.append)
     session = look(bus)
     eventually(lambda: "/stranger" in list_nodes(session))
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(BusError, match="'busy' did not answer"):
         describe_nodes(session, "busy")
-    assert str(caught.value) == "node 'busy' did not answer in time"
 
 
 def test_an_empty_bus_is_reported(bus: Bus) -> None:
     """Where there is no node at all, the message asks what may be wrong."""
     session = Session(NodeSettings("x"), logging.getLogger("test"))
-    with session, pytest.raises(BusError) as caught:
+    with session, pytest.raises(BusError, match=r"'sim', nor any other.*\?$"):
         describe_nodes(session, "sim")
-    assert str(caught.value) == (
-        "there is no node 'sim', nor any other: is it running, on this network?"
-    )
 
 
 def test_a_watch_knows_which_nodes_are_alive(bus: Bus) -> None:

@@ -312,5 +312,5 @@ def test_a_hint_says_when_a_frame_comes(recording: RecordingReader) -> None:
     """A frame that comes later is named with the time that --at takes."""
     frames = RecordedFrames(recording)
     frames.seek(at(3.0))
-    assert frames.hint("late") == "'late' comes at +30.000s of the recording"
+    assert frames.hint("late").startswith("'late' comes at +30.000s")
     assert frames.hint("base") == ""

@@ -297,7 +297,7 @@ def test_messages_of_a_topic(tmp_path: Path) -> None:
     typed = list(bag.messages("turtle1/pose", tfbus.messages.Pose, from_ns=T0 + 1, to_ns=T0 + 2))
     assert [(log_ns, message.x) for log_ns, message in typed] == [(T0 + 1, 1.0), (T0 + 2, 2.0)]
     assert list(bag.messages("/turtle1/pose")) == list(bag.messages("turtle1/pose"))
-    with pytest.raises(tfbus.LookupException, match="did you mean 'turtle1/pose'"):
+    with pytest.raises(tfbus.LookupException, match="mean 'turtle1/pose'"):
         bag.messages("turtle/pose")
 
 
@@ -322,7 +322,7 @@ def test_a_span_that_ends_before_it_begins_is_refused(tmp_path: Path) -> None:
             lambda: bag.items(begin, end),
             lambda: bag.messages("pose", from_ns=begin, to_ns=end),
         ):
-            with pytest.raises(ValueError, match="the span ends before it begins"):
+            with pytest.raises(ValueError, match="span ends before"):
                 ask()
 
 
@@ -344,7 +344,7 @@ def test_stamp_0_is_not_the_latest(tmp_path: Path) -> None:
             bag.buffer().lookup_transform,
             filled(robot(5)).lookup_transform,
         ):
-            with pytest.raises(tfbus.ExtrapolationException, match="not the latest as in tf2"):
+            with pytest.raises(tfbus.ExtrapolationException, match="latest as in tf2"):
                 lookup("slow", "fast", 0)
 
 
@@ -404,7 +404,7 @@ def test_ages_in_a_buffer_are_those_at_its_end(bag: tfbus.Recording) -> None:
 
 def test_a_trajectory_of_a_static_pair_names_what_gives_one(bag: tfbus.Recording) -> None:
     """There are no samples to go by."""
-    with pytest.raises(tfbus.InvalidArgumentException, match=r"'fast' -> 'laser' is .*stamps_ns"):
+    with pytest.raises(tfbus.InvalidArgumentException, match=r"'fast' -> 'laser' .*stamps_ns"):
         bag.trajectory("fast", "laser")
 
 

@@ -18,7 +18,7 @@ def remedies(*streams: StreamInfo, reads_only: str = "") -> tuple[str, ...]:
 def test_frames_that_a_stream_may_not_have_are_named_as_the_reason() -> None:
     """A stream whose transforms were refused by rights is the first thing to look at."""
     first, *_ = remedies(StreamInfo("arm", node="/arm", host="h", alive=True, forbidden=3))
-    assert "sent 3 transforms of frames that its identity may not publish" in first
+    assert "sent 3 transforms" in first and "its identity may not" in first
     assert not [each for each in remedies(StreamInfo("arm")) if "identity" in each]
 
 

@@ -197,7 +197,7 @@ def test_what_is_no_list_of_points_names_apply(shape):
 def test_points_come_second():
     """An array or a list on the left is an error that says so, not a matrix product."""
     for points in (np.ones(3), np.ones((2, 3)), np.eye(4), [1.0, 2.0, 3.0]):
-        with pytest.raises(InvalidArgumentException, match="the points come second: T @ points"):
+        with pytest.raises(InvalidArgumentException, match="T @ points"):
             points @ Transform()
     with pytest.raises(TypeError):
         np.ones(3) * Transform()
@@ -215,7 +215,7 @@ def test_apply_keeps_the_shape_of_an_image_of_points():
     """The points of a depth image (H, W, 3) are one call."""
     image = np.arange(24.0).reshape(2, 4, 3)
     assert np.array_equal(Transform((1, 0, 0)).apply(image), image + np.array([1, 0, 0]))
-    with pytest.raises(InvalidArgumentException, match="points: expected an array of numbers"):
+    with pytest.raises(InvalidArgumentException, match=r"^points: .*array"):
         Transform().apply([[1, 2, 3], [4, 5]])
     with pytest.raises(InvalidArgumentException, match=r"vectors: expected .* got \(2,\)"):
         Transform().rotate([1, 2])
@@ -283,12 +283,12 @@ def test_what_is_no_transform_is_named():
     """Also a stamped one, which has one."""
     stamped = TransformStamped(frame_id="a", child_frame_id="b", transform=Transform())
     for ask in ("distance", "angle", "is_close"):
-        with pytest.raises(InvalidArgumentException, match=r"expected a tfbus.Transform, got None"):
+        with pytest.raises(InvalidArgumentException, match=r"tfbus\.Transform, got None"):
             getattr(Transform(), ask)(None)
         with pytest.raises(InvalidArgumentException, match=r"its .transform is one"):
             getattr(Transform(), ask)(stamped)
     for between in ("interpolate", "interpolate_screw"):
-        with pytest.raises(InvalidArgumentException, match=r"expected a tfbus.Transform, got int"):
+        with pytest.raises(InvalidArgumentException, match=r"tfbus\.Transform, got int"):
             getattr(Transform(), between)(5, 0.5)
     for other in (stamped, np.ones(3), Transform()):
         with pytest.raises(InvalidArgumentException, match=r"takes its .transform"):
@@ -383,7 +383,7 @@ def test_a_static_transform_needs_no_stamp():
     """By name the frames and the transform are enough; what else is missing is named."""
     stamped = TransformStamped(frame_id="base", child_frame_id="lidar", transform=Transform())
     assert stamped == TransformStamped(0, "base", "lidar", Transform())
-    with pytest.raises(InvalidArgumentException, match="frame_id must not be empty"):
+    with pytest.raises(InvalidArgumentException, match=r"^frame_id .*empty"):
         TransformStamped()
     with pytest.raises(InvalidArgumentException, match=r"transform: .* got None"):
         TransformStamped(0, "base", "lidar")
@@ -392,7 +392,7 @@ def test_a_static_transform_needs_no_stamp():
 @pytest.mark.parametrize("stamp", [1.5, None, np.datetime64("2024-01-01", "us").astype(object)])
 def test_a_stamp_of_another_type_is_told_of_stamp_ns(stamp):
     """Floats, datetimes: they are not rounded silently."""
-    with pytest.raises(InvalidArgumentException, match=r"integer.*tfbus\.stamp_ns\(...\) converts"):
+    with pytest.raises(InvalidArgumentException, match=r"tfbus\.stamp_ns\("):
         TransformStamped(stamp, "base", "lidar", Transform())
 
 
@@ -453,15 +453,15 @@ def test_numbers_where_a_tuple_belongs_name_the_right_form(call: Any, form: str)
     """And a tuple where numbers belong."""
     with pytest.raises(TypeError) as raised:
         call()
-    assert "; call it as in Transform.from_" in str(raised.value)
+    assert "as in Transform.from_" in str(raised.value)
     assert form in str(raised.value)
 
 
 def test_a_stamped_transform_without_its_stamp_names_the_order() -> None:
     """As ROS's names come first in the head of some; a lookup does not say so of its stamp."""
-    with pytest.raises(InvalidArgumentException, match="not 'world'; the stamp comes first: "):
+    with pytest.raises(InvalidArgumentException, match=r"'world'; .*stamp comes first"):
         TransformStamped("world", "robot", Transform())
-    with pytest.raises(InvalidArgumentException, match=r"since the Unix epoch, not 'cam'$"):
+    with pytest.raises(InvalidArgumentException, match=r"not 'cam'$"):
         check_stamp("cam")
 
 

@@ -199,7 +199,7 @@ def test_equal_is_equal_in_all_rows():
 def test_the_repr_shows_a_few_rows():
     """First and last, as numpy; all of a few."""
     long = TransformArray.concatenate([TRACK] * 25)
-    assert repr(long).splitlines()[0] == "TransformArray of 200, x y z qx qy qz qw:"
+    assert repr(long).startswith("TransformArray of 200, x y z")
     assert len(repr(long).splitlines()) == 8 and " ..." in repr(long).splitlines()
     assert len(repr(TRACK[:6]).splitlines()) == 7 and "..." not in repr(TRACK[:6])
     assert repr(TransformArray(np.array([[1.5, 0, 0]]))) == (

@@ -93,10 +93,8 @@ def test_without_a_timeout_the_error_says_what_is_read_now(
     eventually(lambda: received(listener) == {"wheels": 0})
     with pytest.raises(LookupException) as caught:
         buffer.lookup_transform("odom", "base")
-    assert str(caught.value) == (
-        "no transform from 'base' to 'odom' yet: reading stream 'wheels' from now on; wait for it "
-        "(timeout_s), or query again"
-    )
+    assert "reading stream 'wheels'" in caught.value.fact
+    assert caught.value.waiting_by == "timeout_s"
     assert caught.value.frame == "odom"
 
     def is_there() -> bool:
@@ -112,7 +110,7 @@ def test_an_unknown_name_is_compared_with_those_that_streams_list(
     """The frames on the bus that are not read are among them."""
     start(bus, "wheels", "--moving", "odom:base_link")
     eventually(lambda: received(listener) == {"wheels": 0})
-    with pytest.raises(LookupException, match="no frame 'base_lnk'; did you mean 'base_link'"):
+    with pytest.raises(LookupException, match=r"'base_lnk'; .*'base_link'"):
         buffer.lookup_transform("odom", "base_lnk")
 
 
@@ -252,13 +250,13 @@ def test_a_closed_listener_reads_nothing(bus: Bus, receiver: Node, buffer: Buffe
     listener.close()
     listener.close()
     assert x_of(buffer, "map", "base") == 0
-    with pytest.raises(LookupException, match="no frame 'nowhere'; did you mean 'other'"):
+    with pytest.raises(LookupException, match=r"'nowhere'; .*'other'"):
         buffer.lookup_transform("map", "nowhere")
 
 
 def test_reads_is_checked(receiver: Node, buffer: Buffer) -> None:
     """Any word but the two known ones is refused."""
-    with pytest.raises(InvalidArgumentException, match="must be one of everything, needed"):
+    with pytest.raises(InvalidArgumentException, match="everything, needed"):
         TransformListener(buffer, receiver, reads="some")  # is the test
 
 

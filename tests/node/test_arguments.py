@@ -32,7 +32,7 @@ def node(bus: Bus) -> Node:
 def test_settings_of_another_type_are_refused() -> None:
     """Before it joins the bus."""
     wrong: Any = 5
-    with pytest.raises(SettingsError, match=r"settings: expected a tfbus\.NodeSettings, got int"):
+    with pytest.raises(SettingsError, match=r"settings: .*NodeSettings, got int"):
         Node("node", settings=wrong)
 
 
@@ -53,7 +53,7 @@ def test_a_closed_node_says_so_by_its_name(node: Node) -> None:
         lambda: dynamic.send_transform(at()),
         lambda: node.create_publisher(Pose, "pose"),
     ):
-        with pytest.raises(BusError, match=r"could not publish .*: node 'node' is closed"):
+        with pytest.raises(BusError, match=r"publish .*'node' is closed"):
             call()
 
 
@@ -141,12 +141,8 @@ def test_a_wrong_type_is_named_with_the_right_call(
 def test_a_listener_says_the_order_of_its_arguments(node: Node) -> None:
     """A Buffer and a Node are easily swapped."""
     swapped: Any = (node, Buffer())
-    with pytest.raises(InvalidArgumentException) as caught:
+    with pytest.raises(InvalidArgumentException, match=r"\(buffer, node\), not \(Node, "):
         TransformListener(*swapped)
-    assert str(caught.value) == (
-        "a TransformListener takes a Buffer and a Node, in this order: "
-        "TransformListener(buffer, node), not (Node, Buffer)"
-    )
 
 
 @pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])
@@ -159,16 +155,16 @@ def test_a_broadcaster_takes_a_node(broadcaster: Any) -> None:
 @pytest.mark.parametrize("name", [7, None, b"sim"])
 def test_a_name_is_a_text(name: Any) -> None:
     """Names of other types are refused in one sentence."""
-    with pytest.raises(InvalidNameError, match="a node's name must be a str, not "):
+    with pytest.raises(InvalidNameError, match=r"node's name .* str, not"):
         NodeSettings(name)
-    with pytest.raises(InvalidNameError, match="a namespace must be a str, not "):
+    with pytest.raises(InvalidNameError, match=r"namespace .* str, not"):
         NodeSettings("sim", namespace=7)  # that is the test
 
 
 @pytest.mark.parametrize("period_s", [math.nan, math.inf, -1, 0])
 def test_a_period_is_a_positive_number(node: Node, period_s: float) -> None:
     """A timer of any other period would run without pause, or never."""
-    with pytest.raises(ValueError, match="a timer's period must be more than 0 s"):
+    with pytest.raises(ValueError, match="timer's period"):
         node.create_timer(period_s, print)
 
 
@@ -186,7 +182,7 @@ def test_nan_is_no_timeout(node: Node) -> None:
         lambda: node.session.ask("spawn", timeout_s=math.nan),
     ]
     for wait in waits:
-        with pytest.raises(ValueError, match="timeout_s must be a number of seconds"):
+        with pytest.raises(ValueError, match=r"timeout_s .*number"):
             wait()
 
 

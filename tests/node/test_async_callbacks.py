@@ -377,7 +377,7 @@ def test_an_async_callback_has_no_group(node: Node) -> None:
     async def tick() -> None:
         """Never called."""
 
-    with pytest.raises(TypeError, match="an async def has no callback_group: it runs on the"):
+    with pytest.raises(TypeError, match=r"async def .*callback_group"):
         node.create_timer(1.0, tick, callback_group=group)
 
 
@@ -398,7 +398,7 @@ def test_an_async_callback_that_nothing_would_await_is_refused(node: Node) -> No
         lambda: Buffer(clock=nothing),  # type: ignore[arg-type]
     ]
     for call in refused:
-        with pytest.raises(TypeError, match="must be a plain function, not an async def"):
+        with pytest.raises(TypeError, match="not an async def"):
             call()
 
 

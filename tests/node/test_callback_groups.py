@@ -159,14 +159,14 @@ def test_a_lookup_in_a_callback_ends_when_the_node_closes(bus: Bus) -> None:
 @pytest.mark.parametrize("wrong", [ReentrantCallbackGroup, "group", 3])
 def test_what_is_no_group_is_refused(node: Node, wrong: Any) -> None:
     """The error says what is one; a class is a usual mistake."""
-    with pytest.raises(TypeError, match=r"callback_group must be a tfbus\.MutuallyExclusive"):
+    with pytest.raises(TypeError, match=r"callback_group .*tfbus\.Mutually"):
         node.create_timer(1.0, lambda: None, callback_group=wrong)
 
 
 @pytest.mark.parametrize("threads", [0, 1001, 2.5, True])
 def test_an_impossible_number_of_threads_is_refused(bus: Bus, threads: Any) -> None:
     """Before the node joins the bus."""
-    with pytest.raises(ValueError, match=r"callback_threads must be an int of 1 to 1000, not"):
+    with pytest.raises(ValueError, match=r"callback_threads .* 1 to 1000"):
         Node("x", callback_threads=threads)
 
 

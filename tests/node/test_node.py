@@ -173,7 +173,7 @@ class TestTopics:
 
     def test_a_message_of_another_type_is_not_published(self, node: Node) -> None:
         """A publisher sends messages of its own type only."""
-        with pytest.raises(TypeError, match=r"topic 'count' carries Number, not Vector3"):
+        with pytest.raises(TypeError, match=r"'count' .*Number, not Vector3"):
             node.create_publisher(Number, "count").publish(Vector3())  # that is the test
 
     def test_a_closed_subscription_is_not_called(self, node: Node) -> None:
@@ -219,7 +219,7 @@ class TestTopics:
         """A publisher of a node that is closed says so."""
         publisher = node.create_publisher(Number, "count")
         node.close()
-        with pytest.raises(BusError, match=r"could not publish count: node .* is closed"):
+        with pytest.raises(BusError, match=r"publish count: .*closed"):
             publisher.publish(Number(7))
 
 
@@ -250,18 +250,18 @@ class TestServices:
         """A handler refuses by ServiceError, and the caller gets the same words."""
 
         def refuse(request: Spawn.Request) -> Spawn.Response:
-            raise ServiceError(f"there is a turtle {request.name!r} already")
+            raise ServiceError(f"{request.name!r} is taken")
 
         node.create_service(Spawn, "spawn", refuse)
         with pytest.raises(ServiceError) as caught:
             other.create_client(Spawn, "spawn").call(Spawn.Request(0, 0, 0, "turtle1"))
-        assert str(caught.value) == "there is a turtle 'turtle1' already"
+        assert str(caught.value) == "'turtle1' is taken"
 
     def test_a_handler_that_fails_is_a_refusal(self, node: Node, other: Node) -> None:
         """A handler that raises something else is logged there, and the caller gets a refusal."""
         log = Records(node)
         node.create_service(Spawn, "spawn", lambda request: 1 / 0)
-        with pytest.raises(ServiceError, match=r"the service failed \(ZeroDivisionError: division"):
+        with pytest.raises(ServiceError, match=r"service failed \(ZeroDivisionError"):
             other.create_client(Spawn, "spawn").call(Spawn.Request(0, 0))
         eventually(lambda: log.lines)
         assert log.lines == ["ERROR: A callback failed, 1 time so far (service spawn)"]
@@ -319,7 +319,7 @@ class TestServices:
         node.create_service(Spawn, "spawn", handler)
         client = other.create_client(Spawn, "spawn")
         assert client.wait_for_service(DEADLINE_S)
-        with pytest.raises(ServiceError, match=r"^'spawn' did not answer in time$"):
+        with pytest.raises(ServiceError, match=r"^'spawn' did not answer"):
             client.call(Spawn.Request(0, 0), timeout_s=0.2)
         leave.set()
 
@@ -438,7 +438,7 @@ class TestActions:
         log = Records(node)
         node.create_goal_server(RotateAbsolute, "rotate", lambda handle: 1 / 0)  # never returns
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
-        with pytest.raises(ServiceError, match=r"the action failed \(ZeroDivisionError: division"):
+        with pytest.raises(ServiceError, match=r"action failed \(ZeroDivisionError"):
             sent.result(timeout_s=DEADLINE_S)
         eventually(lambda: log.lines)
 
@@ -455,7 +455,7 @@ class TestActions:
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         eventually(lambda: handles)
         node.close()
-        with pytest.raises(ServiceError, match=r"^the server of action 'rotate' is gone$"):
+        with pytest.raises(ServiceError, match=r"'rotate' is gone$"):
             sent.result(timeout_s=DEADLINE_S)
 
     def test_a_goal_with_an_unknown_field_is_refused(
@@ -464,14 +464,14 @@ class TestActions:
         """A goal of the wrong shape is refused with the field's name and reaches no handler."""
         assert other.create_goal_client(RotateAbsolute, "rotate").wait_for_server(DEADLINE_S)
         (answer,) = other.session.ask("rotate", encode_map({"theta": 1.0, "speed": 2.0}))
-        assert answer.refusal == "there is no field 'speed'; RotateAbsolute.Goal has theta"
+        assert answer.refusal and answer.refusal.endswith("'speed'; RotateAbsolute.Goal has theta")
         assert handles == []
 
     def test_a_wait_for_a_result_times_out(self, other: Node, handles: list[GoalHandle]) -> None:
         """Waiting for a result ends after the time given; the goal goes on."""
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         (handle,) = eventually(lambda: handles)
-        with pytest.raises(ServiceError, match=r"timed out after 0.05 s: action 'rotate' has not"):
+        with pytest.raises(ServiceError, match=r"timed out after .*'rotate'"):
             sent.result(timeout_s=0.05)
         handle.succeed(RotateAbsolute.Result(1))
         assert sent.result(timeout_s=DEADLINE_S).status == "succeeded"
@@ -480,11 +480,8 @@ class TestActions:
         """An unreadable result is reported as such, not as a server that is gone."""
         node.create_goal_server(RotateAbsolute, "rotate", lambda handle: handle.succeed(Vector3()))
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
-        with pytest.raises(ServiceError) as caught:
+        with pytest.raises(ServiceError, match=r"'rotate' .*unreadable .*'delta'"):
             sent.result(timeout_s=DEADLINE_S)
-        assert str(caught.value) == (
-            "action 'rotate' ended with an unreadable result: field 'delta' is missing"
-        )
 
 
 class TestParameters:
@@ -554,11 +551,11 @@ class TestParameters:
         """A number outside of the parameter's bounds is refused; the bounds are allowed."""
         red = node.declare_parameter("background_r", 69, minimum=0, maximum=255)
         assert self.set(other, "background_r", 255) == ""
-        assert self.set(other, "background_r", 256) == "'background_r' must be at most 255, not 256"
-        assert self.set(other, "background_r", -1) == "'background_r' must be at least 0, not -1"
+        assert "at most 255, not 256" in self.set(other, "background_r", 256)
+        assert "at least 0, not -1" in self.set(other, "background_r", -1)
         assert red.value == 255
         node.declare_parameter("rate", 1.0, minimum=0)
-        assert self.set(other, "rate", float("nan")) == "'rate' must be finite, not nan"
+        assert "finite, not nan" in self.set(other, "rate", float("nan"))
 
     def test_on_change_runs_on_the_nodes_thread_and_may_refuse(
         self, node: Node, other: Node
@@ -576,7 +573,7 @@ class TestParameters:
         number = node.declare_parameter("number", 1, on_change=on_change)
         assert self.set(other, "number", 2) == ""
         assert self.set(other, "number", 13) == "13 brings bad luck"
-        assert self.set(other, "number", 14) == "the node failed (RuntimeError: oh)"
+        assert self.set(other, "number", 14).endswith("failed (RuntimeError: oh)")
         assert (number.value, seen) == (2, [2, 13, 14])
 
     def test_a_parameter_is_described_on_the_bus(self, node: Node, other: Node) -> None:
@@ -602,9 +599,7 @@ class TestParameters:
         """Asking for a parameter that the node has not is refused with the names it has."""
         node.declare_parameter("rate", 1.5)
         node.declare_parameter("axes", [1])
-        assert self.set(other, "speed", 1) == (
-            "server has no parameter 'speed'; available: axes, rate"
-        )
+        assert self.set(other, "speed", 1).endswith("'speed'; available: axes, rate")
 
     def test_a_value_given_at_the_start_is_taken(self, bus: Bus) -> None:
         """A value from the command line or a launch file goes before the default."""
@@ -616,7 +611,7 @@ class TestParameters:
     def test_a_value_given_at_the_start_that_cannot_be_is_refused(self, bus: Bus) -> None:
         """A value that the parameter cannot have is refused when it is declared."""
         node = bus.node("node", parameters={"rate": "fast"})
-        with pytest.raises(ParameterError, match=r"^'rate' must be a number, not 'fast'$"):
+        with pytest.raises(ParameterError, match=r"^'rate' .*number, not 'fast'$"):
             node.declare_parameter("rate", 1.0)
 
     def test_a_value_of_an_undeclared_parameter_is_warned_of(self, bus: Bus) -> None:
@@ -635,7 +630,7 @@ class TestParameters:
     def test_a_parameter_is_declared_once(self, node: Node) -> None:
         """A second declaration of the same name is refused."""
         node.declare_parameter("rate", 1.0)
-        with pytest.raises(ParameterError, match="parameter 'rate' is already declared"):
+        with pytest.raises(ParameterError, match="'rate' is already declared"):
             node.declare_parameter("rate", 2.0)
 
     @pytest.mark.parametrize("default", [None, {"a": 1}, object()])
@@ -643,7 +638,7 @@ class TestParameters:
         self, node: Node, default: object
     ) -> None:
         """A parameter is a boolean, an integer, a number, a text or a list."""
-        with pytest.raises(ParameterError, match="a parameter cannot be of type"):
+        with pytest.raises(ParameterError, match="cannot be of type"):
             node.declare_parameter("x", default)  # that is the test
 
 
@@ -659,8 +654,8 @@ class TestNames:
         eventually(lambda: lines.extend(capsys.readouterr().err.splitlines()) or lines)
         (line,) = lines
         assert "[WARN]" in line
-        assert "[sim]: There is another node /sim, on " in line
-        assert line.endswith(": give this one another name (--name), or a namespace (--namespace)")
+        assert "[sim]: " in line and "another node /sim, on" in line
+        assert "(--name)" in line and "(--namespace)" in line
         assert first_log.lines == []
 
     def test_an_answer_that_is_no_description_is_named_once(
@@ -677,7 +672,7 @@ class TestNames:
         time.sleep(1.0)
         lines += capsys.readouterr().err.splitlines()
         (line,) = lines
-        assert "[sim]: Ignored another description of node /sim: a message must be a" in line
+        assert "[sim]: Ignored another description" in line and "node /sim: " in line
         queryable.undeclare()
 
     def test_namespaces_keep_two_robots_apart(self, bus: Bus) -> None:
@@ -790,14 +785,14 @@ class TestLife:
     def test_a_node_that_cannot_join_the_bus_says_why(self, bus: Bus) -> None:
         """An endpoint it cannot listen at is a BusError in one sentence."""
         settings = NodeSettings("x", config=str(bus.config), listen=("tcp/192.0.2.1:7447",))
-        with pytest.raises(BusError, match=r"could not join the bus.*Can not create a new TCP"):
+        with pytest.raises(BusError, match=r"could not join .*TCP"):
             Node(settings=settings)
 
     @pytest.mark.real
     def test_a_configuration_that_zenoh_refuses_is_an_error(self, bus: Bus) -> None:
         """The error names the configuration file and what is wrong with it."""
         bus.config.write_text("{mode: 'boss'}")
-        with pytest.raises(SettingsError, match=r"zenoh\.json5 is not a conf.*unknown variant"):
+        with pytest.raises(SettingsError, match=r"zenoh\.json5 .*unknown variant"):
             Node(settings=NodeSettings("x", config=str(bus.config)))
 
 

@@ -348,7 +348,7 @@ def test_a_packed_database_is_looked_at_as_any_other(tmp_path: Path) -> None:
         database.execute("CREATE VIEW more AS SELECT 1")
     database.close()
     file.write_bytes(zstandard.compress(plain.read_bytes()))
-    with pytest.raises(DecodeError, match="'more' in it is computed"), opened(folder):
+    with pytest.raises(DecodeError, match=r"'more' .*computed"), opened(folder):
         pass
 
 

@@ -316,7 +316,7 @@ def test_what_was_flushed_is_in_the_file(tmp_path: Path) -> None:
 
 def test_a_folder_without_recordings(tmp_path: Path) -> None:
     """It is said in a sentence."""
-    with pytest.raises(DecodeError, match=r"is a folder without \.mcap files"):
+    with pytest.raises(DecodeError, match=r"folder without \.mcap"):
         RecordingReader(tmp_path)
 
 

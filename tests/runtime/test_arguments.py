@@ -33,14 +33,14 @@ def test_a_timeout_is_what_a_lock_can_wait_for(given: float, seconds: float | No
 
 def test_nan_is_no_timeout() -> None:
     """A wait for NaN seconds would never end, and take a whole core."""
-    with pytest.raises(ValueError, match="timeout_s must be a number of seconds, or None"):
+    with pytest.raises(ValueError, match=r"timeout_s .*or None"):
         seconds_to_wait(math.nan)
 
 
 @pytest.mark.parametrize("given", ["1", [1], print])
 def test_what_is_no_number_is_no_timeout(given: object) -> None:
     """The error names the type."""
-    with pytest.raises(TypeError, match="timeout_s must be a number of seconds or None, not "):
+    with pytest.raises(TypeError, match=f"timeout_s .*not {type(given).__name__}$"):
         seconds_to_wait(given)  # that is the test
 
 
@@ -53,14 +53,14 @@ def double(number: int, *, twice: bool = False) -> int:
 def test_a_call_that_fits_is_as_it_was() -> None:
     """Its result, its signature and its docstring."""
     assert double(2, twice=True) == 8
-    assert str(inspect.signature(double)) == "(number: int, *, twice: bool = False) -> int"
+    assert inspect.signature(double) == inspect.signature(double.__wrapped__)
     assert double.__doc__ == "Twice the number."
 
 
 def test_a_call_that_does_not_fit_names_the_right_form() -> None:
     """Where an argument is missing, too many, or of no such name."""
     for call in (lambda: double(), lambda: double(1, 2), lambda: double(1, once=True)):
-        with pytest.raises(TypeError, match=r"double\(\) .*; call it as in double\(number\)$"):
+        with pytest.raises(TypeError, match=r"double\(\) .*; .* double\(number\)$"):
             call()
 
 

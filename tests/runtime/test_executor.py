@@ -128,7 +128,7 @@ def test_missed_ticks_are_not_made_up_for(executor: Executor) -> None:
 @pytest.mark.parametrize("period_s", [0, -1, float("nan"), float("inf")])
 def test_an_invalid_period_is_refused(executor: Executor, period_s: float) -> None:
     """A timer's period is more than 0 s and finite."""
-    with pytest.raises(ValueError, match="a timer's period must be more than 0 s and less than"):
+    with pytest.raises(ValueError, match="timer's period"):
         executor.every(period_s, lambda: None)
 
 

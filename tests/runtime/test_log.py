@@ -58,7 +58,7 @@ def test_a_traceback_is_escaped(capsys: pytest.CaptureFixture[str]) -> None:
     except ValueError:
         log.exception("A callback failed")
     lines = capsys.readouterr().err.splitlines()
-    assert lines[1] == "Traceback (most recent call last):"
+    assert lines[1].startswith("Traceback ")
     assert lines[-2:] == [
         "ValueError: sim\\x1b[2J\\r",
         " [ERROR] [1.0] [sim]: forged\\u202e\\x00",

@@ -1,6 +1,7 @@
 """Log lines that could repeat without end."""
 
 import logging
+import re
 
 import pytest
 
@@ -34,7 +35,7 @@ def test_the_first_exception_of_a_kind_is_logged_with_its_traceback(
         except ValueError:
             once.exception("failed", "Could not handle %r", "a")
     (record,) = caplog.records
-    assert record.getMessage() == "Could not handle 'a'. Further ones are counted, not logged"
+    assert record.getMessage().startswith("Could not handle 'a'. Further")
     assert record.levelno == logging.ERROR
     assert record.exc_info is not None and record.exc_info[0] is ValueError
     assert once.counts == {"failed": 2}
@@ -62,9 +63,7 @@ def test_many_kinds_at_once_end_in_one_line(caplog: pytest.LogCaptureFixture) ->
     for number in range(1000):
         lines.warning(number, "Stream %r is gone", number)
     assert len(caplog.messages) == 11
-    assert caplog.messages[-1] == (
-        "More than 10 lines like the last ones within 60 s: the rest is left out"
-    )
+    assert re.match("More than 10 lines .* 60 s: ", caplog.messages[-1])
     assert len(lines.counts) == 10
     clock.now_ns = 61
     lines.warning("later", "Stream %r is gone", "later")
@@ -79,9 +78,7 @@ def test_kinds_that_are_logged_once_make_room_too(caplog: pytest.LogCaptureFixtu
     for number in range(1000):
         once.warning(number, "Rejected stream %r", number)
     assert len(caplog.messages) == 11
-    assert caplog.messages[-1] == (
-        "More than 10 lines like the last ones within 600 s: the rest is left out"
-    )
+    assert re.match("More than 10 lines .* 600 s: ", caplog.messages[-1])
     clock.now_ns = 601
     once.warning("honest", "Rejected stream %r", "honest")
     assert caplog.messages[-1].startswith("Rejected stream 'honest'")

@@ -102,7 +102,7 @@ def test_wrong_arguments_are_a_type_error_as_with_a_dataclass(
 def test_it_cannot_be_changed() -> None:
     """Setting and deleting raise the error of dataclasses."""
     point = Point(1.0)
-    with pytest.raises(dataclasses.FrozenInstanceError, match="cannot assign to field 'x'"):
+    with pytest.raises(dataclasses.FrozenInstanceError, match="assign to field 'x'"):
         point.x = 2.0  # type: ignore[misc]
     with pytest.raises(dataclasses.FrozenInstanceError, match="cannot delete field 'x'"):
         del point.x

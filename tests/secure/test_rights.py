@@ -139,14 +139,14 @@ def test_a_stream_of_later_rights_comes_through_and_a_revoked_one_does_not() -> 
 
 def test_an_identity_that_is_not_there_is_named_with_the_nearest() -> None:
     """A name that was misspelt is answered with those there are."""
-    with pytest.raises(SettingsError, match="no identity 'amr'; did you mean 'arm'"):
+    with pytest.raises(SettingsError, match=r"identity 'amr'; .*'arm'"):
         Rights({"arm": Identity("arm", "reader")}).of("amr")
 
 
 def test_no_identity_has_the_name_of_another_s_node() -> None:
     """Who is `arm` runs the nodes arm_*: an identity `arm_left` would be one of them."""
     arm, left = Identity("arm", "publisher", "robot7"), Identity("arm_left", "publisher", "robot7")
-    with pytest.raises(SettingsError, match=r"'arm' has arm_\* for its own nodes; use 'arm-left'"):
+    with pytest.raises(SettingsError, match=r"'arm' .*'arm-left'"):
         Rights({"arm": arm, "arm_left": left})
     elsewhere = Identity("arm_left", "publisher", "robot8")
     assert Rights({"arm": arm, "arm_left": elsewhere}).of("arm_left") == elsewhere
@@ -196,7 +196,7 @@ def test_a_description_is_judged_by_its_child_frames() -> None:
         "@tfbus/stream/arm", StreamDescription(1, "/arm", 1, rows)
     )
     assert kept is not None and kept.frames == rows[:1]
-    assert mistake == "may not publish 'leg', only arm/*"
+    assert mistake.endswith("publish 'leg', only arm/*")
 
 
 class Counted(str):

@@ -36,7 +36,7 @@ def test_a_certificate_may_stand_with_its_key_or_apart(made: Issued, tmp_path: P
     key.write_bytes(made.key)
     assert tls_of_files(both).names == tls_of_files(apart, key).names
     assert tls_of_files(both).names == {"robot.example", "*.lab.example"}
-    with pytest.raises(SettingsError, match="needs a certificate and its private key"):
+    with pytest.raises(SettingsError, match="its private key"):
         tls_of_files(apart)
 
 
@@ -44,7 +44,7 @@ def test_what_is_no_certificate_is_said(tmp_path: Path) -> None:
     """With the name of the file."""
     path = tmp_path / "text.pem"
     path.write_text("hello")
-    with pytest.raises(SettingsError, match=r"text\.pem is not a certificate in PEM"):
+    with pytest.raises(SettingsError, match=r"text\.pem .*in PEM"):
         tls_of_files(path)
 
 

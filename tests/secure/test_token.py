@@ -12,7 +12,7 @@ def test_a_token_is_new_unless_it_is_given() -> None:
     """A new one has 128 random bits; a given one at least 12 characters."""
     assert len(AccessToken().text) >= 22 and AccessToken().text != AccessToken().text
     assert AccessToken().is_new and not AccessToken("correct horse").is_new
-    with pytest.raises(SettingsError, match="has 5 characters, and needs at least 12"):
+    with pytest.raises(SettingsError, match=r"5 characters, .* 12"):
         AccessToken("horse")
 
 
@@ -49,10 +49,10 @@ def test_a_token_in_a_file_is_its_owners_alone(tmp_path: Path) -> None:
     path = tmp_path / "token"
     path.write_text("correct horse\n# of the lab\n")
     path.chmod(0o644)
-    with pytest.raises(SettingsError, match=f"others may read the token {path}: chmod 600"):
+    with pytest.raises(SettingsError, match=f"others may read .*{path}: chmod"):
         read_token(path)
     path.chmod(0o600)
     assert read_token(path).text == "correct horse"
     path.write_text("\n")
-    with pytest.raises(SettingsError, match="has no token in its first line"):
+    with pytest.raises(SettingsError, match="no token in"):
         read_token(path)

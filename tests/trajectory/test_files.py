@@ -110,7 +110,7 @@ def test_a_table_with_seconds_is_asked_about(tmp_path: Path, stamp: str) -> None
     (tmp_path / "a.csv").write_text(
         f"stamp_ns,frame_id,child_frame_id,x,y,z,qx,qy,qz,qw\n{stamp},map,base,0,0,0,0,0,0,1\n"
     )
-    with pytest.raises(DecodeError, match=r"line 2: .* is it in seconds\?$"):
+    with pytest.raises(DecodeError, match=r"line 2: .*in seconds\?$"):
         Trajectory.read_csv(tmp_path / "a.csv")
 
 

@@ -1,5 +1,6 @@
 """Messages of topics and services: dataclasses to bytes and back, and what is refused."""
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -107,9 +108,8 @@ def test_unknown_fields_of_a_message_are_ignored() -> None:
 
 def test_unknown_fields_of_a_request_are_refused() -> None:
     """A request with a field that the service does not know is refused with those it has."""
-    assert refusal({"x": 1.0, "z": 3.0}, Point, unknown_fields=False) == (
-        "there is no field 'z'; Point has x, y"
-    )
+    said = refusal({"x": 1.0, "z": 3.0}, Point, unknown_fields=False)
+    assert said.endswith("'z'; Point has x, y")
 
 
 @pytest.mark.parametrize(
@@ -148,23 +148,22 @@ def test_a_map_by_texts_and_anything_at_all_are_fields_too() -> None:
     """A dict keeps its keys and reads its values; a field of any type is read as it comes."""
     catalogue = Catalogue({"tea": 2.5, "water": 0.0}, [1, {"a": b"b"}])
     assert decode_message(Catalogue, encode_message(catalogue)) == catalogue
-    assert refusal({"prices": [1]}, Catalogue) == "field 'prices' must be a map, not a list"
-    assert refusal({"prices": {"tea": "2"}}, Catalogue) == (
-        "field 'prices.tea' must be a number, not a text"
-    )
-    assert refusal({"prices": {b"tea": 2}}, Catalogue) == (
-        "field 'prices' has a key that is not a text"
-    )
+    assert re.search("'prices' .*a map, not a list$", refusal({"prices": [1]}, Catalogue))
+    number = refusal({"prices": {"tea": "2"}}, Catalogue)
+    assert re.search(r"'prices\.tea' .*a number, not a text$", number)
+    assert re.search("'prices' .*a key .*a text$", refusal({"prices": {b"tea": 2}}, Catalogue))
 
 
 def test_a_missing_field_is_named() -> None:
     """A message without a field that it must have is refused, and the field named."""
-    assert refusal({}, Pose) == "field 'stamp_ns' is missing"
+    assert refusal({}, Pose).endswith("'stamp_ns' is missing")
 
 
 def test_a_value_that_the_message_refuses_is_no_message() -> None:
     """What the dataclass itself refuses is refused as bytes too, in its own words."""
-    assert refusal({"r": 256, "g": 0, "b": 0}, Color) == ("r must be from 0 to 255, not 256")
+    with pytest.raises(ValueError) as own:
+        Color(256, 0, 0)
+    assert refusal({"r": 256, "g": 0, "b": 0}, Color) == str(own.value)
 
 
 @pytest.mark.parametrize(
@@ -214,7 +213,7 @@ def test_any_map_raises_nothing_else(changes: dict[str, object]) -> None:
 
 def test_a_type_that_is_no_dataclass_is_refused_in_words() -> None:
     """A message type must be a dataclass; another type is our own mistake, and said so."""
-    with pytest.raises(TypeError, match="is not a message: make it a dataclass"):
+    with pytest.raises(TypeError, match=r"not a message: .*dataclass"):
         encode_message(3)
 
 
@@ -225,7 +224,7 @@ def test_a_field_of_a_type_that_cannot_be_sent_is_refused_in_words() -> None:
     class Bad:
         when: complex
 
-    with pytest.raises(TypeError, match="a message cannot have a field of type"):
+    with pytest.raises(TypeError, match=r"field of type .*complex"):
         encode_message(Bad(1j))
 
 
@@ -237,18 +236,16 @@ class Row:
 def test_a_tuple_of_several_types_is_a_list_of_that_length() -> None:
     """A field of `tuple[str, int]` is a list of a text and an integer, and nothing else."""
     assert decode_message(Row, encode_message(Row(("world", 1)))) == Row(("world", 1))
-    assert refusal({"edge": ["world"]}, Row) == "field 'edge' must be a list of 2"
-    assert refusal({"edge": "wo"}, Row) == "field 'edge' must be a list of 2"
-    assert refusal({"edge": ["world", "1"]}, Row) == (
-        "field 'edge[1]' must be an integer, not a text"
-    )
+    for wrong in (["world"], "wo"):
+        assert re.search("'edge' .*a list of 2$", refusal({"edge": wrong}, Row))
+    said = refusal({"edge": ["world", "1"]}, Row)
+    assert re.search(r"'edge\[1\]' .*an integer, not a text$", said)
 
 
 def test_a_text_that_utf_8_cannot_hold_is_an_error_in_one_sentence() -> None:
     """A lone surrogate comes from a command line in another encoding."""
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(BusError, match=r"'caf\\udce9': .*Unicode$"):
         encode_map({"name": "caf\udce9"})
-    assert str(caught.value) == (r"could not send the text 'caf\udce9': it is not valid Unicode")
 
 
 @pytest.mark.parametrize(
@@ -294,9 +291,9 @@ class Anything:
 )
 def test_a_value_that_cannot_be_sent_is_named_by_its_field(value: object) -> None:
     """With its type, and what may be sent."""
-    with pytest.raises(BusError, match=r"could not send field 'scan\.ranges\[1\]'") as caught:
+    with pytest.raises(BusError, match=r"field 'scan\.ranges\[1\]'") as caught:
         encode_map({"x": 1.0, "scan": {"ranges": [0.5, value]}})
-    assert "a field is an int, float" in str(caught.value)
+    assert "an int, float" in str(caught.value)
 
 
 def test_a_list_in_itself_cannot_be_sent() -> None:

@@ -126,10 +126,9 @@ def test_keys_of_streams_are_not_foreign(name: str, child: str) -> None:
 def test_names_that_no_stream_can_have() -> None:
     """A mistake says what is allowed."""
     assert keys.mistake_in_stream("ros2/robot_state_publisher") == ""
-    assert keys.mistake_in_stream("") == "use 1 to 255 letters that can be printed"
-    assert keys.mistake_in_stream("tf2_msgs::msg::dds_::TFMessage_") == (
-        "'::dds_::' is part of ROS 2's keys on Zenoh, which listeners skip"
-    )
+    assert "1 to 255 letters" in keys.mistake_in_stream("")
+    said = keys.mistake_in_stream("tf2_msgs::msg::dds_::TFMessage_")
+    assert said.startswith("'::dds_::' is part of ROS 2")
 
 
 @pytest.mark.parametrize(
@@ -191,7 +190,7 @@ def test_names_that_no_node_can_have(name: str) -> None:
 
 def test_a_node_name_with_a_slash_points_to_the_namespace() -> None:
     """A node's name with a slash is refused with where the namespace goes."""
-    with pytest.raises(InvalidNameError, match=r"give the namespace with --namespace"):
+    with pytest.raises(InvalidNameError, match="--namespace"):
         keys.check_node_name("robot7/sim")
 
 
@@ -221,7 +220,7 @@ def test_an_absolute_topic_is_one() -> None:
 @pytest.mark.parametrize("name", ["~", "~/pose"])
 def test_a_private_name_belongs_to_a_node(name: str) -> None:
     """Without a node the name behind `~` is unknown: the error says what to write."""
-    with pytest.raises(InvalidNameError, match="write the node's name instead of '~'"):
+    with pytest.raises(InvalidNameError, match="instead of '~'"):
         keys.check_topic(name)
 
 
@@ -236,7 +235,7 @@ def test_a_topic_can_be_printed(name: str) -> None:
 @pytest.mark.parametrize("check", [keys.check_topic, keys.check_parameter])
 def test_a_name_is_a_text(check: Any) -> None:
     """A name of another type is refused in one sentence."""
-    with pytest.raises(InvalidNameError, match="must be a str, not int"):
+    with pytest.raises(InvalidNameError, match="a str, not int"):
         check(7)
 
 
@@ -282,20 +281,20 @@ def test_namespaces(given: str, kept: str) -> None:
 @pytest.mark.parametrize("namespace", ["a//b", "//a", "a//", "a b", "robot*", "@tfbus"])
 def test_namespaces_that_cannot_be(namespace: str) -> None:
     """A namespace follows the rules of a topic."""
-    with pytest.raises(InvalidNameError, match="cannot be the name of a namespace"):
+    with pytest.raises(InvalidNameError, match="name of a namespace"):
         keys.check_namespace(namespace)
 
 
 @pytest.mark.parametrize("namespace", ["~", "~/a", "/a/~"])
 def test_a_namespace_is_not_a_nodes_own(namespace: str) -> None:
     """`~` is for the names of topics alone."""
-    with pytest.raises(InvalidNameError, match="cannot be a namespace: '~' stands for"):
+    with pytest.raises(InvalidNameError, match="a namespace: '~'"):
         keys.check_namespace(namespace)
 
 
 @pytest.mark.parametrize("topic", ["tf", "tf/sim", "tf_static", "/robot7/tf/sim", "a/tf_static/b"])
 def test_the_keys_of_transforms_are_no_topics_of_messages(topic: str) -> None:
     """Listeners would read a message there as transforms."""
-    with pytest.raises(InvalidNameError, match="is of transforms: publish these by"):
+    with pytest.raises(InvalidNameError, match="is of transforms"):
         keys.check_no_transforms(topic)
     assert keys.check_no_transforms("tfx/a_tf") == "tfx/a_tf"

@@ -34,7 +34,7 @@ def test_a_payload_of_the_limit_is_read_and_a_larger_one_is_not() -> None:
     """The error names the size, the limit, and how to raise it."""
     limits = Limits(topic=1000)
     check_size("topic", bytes(1000), limits)
-    with pytest.raises(DecodeError, match=r"1 kB; to raise it, set TFBUS_LIMITS=topic=2kB"):
+    with pytest.raises(DecodeError, match=r"1 kB; .*LIMITS=topic=2kB"):
         check_size("topic", bytes(1001), limits)
 
 
@@ -47,14 +47,14 @@ def test_limits_are_read_from_a_text() -> None:
 @pytest.mark.parametrize("text", ["topic", "topic=", "topic=-1", "images=5MB", "topic=5mb"])
 def test_a_text_of_another_form_is_refused_with_the_right_one(text: str) -> None:
     """The error shows the form, the kinds and the units."""
-    with pytest.raises(SettingsError, match="write kind=size, as in topic=64MB"):
+    with pytest.raises(SettingsError, match="as in topic=64MB"):
         Limits.parse(text)
 
 
 @pytest.mark.parametrize("size", [0, -1, 3_000_000_000, 1.5])
 def test_a_limit_is_a_positive_number_of_bytes(size: int) -> None:
     """A limit that Zenoh cannot hold is refused."""
-    with pytest.raises(SettingsError, match="the limit of topic must be"):
+    with pytest.raises(SettingsError, match="limit of topic"):
         Limits(topic=size)
 
 

@@ -81,7 +81,7 @@ def test_a_part_of_a_colour_is_a_byte(bad: int) -> None:
     """Colours and widths outside of 0 to 255 are refused with the range."""
     with pytest.raises(ValueError, match="from 0 to 255"):
         Color(0, bad, 0)
-    with pytest.raises(ValueError, match=r"width must be from 0 to 255"):
+    with pytest.raises(ValueError, match=r"width .*from 0 to 255"):
         SetPen.Request(width=bad)
 
 
@@ -89,16 +89,14 @@ def test_a_part_of_a_colour_is_a_byte(bad: int) -> None:
 def test_a_time_is_a_stamp(bad: int) -> None:
     """A clock's time is a valid stamp, from 1970 on."""
     for make in (Clock, SetClock.Request):
-        with pytest.raises(
-            ValueError, match=f"stamp_ns must be nanoseconds from 0 to .*, not {bad}"
-        ):
+        with pytest.raises(ValueError, match=f"stamp_ns .*nanoseconds .*not {bad}"):
             make(bad)
 
 
 def test_invalid_messages_are_not_decoded() -> None:
     """Bytes that hold an impossible message do not decode, and the error says which part."""
     data = encode_map({"linear": {"x": math.nan}, "angular": {}})
-    with pytest.raises(DecodeError, match="x must be finite, not nan"):
+    with pytest.raises(DecodeError, match="x must be finite"):
         decode_message(Twist, data)
 
 
@@ -120,5 +118,5 @@ class _Uncopied(list[int]):
 def test_a_stamp_of_ros_is_checked_before_it_is_converted(field: str) -> None:
     """A list in the place of a number of seconds is refused, and not taken a billion times."""
     stamp = {"sec": 1, "nanosec": 2, field: _Uncopied([0])}
-    with pytest.raises(DecodeError, match=r"field 'header' must have a stamp of sec and nanosec"):
+    with pytest.raises(DecodeError, match=r"'header' .*sec and nanosec"):
         from_map(messages.PoseStamped, {"header": {"stamp": stamp, "frame_id": "map"}})

@@ -19,9 +19,8 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.core.held import Contents, Held
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
-from tfbus.core.sampling import TF2, Sampling
+from tfbus.core.sampling import TF2, Contents, Held, Sampling
 from tfbus.errors import (
     ExtrapolationException,
     InvalidArgumentException,

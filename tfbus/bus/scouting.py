@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import zenoh
 
-from tfbus.bus.endpoints import host_of, split_endpoint
 from tfbus.bus.interfaces import Interface, scouted
-from tfbus.bus.links import Links
+from tfbus.bus.links import Links, host_of, split_endpoint
 from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local

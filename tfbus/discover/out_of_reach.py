@@ -1,6 +1,6 @@
 """Why a process finds nothing: an endpoint that does not answer, or a bus that is closed."""
 
-from tfbus.bus.endpoints import why_unreachable
+from tfbus.bus.links import why_unreachable
 from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import has_scouting

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from tfbus.bus.endpoints import why_unreachable
+from tfbus.bus.links import why_unreachable
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings

@@ -36,10 +36,9 @@ from tfbus.geometry.transform import (
     make_stamped,
 )
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.runtime.arguments import check_plain, is_async
+from tfbus.runtime.arguments import SourceSignature, check_plain, is_async
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import InterpretedWarning, why_interpreted, why_not_installed
-from tfbus.runtime.signature import SourceSignature
 
 if TYPE_CHECKING:
     import numpy as np

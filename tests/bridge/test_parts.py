@@ -20,8 +20,8 @@ from tfbus.bridge.routes import RateLimit, invalid_rows
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.timer import Timer
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:

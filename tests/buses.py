@@ -13,7 +13,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.runtime import scheduler
-from tfbus.runtime.timer import Timer
+from tfbus.runtime.clock import Timer
 
 T = TypeVar("T")
 

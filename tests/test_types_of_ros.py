@@ -13,7 +13,7 @@ import pytest
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Recording, messages
-from tfbus.bridge.options import BridgeOptions, RosFrameNames
+from tfbus.bridge.common import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.compat.message_classes import message_class

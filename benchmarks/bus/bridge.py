@@ -129,7 +129,7 @@ class FreeLeg:
 
 def _bridge(node: Any, leg: FreeLeg) -> Any:
     from tfbus.bridge.bridge import Bridge
-    from tfbus.bridge.options import BridgeOptions
+    from tfbus.bridge.common import BridgeOptions
 
     return Bridge(node, leg, BridgeOptions(), ros_node="/tfbus_ros2")
 

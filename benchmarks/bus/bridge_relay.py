@@ -167,9 +167,9 @@ def ours(ros: str, way: str) -> None:
     """The bridge."""
     import tfbus
     from tfbus.bridge.bridge import Bridge
+    from tfbus.bridge.common import BridgeOptions
     from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic
     from tfbus.bridge.legs.zenoh import ZenohLeg
-    from tfbus.bridge.options import BridgeOptions
 
     came = [0]
 

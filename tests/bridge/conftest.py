@@ -9,8 +9,8 @@ from tests.bridge.fake_leg import FakeRos
 from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge.bridge import Bridge
+from tfbus.bridge.common import BridgeOptions
 from tfbus.bridge.legs import LegSettings
-from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.topic_table import TopicTable
 
 Bridged = Callable[..., Bridge]

@@ -13,15 +13,14 @@ from tests.builders import S, at
 from tests.fakes import Clock
 from tests.simulated_bus import Bus
 from tfbus.bridge.bridge import Bridge
-from tfbus.bridge.common import Crossed
+from tfbus.bridge.common import BridgeOptions, Crossed, RosFrameNames
 from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
-from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.routes import RateLimit, invalid_rows
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.timer import Timer
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:

@@ -7,7 +7,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tfbus import TfbusError
-from tfbus.bridge.options import BridgeOptions, RosFrameNames
+from tfbus.bridge.common import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TABLE, TopicTable
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS

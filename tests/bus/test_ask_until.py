@@ -5,7 +5,7 @@ from typing import cast
 
 import pytest
 
-from tfbus.bus.ask_until import AskUntil, Pauses
+from tfbus.bus.query import AskUntil, Pauses
 from tfbus.errors import BusError
 from tfbus.runtime.executor import Executor
 

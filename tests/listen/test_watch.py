@@ -15,9 +15,8 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.bus.ask_until import Pauses
 from tfbus.bus.handles import BytesPublisher
-from tfbus.bus.query import Answer
+from tfbus.bus.query import Answer, Pauses
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
 from tfbus.listen import watch

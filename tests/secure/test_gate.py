@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from tfbus.secure.gate import Gate, machine_names
+from tfbus.secure.server_access import Gate, machine_names
 
 LOCAL = machine_names("127.0.0.1")
 LAN = frozenset({"0.0.0.0", "robot", "robot.lan"})

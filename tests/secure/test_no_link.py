@@ -9,7 +9,7 @@ import pytest
 from tests import needs
 from tests.live_bus import free_port
 from tfbus import BusError, NodeSettings
-from tfbus.bus.endpoints import speaks_tls
+from tfbus.bus.links import speaks_tls
 from tfbus.bus.session import Session
 
 pytestmark = pytest.mark.real

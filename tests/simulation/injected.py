@@ -20,9 +20,9 @@ from tfbus.listen.queries import StaticRecovery
 from tfbus.listen.registry import UnlistedFrames
 from tfbus.listen.stream_facts import Epochs, Listing, Verdict
 from tfbus.listen.watch import StreamWatch
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import replace
-from tfbus.runtime.timer import Timer
 
 # Where a function is, and what takes its place.
 _Patch = tuple[type, str, Callable[..., Any]]

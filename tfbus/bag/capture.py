@@ -24,9 +24,9 @@ from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
-from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import as_map, is_of_ros
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import (

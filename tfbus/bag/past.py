@@ -3,8 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 
 from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw, TransformSource
-from tfbus.bus.ask_until import AskUntil, Pauses
-from tfbus.bus.query import Answer
+from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.info import StreamState

@@ -5,10 +5,16 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from tfbus.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
-from tfbus.bridge.common import BusStreams, Common, Crossed, RosPublishers
+from tfbus.bridge.common import (
+    BridgeOptions,
+    BusStreams,
+    Common,
+    Crossed,
+    RosFrameNames,
+    RosPublishers,
+)
 from tfbus.bridge.from_ros import FromRos
 from tfbus.bridge.legs import Endable, Leg, RosTopic
-from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.to_ros import ToRos
 from tfbus.errors import TfbusError

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 from tfbus.bridge.bridges import RosBridge
+from tfbus.bridge.common import ClockWay
 from tfbus.bridge.legs import Endable, Leg, RosSender, RosTopic
-from tfbus.bridge.options import ClockWay
 from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock
 from tfbus.node.node import Node

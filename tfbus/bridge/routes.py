@@ -11,8 +11,8 @@ from tfbus.core.kernel import QUATERNION_TOLERANCE
 from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.runtime import scheduler
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.timer import Timer
 
 # Frames come from the network: routes of at most this many tables of frames are kept.
 _MOST_TABLES = 1000

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tfbus import messages
+from tfbus.bridge.common import RosFrameNames
 from tfbus.bridge.legs import LEAST_READER_DEPTH, Leg, RosTopic
-from tfbus.bridge.options import RosFrameNames
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node

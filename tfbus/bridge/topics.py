@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Collection
 
 from tfbus.bridge.bridges import RosBridge
+from tfbus.bridge.common import BridgeOptions, RosFrameNames
 from tfbus.bridge.legs import Leg, RosPublisher
-from tfbus.bridge.options import BridgeOptions, RosFrameNames
 from tfbus.bridge.topic_crossings import TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable

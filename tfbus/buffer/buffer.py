@@ -19,9 +19,8 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.core.held import Contents, Held
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
-from tfbus.core.sampling import TF2, Sampling
+from tfbus.core.sampling import TF2, Contents, Held, Sampling
 from tfbus.errors import (
     ExtrapolationException,
     InvalidArgumentException,
@@ -37,10 +36,9 @@ from tfbus.geometry.transform import (
     make_stamped,
 )
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.runtime.arguments import check_plain, is_async
+from tfbus.runtime.arguments import SourceSignature, check_plain, is_async
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import InterpretedWarning, why_interpreted, why_not_installed
-from tfbus.runtime.signature import SourceSignature
 
 if TYPE_CHECKING:
     import numpy as np

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.buffer.buffer import Buffer, default_max_samples
-from tfbus.core.held import Contents, Held, Pose
 from tfbus.core.kernel import LONGEST_NS, NO_DATA, QUATERNION_TOLERANCE
-from tfbus.core.sampling import Sampling
+from tfbus.core.sampling import Contents, Held, Pose, Sampling
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.names import mistake_in
 from tfbus.runtime.whole_file import replacing

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 
 from tfbus.buffer.info import Change, FrameInfo, Kind
 from tfbus.core import packed
-from tfbus.core.held import Held
 from tfbus.core.kernel import (
     ALL_STATIC,
     CONFLICT,
@@ -24,7 +23,7 @@ from tfbus.core.kernel import (
     normalised,
     seek_as,
 )
-from tfbus.core.sampling import TF2, Sampling
+from tfbus.core.sampling import TF2, Held, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 

@@ -1,4 +1,4 @@
-"""The links of a session to other processes: who is lost, and who is half linked.
+"""Endpoints, and the links of a session between them: who is lost, and who is half linked.
 
 A process that has lost another may connect again before that one has noticed. Zenoh then adds the
 new link to what the other still has, and tells the first nothing of what it had declared: the two
@@ -9,6 +9,7 @@ has closed the lost link. If the new one were ended before that, it would end tw
 with the next connection: that one would look alive from then on, and carry nothing.
 """
 
+import socket
 from collections import deque
 from typing import NamedTuple
 
@@ -16,6 +17,69 @@ import zenoh
 
 from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct, field
+
+_CONNECT_WITHIN_S = 2.0
+
+
+def split_endpoint(endpoint: str) -> tuple[str, str, int]:
+    """The protocol, the host and the port of an endpoint such as tcp/[::]:7447#iface=eth0; 0 for
+    one without a port.
+    """
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
+    return protocol, host.strip("[]"), int(port) if port.isdigit() else 0
+
+
+def host_of(endpoint: str) -> str:
+    """The host of an endpoint, an address of IPv4 as such."""
+    return split_endpoint(endpoint)[1].removeprefix("::ffff:")
+
+
+def why_unreachable(endpoint: str) -> str:
+    """Why an endpoint such as `tcp/host:7447` does not answer; "" if it does."""
+    address = _address(endpoint)
+    if address is None:
+        return ""  # untested: tfbus does not speak its protocol
+    try:
+        with socket.create_connection(address, _CONNECT_WITHIN_S):
+            return ""
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+def speaks_tls(endpoint: str) -> bool | None:
+    """Whether an endpoint encrypts, as those of a closed bus do; None if it does not answer.
+
+    For one that gives no link: it takes up to 2 s if that does not encrypt.
+    """
+    import ssl  # slow to import, and most processes do not need it
+
+    address = _address(endpoint)
+    if address is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with socket.create_connection(address, _CONNECT_WITHIN_S) as plain:
+            try:
+                with context.wrap_socket(plain):
+                    return True
+            except ssl.SSLError as error:
+                # Where it asks for a certificate at once, it has begun to encrypt.
+                return "ALERT" in (error.reason or "")
+            except OSError:
+                return False
+    except OSError:
+        return None
+
+
+def _address(endpoint: str) -> tuple[str, int] | None:
+    """The host and port of an endpoint; None for one of another protocol, and in a simulation."""
+    if scheduler.is_simulated:
+        return None
+    protocol, host, port = split_endpoint(endpoint)
+    return (host, port) if protocol in ("tcp", "tls", "ws") and port else None
+
 
 # The loss of an old link that is noticed this long after a new one has come was that of a
 # connection which the other process had given up already.

@@ -20,10 +20,9 @@ from typing import Any
 import zenoh
 
 from tfbus.bus.callbacks import direct
-from tfbus.bus.endpoints import host_of, split_endpoint
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
-from tfbus.bus.links import Link, Links
+from tfbus.bus.links import Link, Links, host_of, split_endpoint
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
 from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
 from tfbus.runtime import scheduler

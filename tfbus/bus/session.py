@@ -9,7 +9,6 @@ import zenoh
 
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
-from tfbus.bus.endpoints import speaks_tls
 from tfbus.bus.handles import (
     BytesPublisher,
     Declaration,
@@ -17,6 +16,7 @@ from tfbus.bus.handles import (
     PublishersWithin,
     ServedWatch,
 )
+from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import NetworkSession
 from tfbus.bus.query import Answer, Query, answer_of

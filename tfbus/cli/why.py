@@ -12,7 +12,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.other_namespaces import frames_in_other_namespaces
+from tfbus.discover.out_of_reach import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text

@@ -18,9 +18,8 @@ from collections.abc import MutableSequence, Sequence
 from typing import TYPE_CHECKING
 
 from tfbus.core import packed
-from tfbus.core.held import Held
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
-from tfbus.core.sampling import Sampling
+from tfbus.core.sampling import Held, Sampling
 
 if TYPE_CHECKING:
     import numpy as np

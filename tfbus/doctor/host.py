@@ -21,8 +21,8 @@ from importlib import metadata
 from pathlib import Path
 
 from tfbus.buffer.buffer import COMPILED
-from tfbus.bus.endpoints import why_unreachable
 from tfbus.bus.interfaces import interfaces
+from tfbus.bus.links import why_unreachable
 from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings

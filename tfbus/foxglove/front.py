@@ -13,8 +13,7 @@ from tfbus.errors import TfbusError
 from tfbus.foxglove.server import Server
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.secure.gate import Gate, machine_names
-from tfbus.secure.server_access import AccessToken, ServerTls
+from tfbus.secure.server_access import AccessToken, Gate, ServerTls, machine_names
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.other_namespaces import where_to_look
+from tfbus.discover.out_of_reach import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.clocks import (
     NOT_SIMULATED,

@@ -38,8 +38,7 @@ from tfbus.geometry.rotations import (
     unit_quaternion,
 )
 from tfbus.names import mistake_in
-from tfbus.runtime.arguments import called_as
-from tfbus.runtime.signature import SourceSignature
+from tfbus.runtime.arguments import SourceSignature, called_as
 from tfbus.runtime.stamps import LATEST_STAMP_NS
 
 if TYPE_CHECKING:

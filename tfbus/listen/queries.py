@@ -14,8 +14,7 @@ import logging
 from collections.abc import Callable, Iterable
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.bus.ask_until import AskUntil, Pauses
-from tfbus.bus.query import Answer
+from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import ask_retained_later
 from tfbus.bus.session import Session
 from tfbus.listen.reception import StreamReception

@@ -4,8 +4,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 
-from tfbus.bus.ask_until import AskUntil, Pauses
-from tfbus.bus.query import Answer
+from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError

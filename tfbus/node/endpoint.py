@@ -9,10 +9,9 @@ from typing import Any, Protocol
 
 from tfbus.runtime.arguments import is_async, shown
 from tfbus.runtime.callback_groups import CallbackGroup, join
-from tfbus.runtime.clock import Clock, SimulatedClock
+from tfbus.runtime.clock import Clock, SimulatedClock, Timer
 from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import is_message_type, type_name
 
 

@@ -33,10 +33,9 @@ from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscript
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
 from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
+from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
-from tfbus.runtime.timer import Timer
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from tfbus.bus.endpoints import why_unreachable
+from tfbus.bus.links import why_unreachable
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -20,10 +20,10 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.parameters import Parameters
 from tfbus.runtime import scheduler
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.installation import installed_version
 from tfbus.runtime.log import LogOnce
-from tfbus.runtime.timer import Timer
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS, NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE, clock_key, node_key

@@ -12,9 +12,8 @@ from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
 from tfbus.runtime.callback_groups import CallbackGroup
 from tfbus.runtime.callback_thread import Bell, ExecutorEnd, here
-from tfbus.runtime.clock import SimulatedClock
+from tfbus.runtime.clock import SimulatedClock, Timer
 from tfbus.runtime.delays import SLOW_S, Delays, Ran
-from tfbus.runtime.timer import Timer
 from tfbus.wording import counted
 
 if TYPE_CHECKING:

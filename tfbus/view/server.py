@@ -24,8 +24,7 @@ from websockets.http11 import Request, Response
 
 from tfbus.errors import TfbusError
 from tfbus.runtime.addresses import own_names
-from tfbus.secure.gate import Gate, machine_names
-from tfbus.secure.server_access import AccessToken, ServerTls, is_same
+from tfbus.secure.server_access import AccessToken, Gate, ServerTls, is_same, machine_names
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">

@@ -18,9 +18,8 @@ from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
 from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.clock import Clock
-from tfbus.runtime.timer import Timer as TfbusTimer
-from tfbus.runtime.timer import timer_name
+from tfbus.runtime.clock import Clock, timer_name
+from tfbus.runtime.clock import Timer as TfbusTimer
 
 # How often a call that waits for its service looks whether the client is still open.
 _LOOKS_EVERY_S = 0.5

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.wire.scouting import Hello, decode_hello, encode_hello, encode_scout, is_scout_for
+from tfbus.bus.scouting import Hello, decode_hello, encode_hello, encode_scout, is_scout_for
 
 # A peer at two addresses, and a router without any.
 PEER = Hello("4d3c2b1a", "peer", ("tcp/10.0.0.1:7447", "tls/[fe80::1]:7448"))

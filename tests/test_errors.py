@@ -39,9 +39,9 @@ def test_a_timeout_keeps_its_reason() -> None:
 
 def test_python_catches_what_a_buffer_raises() -> None:
     """By the names that a Python programmer would write."""
-    with pytest.raises(TimeoutError, match="there is no frame 'map'"):
+    with pytest.raises(TimeoutError, match="no frame 'map'"):
         Buffer().lookup_transform("map", "base", timeout_s=0.001)
-    with pytest.raises(LookupError, match=r"^there is no frame 'map'"):
+    with pytest.raises(LookupError, match=r"^there .*'map'"):
         Buffer().lookup_transform("map", "base")
     with pytest.raises(ValueError, match="norm 0"):
         Transform(quat_xyzw=(0, 0, 0, 0))

@@ -285,7 +285,7 @@ def test_the_names_of_inspect_are_these() -> None:
 
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
     """As of any module."""
-    with pytest.raises(AttributeError, match="module 'tfbus' has no attribute 'nonsense'"):
+    with pytest.raises(AttributeError, match=r"'tfbus' .*'nonsense'"):
         tfbus.nonsense  # noqa: B018  # the access is the test
 
 

@@ -70,7 +70,7 @@ def test_a_failed_compiler_is_said_at_the_import(tmp_path: Path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("InterpretedWarning: ") == 1
-    assert ": command 'gcc' failed. Install a C compiler" in done.stderr
+    assert "command 'gcc' failed" in done.stderr
 
 
 def test_the_tfbus_under_test_is_installed():

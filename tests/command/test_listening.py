@@ -47,7 +47,7 @@ def test_what_is_for_a_public_one_is_for_no_other(tmp_path: Path) -> None:
         code, text, _ = given(option, str(path))
         assert code == 2 and f"{option} is for --public" in text
     code, text, _ = given("--public", "--key", str(path))
-    assert code == 2 and "--key is the private key of a --certificate" in text
+    assert code == 2 and "--key is the private" in text and "--certificate" in text
 
 
 @pytest.mark.real
@@ -63,7 +63,7 @@ def test_the_token_is_new_or_of_the_environment_or_a_file(
     monkeypatch.setenv("TFBUS_VIEW_TOKEN", "of the environment")
     public = listening.public(settings)
     assert public is not None and public.token.text == "of the environment"
-    assert public.notes[-1] == "It asks for the token of TFBUS_VIEW_TOKEN"
+    assert public.notes[-1].endswith("TFBUS_VIEW_TOKEN")
     path = tmp_path / "token"
     path.touch(0o600)
     path.write_text("of the file!")

@@ -299,7 +299,7 @@ def test_every_module_says_what_to_do_without_a_name(module: str, name: str, say
 def test_an_old_transform_is_left_out_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     """As tf2 does, without an exception."""
     buffer = filled(edge("a", "b", 100.0), edge("a", "b", 50.0, x=9.0))
-    assert "Left out a transform of 'b', sent by 'test'" in caplog.text
+    assert "Left out a transform" in caplog.text and "'b', sent by 'test'" in caplog.text
     assert buffer.lookup_transform("a", "b", Time()).transform.translation.x == 1.0
 
 

@@ -141,7 +141,7 @@ def test_the_naive_way_is_told(rclpy: ModuleType) -> None:
     dropped, late = warnings.lines[1:]
     assert dropped.startswith("Topic scan dropped a message, as 2 wait already: its own callback")
     assert late.startswith("Timer of 10 ms (")
-    assert "the callback of topic scan took" in late
+    assert "topic scan took" in late
 
 
 def test_callbacks_of_a_reentrant_group_meet(rclpy: ModuleType) -> None:

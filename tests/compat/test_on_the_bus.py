@@ -154,7 +154,7 @@ def test_a_node_of_another_kind_is_refused(node: Any) -> None:
 
 def test_a_buffer_of_tfbus_is_refused(sender: Node) -> None:
     """Its methods are others."""
-    with pytest.raises(TypeError, match=r"Buffer of tfbus\.compat\.tf2_ros"):
+    with pytest.raises(TypeError, match=r"tfbus\.compat\.tf2_ros"):
         tf2_ros.TransformListener(TfbusBuffer(), sender)
 
 
@@ -167,7 +167,7 @@ def test_swapped_arguments_of_a_listener_name_their_order(rclpy: ModuleType) -> 
 def test_a_message_that_is_no_transform_is_refused(rclpy: ModuleType) -> None:
     """It is not sent: a TypeError names what is missing, an InvalidArgument what cannot be."""
     broadcaster = tf2_ros.TransformBroadcaster(rclpy.create_node("a"))
-    with pytest.raises(TypeError, match=r"expected a geometry_msgs\.msg\.TransformStamped"):
+    with pytest.raises(TypeError, match=r"expected a .*\.TransformStamped"):
         broadcaster.sendTransform(Message().transform)
     turned = edge("a", "b", 1.0)
     turned.transform.rotation.w = 0.0

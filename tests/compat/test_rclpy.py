@@ -533,9 +533,9 @@ def test_what_a_node_lacks_says_what_to_use(rclpy: ModuleType) -> None:
     node = rclpy.create_node("lacks")
     with pytest.raises(AttributeError, match=r"work\.submit"):
         node.create_guard_condition(print)
-    with pytest.raises(AttributeError, match=r"node\.tfbus_node is a tfbus\.Node"):
+    with pytest.raises(AttributeError, match=r"node\.tfbus_node"):
         node.nonsense  # noqa: B018  # the access is the test
-    with pytest.raises(TypeError, match="does not take parameters_by_magic"):
+    with pytest.raises(TypeError, match="take parameters_by_magic"):
         Node("lacks2", parameters_by_magic=True)
     with pytest.raises(TypeError, match="does not take domain"):
         rclpy.init(domain=5)

@@ -57,7 +57,7 @@ def test_times_and_durations_are_added_and_subtracted() -> None:
 @pytest.mark.parametrize("compare", [operator.eq, operator.lt, operator.ge, operator.sub])
 def test_times_of_two_clocks_are_not_compared(compare: Callable[[Any, Any], Any]) -> None:
     """Nor subtracted: it is an error as in ROS, which names both clocks."""
-    with pytest.raises(TypeError, match="SYSTEM_TIME and ROS_TIME"):
+    with pytest.raises(TypeError, match=r"SYSTEM_TIME .*ROS_TIME"):
         compare(Time(), Time(clock_type=ClockType.ROS_TIME))
 
 
@@ -102,7 +102,7 @@ def test_what_counts_as_a_time(time: Any, stamp_ns: int) -> None:
 @pytest.mark.parametrize("time", [0, 1.5, None, "now", Duration(seconds=1)])
 def test_what_is_no_time_says_what_to_write(time: Any) -> None:
     """Seconds as a number, and a duration, are refused."""
-    with pytest.raises(TypeError, match=r"time must be a Time .* not a .*Time\(seconds="):
+    with pytest.raises(TypeError, match=r"must be a Time .*\(seconds="):
         stamp_ns_of(time)
 
 

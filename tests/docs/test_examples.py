@@ -186,8 +186,8 @@ def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
 def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
     """hand_eye.py finds the camera to a millimetre, and others look it up while it runs."""
     calibration = start(bus, "hand_eye.py")
-    drawn = calibration.wait_for_line(r"of the URDF: .* degrees off")
-    assert drawn == "of the URDF: 7.8 mm and 5.42 degrees off"
+    drawn = calibration.wait_for_line(r"of the URDF: .* degrees off").split()
+    assert (drawn[3], drawn[6]) == ("7.8", "5.42")
     found = calibration.wait_for_line(r"^found: .* degrees off").split()
     assert float(found[1]) < 1.0 and float(found[4]) < 0.1
     calibration.wait_for_line("ready")
@@ -208,7 +208,7 @@ def test_a_marker_is_found_in_the_world(bus: Bus) -> None:
 def test_a_scan_is_undistorted(bus: Bus) -> None:
     """undistort_scan.py finds the walls where they are, which raw points miss by 0.7 m."""
     raw, straight = run(bus, "undistort_scan.py")
-    assert raw == "raw: up to 0.736 m off the walls"
+    assert raw.startswith("raw: up to 0.736 m")
     assert straight == "undistorted: up to 0.000 m"
 
 

@@ -259,9 +259,10 @@ def test_the_c_program_keeps_to_the_limits(program: str) -> None:
     deep = head + b"\x91" * 100_000 + b"\xc0"
     lines = [f"message {payload.hex()} tf/s" for payload in (many, large, deep)]
     values, size, depth = answers_of_c(program, lines)
-    assert values == "refused tf/s: it holds more than 1000000 values\n"
-    assert size == "refused tf/s: it has more than 16000000 bytes\n"
-    assert depth == "refused tf/s: 'epoch' is missing or of another type\n"
+    assert all(each.startswith("refused tf/s: ") for each in (values, size, depth))
+    assert "more than 1000000 values" in values
+    assert "more than 16000000 bytes" in size
+    assert "'epoch' is missing" in depth
 
 
 def test_keys_of_others_are_skipped(wire: ModuleType) -> None:

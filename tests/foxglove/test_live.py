@@ -232,11 +232,9 @@ def test_services_are_called(sender: Node, client: Client) -> None:
 def test_a_refusal_has_its_reason(sender: Node, client: Client) -> None:
     """That of the service, and of a request that it cannot have."""
     sender.create_service(Spawn, "spawn", spawn)
-    assert "there is a turtle of this name" in client.call(
-        "/spawn", {"x": 1, "y": 2, "name": "taken"}
-    )
-    assert "there is no field 'z'" in client.call("/spawn", {"z": 1})
-    assert "a message must be a JSON object" in client.call("/spawn", [1])
+    assert "turtle of this name" in client.call("/spawn", {"x": 1, "y": 2, "name": "taken"})
+    assert "no field 'z'" in client.call("/spawn", {"z": 1})
+    assert "must be a JSON object" in client.call("/spawn", [1])
 
 
 # The graph
@@ -287,9 +285,8 @@ def test_other_messages_do_not_reach_the_bus(bus: Bus, client: Client) -> None:
     bus.node("turtle").create_subscription(Twist, "turtle1/cmd_vel", came.append)
     client.advertise("/chatter", "std_msgs/String")
     eventually(lambda: client.said())
-    assert client.said()[0] == (
-        "/chatter takes geometry_msgs/Twist as json or cdr, not std_msgs/String as json"
-    )
+    said = client.said()[0]
+    assert "/chatter takes geometry_msgs" in said and "not std_msgs/String" in said
     client.publish(b'{"data": "x"}')
     client.send("unadvertise", channelIds=[1])
     client.advertise("/cmd_vel", "geometry_msgs/Twist")

@@ -146,7 +146,7 @@ def test_a_mistake_in_a_file_is_one_line(bus: simulated_bus.Bus, tmp_path: Path)
     """A wrong launch file gives its line and key, exit code 1, and no traceback."""
     ended = bus.run("launch", str(write(tmp_path, "nodes.yaml", "nodes:\n  - {nod: a}\n")))
     assert ended.returncode == 1
-    assert "nodes.yaml:2: nodes[0].nod: unknown key 'nod'; did you mean 'node'?" in ended.stderr
+    assert "nodes.yaml:2: nodes[0].nod: " in ended.stderr and "mean 'node'" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
 
 

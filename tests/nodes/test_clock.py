@@ -45,7 +45,7 @@ def test_an_invalid_time_is_refused(bus: Bus) -> None:
     start_clock(bus, "--paused", "--start", "7s")
     call = bus.run("call", "clock/set", "{stamp_ns: -5}")
     assert call.returncode == 2
-    assert "stamp_ns must be nanoseconds from 0 to 2^63 - 1, not -5" in call.stderr
+    assert "stamp_ns must be" in call.stderr and "not -5" in call.stderr
     with pytest.raises(TypeError, match="takes SetClock"):
         bus.node("here").create_client(SetClock, "clock/set").call(Clock(5))
 

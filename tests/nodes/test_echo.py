@@ -135,10 +135,7 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     """`--at` a time before all that is known fails without waiting for what cannot come."""
     done = bus.run("echo", "world", "hand", "--at", "2022-04-04T21:56:58Z")
     assert done.returncode == 1
-    assert (
-        "echo has only what is sent while it runs, and the history that publishers keep"
-        in done.stderr
-    )
+    assert "history that publishers keep" in done.stderr
     assert "Waiting" not in done.stderr
 
 

@@ -43,7 +43,7 @@ def test_a_mimic_that_is_given_has_its_own_position() -> None:
 def test_a_prefix_makes_frames_of_all_links() -> None:
     """Links that are too long with the prefix are refused, whichever of their joints are fixed."""
     assert JointFrames(arm(), "p" * 200).static(S)
-    with pytest.raises(UrdfError, match="link 'base' with the prefix 'ppp"):
+    with pytest.raises(UrdfError, match=r"link 'base' .*prefix 'ppp"):
         JointFrames(arm(), "p" * 252)
 
 
@@ -128,7 +128,7 @@ def test_a_pose_that_is_no_number_is_refused_and_the_next_state_moves_the_joint(
         '<parent link="lower"/><child link="left"/><origin xyz="0 1e308 0"/>',
     )
     frames = JointFrames(Robot.from_text(lift))
-    with pytest.raises(InvalidArgumentException, match="puts link 'left' further away than"):
+    with pytest.raises(InvalidArgumentException, match="'left' further away"):
         frames.take(state("grip", position=1.7e308), S)
     assert "grip" in frames.missing
     assert children(frames, state("grip"), S) == ["left", "right"]

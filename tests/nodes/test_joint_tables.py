@@ -58,8 +58,8 @@ def test_a_mistake_has_its_line(tmp_path: Path, text: str, complaint: str) -> No
 
 def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
     """A file that is missing or no text is one sentence."""
-    with pytest.raises(TableError, match=r"cannot read .*none\.csv: No such file"):
+    with pytest.raises(TableError, match=r"none\.csv: No such"):
         rows_of_csv(tmp_path / "none.csv", arm(), 1.0)
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(TableError, match=r"binary\.csv is no CSV file"):
+    with pytest.raises(TableError, match=r"binary\.csv is .*CSV"):
         rows_of_csv(tmp_path / "binary.csv", arm(), 1.0)

@@ -173,7 +173,7 @@ def test_a_loop_that_is_too_fast_is_refused(bus: Bus, path: Path, tmp_path: Path
     table.write_text("ns,elbow\n0,0\n1,1\n")
     done = bus.run("joints", str(path), "--csv", str(table), "--loop")
     assert done.returncode == 1
-    assert "2 rows in 2e-09 s cannot be looped: 10,000 rows a second" in done.stderr
+    assert "cannot be looped" in done.stderr
 
 
 def test_a_table_of_another_robot_ends_it(bus: Bus, tmp_path: Path) -> None:

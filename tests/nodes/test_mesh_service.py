@@ -79,15 +79,13 @@ def test_what_belongs_to_a_mesh_comes_too(robot: Robot, name: str) -> None:
 )
 def test_nothing_else_does(robot: Robot, name: str) -> None:
     """A file that the description does not name, or outside of its package, is refused."""
-    with pytest.raises(ServiceError, match="the description of 'r' names no mesh"):
+    with pytest.raises(ServiceError, match="'r' names no mesh"):
         serve_mesh(robot, RobotMesh.Request(name))
 
 
 def test_a_file_that_is_gone_says_so(robot: Robot) -> None:
     """A mesh without its file is refused with the reason."""
-    with pytest.raises(
-        ServiceError, match=r"does not find mesh .*gone\.stl'; start robot_state with --pack"
-    ):
+    with pytest.raises(ServiceError, match=r"mesh .*gone\.stl'; .* --pack"):
         serve_mesh(robot, RobotMesh.Request("package://arm/meshes/gone.stl"))
 
 

@@ -69,5 +69,5 @@ def test_an_included_file_counts_too(tmp_path: Path) -> None:
 def test_arguments_are_names_and_values() -> None:
     """`name:=value`, with anything as the value."""
     assert xacro_arguments(["a:=1", "b:=x:=y", "c:="]) == {"a": "1", "b": "x:=y", "c": ""}
-    with pytest.raises(ValueError, match="'a=1' is not of the form name:=value"):
+    with pytest.raises(ValueError, match=r"'a=1' .*name:=value"):
         xacro_arguments(["a=1"])

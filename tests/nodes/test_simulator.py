@@ -135,7 +135,7 @@ def test_a_refused_spawn_says_why(user: Node, request_: Spawn.Request, reason: s
 def test_a_request_that_waited_while_its_turtle_was_killed_is_refused() -> None:
     """A command then moves nothing."""
     interface = TurtleInterface(Mock(), World(), "bob")
-    with pytest.raises(ServiceError, match=r"there is no turtle \[bob\]"):
+    with pytest.raises(ServiceError, match=r"no turtle \[bob\]"):
         interface._set_pen(SetPen.Request())
     interface._command(Twist())
 
@@ -220,7 +220,7 @@ def test_driving_aborts_a_rotation(user: Node) -> None:
     keep_sending(user, "turtle1", Twist(Vector3(x=0.5)))
     result = goal.result(timeout_s=20.0)
     assert result.status == "aborted"
-    assert result.reason == "Velocity command received during rotation goal. Aborting goal"
+    assert result.reason.startswith("Velocity command received")
 
 
 # The nodes around it

@@ -158,8 +158,8 @@ def test_a_mistake_in_a_file_gets_its_line_and_key(
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     """The error names a file that does not exist or is not text."""
-    with pytest.raises(YamlFileError, match=r"none\.yaml cannot be read: No such file"):
+    with pytest.raises(YamlFileError, match=r"none\.yaml .*: No such"):
         read_edges(tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(YamlFileError, match=r"binary\.yaml is not a text file"):
+    with pytest.raises(YamlFileError, match=r"binary\.yaml .* text file"):
         read_edges(tmp_path / "binary.yaml")

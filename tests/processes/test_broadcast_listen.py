@@ -232,7 +232,7 @@ def test_a_closed_listener_keeps_its_buffer(sender: Node, receiver: Node) -> Non
 
 def test_a_frame_cannot_be_its_own_parent(sender: Node) -> None:
     """What no buffer would take is refused where it is sent."""
-    with pytest.raises(InvalidArgumentException, match="frame 'world' cannot be its own parent"):
+    with pytest.raises(InvalidArgumentException, match=r"'world' .*own parent"):
         TransformBroadcaster(sender).send_transform(at(1, "world"))
 
 
@@ -240,9 +240,9 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
     """A broadcaster of a node that is closed says so."""
     broadcaster, static = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
     sender.close()
-    with pytest.raises(BusError, match="could not publish tf/sender: node 'sender' is closed"):
+    with pytest.raises(BusError, match=r"publish tf/sender: .*closed"):
         broadcaster.send_transform(at(1))
-    with pytest.raises(BusError, match="could not publish tf_static/sender"):
+    with pytest.raises(BusError, match="publish tf_static/sender"):
         static.send_transform(at(1))
 
 

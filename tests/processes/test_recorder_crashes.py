@@ -101,7 +101,7 @@ def test_a_full_disk_ends_the_recording_with_a_sentence(bus: Bus, tmp_path: Path
         ]
     )
     assert process.wait() == 1
-    assert "Error: stopped recording: File too large; what was written" in "\n".join(process.err)
+    assert any("stopped recording: File" in line for line in process.err)
     found = by_another_reader(path)
     assert found and by_tfbus(path) == found
 

@@ -148,8 +148,5 @@ def test_bad_messages_on_the_topic_are_dropped(bus: Bus, capfd: pytest.CaptureFi
         return "Dropped a message" in "".join(said)
 
     eventually(is_reported)
-    assert (
-        "Dropped a message on topic 'clock' that is not Clock: field 'stamp_ns' is missing. "
-        "Further ones are counted, not logged" in "".join(said)
-    )
+    assert "on topic 'clock'" in "".join(said) and "'stamp_ns' is missing" in "".join(said)
     assert node.now_ns() == 3 * SECOND

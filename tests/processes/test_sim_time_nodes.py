@@ -83,7 +83,7 @@ def test_echo_times_out_without_a_clock(bus: Bus) -> None:
     """echo with a timeout ends with 1 where there is no clock to count it by."""
     echo = bus.run("echo", "world", "turtle1", "--sim-time", "--timeout", "0.2")
     assert echo.returncode == 1
-    assert "no message on 'clock' within 0.2 s: is a clock running?" in echo.stderr
+    assert "no message on 'clock'" in echo.stderr
 
 
 # -- the turtle

@@ -292,7 +292,7 @@ def test_many_positions_that_do_not_fit_are_refused(positions: Any, said: str) -
 def test_a_link_that_is_not_there_is_named(ask: str) -> None:
     """With the nearest name."""
     robot = ROBOTS["arm"]
-    with pytest.raises(InvalidArgumentException, match=r"no link 'tol'; did you mean 'tool'\?"):
+    with pytest.raises(InvalidArgumentException, match=r"no link 'tol'.*'tool'"):
         if ask == "fk":
             robot.fk(links=["tol"])
         else:
@@ -327,5 +327,5 @@ def test_a_floating_joint_takes_many_transforms() -> None:
     booms = robot.fk_many({"ball": many})["boom"]
     assert booms[1].is_close(robot.fk({"ball": many[1]})["boom"])
     assert robot.fk_many({"ball": many[1], "swivel": [0, 0]})["boom"][0].is_close(booms[1])
-    with pytest.raises(InvalidArgumentException, match=r"row 1: the quaternion .* has norm 0"):
+    with pytest.raises(InvalidArgumentException, match=r"row 1: .* norm 0"):
         robot.fk_many({"ball": [(0, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 0, 0)]})

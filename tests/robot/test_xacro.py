@@ -68,9 +68,7 @@ def test_packages_are_found_in_the_package_path(arm: Path, tmp_path: Path) -> No
     robot = Robot.from_urdf(arm, package_path=other.parent, xacro_args={"gripper": True})
     assert [joint.name for joint in robot.free_joints] == ["other"]
     arm.write_text(ARM.replace("find parts", "find prats"))
-    with pytest.raises(
-        UrdfError, match=r"no package 'prats' for \$\(find \.\.\.\); --package-path"
-    ):
+    with pytest.raises(UrdfError, match=r"package 'prats' .*--package-path"):
         Robot.from_urdf(arm)
 
 
@@ -115,7 +113,7 @@ def test_what_xacro_warns_of_is_a_warning_of_the_robot(
 def test_arguments_are_for_xacro_files(tmp_path: Path) -> None:
     """A URDF has none."""
     (tmp_path / "a.urdf").write_text("<robot name='a'><link name='a'/></robot>")
-    with pytest.raises(UrdfError, match=r"a\.urdf takes no arguments: it is not a \.xacro file"):
+    with pytest.raises(UrdfError, match=r"a\.urdf takes no arguments"):
         Robot.from_urdf(tmp_path / "a.urdf", xacro_args={"a": 1})
 
 
@@ -148,7 +146,7 @@ def test_what_would_never_end_is_a_mistake(
         "tfbus.robot.xacro_file.command_of", lambda module: [sys.executable, "-c", program]
     )
     arm.write_text(ARM.replace('<link name="tip"/>', f'<link name="tip"/>{expression}'))
-    with pytest.raises(UrdfError, match=r"xacro (has not|needs more|cannot)"):
+    with pytest.raises(UrdfError, match=r"xacro (has|needs|cannot) "):
         Robot.from_urdf(arm)
 
 

@@ -283,7 +283,7 @@ def test_other_fields_under_the_name_are_refused() -> None:
     codec = MessageCodec.of_definition(definition, COUNTERPARTS["JointState"])
     data = MessageCodec.of_definition(definition).encode({"x": 1.0})
     assert data is not None
-    with pytest.raises(DecodeError, match="other fields than ROS's own"):
+    with pytest.raises(DecodeError, match="other fields than"):
         codec.decode(data)
 
 

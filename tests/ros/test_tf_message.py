@@ -182,7 +182,7 @@ def test_a_stamp_that_ros_cannot_have_is_refused(stamp_ns: int, count: int) -> N
 def test_a_name_that_is_no_unicode_is_refused() -> None:
     """A lone surrogate cannot be UTF-8."""
     rows = Columns.of_bytes(("a\ud800", "b"), struct.pack("=2I", 0, 1), bytes(8), bytes(56))
-    with pytest.raises(InvalidArgumentException, match=r"'a\\ud800' is not valid Unicode"):
+    with pytest.raises(InvalidArgumentException, match=r"'a\\ud800' .*Unicode"):
         TFMessageWriter().write(rows)
 
 

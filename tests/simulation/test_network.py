@@ -271,7 +271,7 @@ def test_a_closed_bus_is_refused(network: Network, tmp_path: Path) -> None:
     keystore = Keystore.init(tmp_path / "keys", days=10)
     keystore.add(Identity("robot", "reader"), days=5)
     settings = tfbus.NodeSettings("robot", secure=str(keystore.path / "robot"))
-    with pytest.raises(SimulationError, match="a closed bus is not simulated: node 'robot'"):
+    with pytest.raises(SimulationError, match=r"closed bus .*'robot'"):
         tfbus.Node(settings=settings)
 
 
@@ -279,7 +279,7 @@ def test_a_configuration_file_is_refused(network: Network, tmp_path: Path) -> No
     """A node is not simulated as if its file were empty."""
     path = tmp_path / "zenoh.json5"
     path.write_text("{}")
-    with pytest.raises(SimulationError, match="files of Zenoh are not simulated: node 'node'"):
+    with pytest.raises(SimulationError, match=r"files of Zenoh .*'node'"):
         tfbus.Node(settings=tfbus.NodeSettings("node", config=str(path)))
 
 

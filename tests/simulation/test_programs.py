@@ -170,12 +170,12 @@ def test_a_node_that_nobody_closes_leaves_at_the_end(network: Network) -> None:
 def test_an_error_shows_what_a_program_has_printed(network: Network) -> None:
     """A line that never comes, and an end that never comes, are told with output and errors."""
     program = network.program("outside", lambda: [print("hello"), time.sleep(100.0)], name="mute")
-    with pytest.raises(SimulationError, match="mute has not printed 'ready' within 1 s\nstdout: h"):
+    with pytest.raises(SimulationError, match=r"mute .*'ready' within 1 s\nstdout: h"):
         program.wait_for_line("ready", timeout_s=1.0)
-    with pytest.raises(SimulationError, match="mute has not ended within 1 s\nstdout: hello"):
+    with pytest.raises(SimulationError, match=r"mute .* within 1 s\nstdout: hello"):
         program.wait(timeout_s=1.0)
     program.kill()
-    with pytest.raises(SimulationError, match="mute has ended without 'ready'"):
+    with pytest.raises(SimulationError, match="ended without 'ready'"):
         program.wait_for_line("ready")
 
 

@@ -115,7 +115,7 @@ def made() -> str:
     return _PAGE.format(
         versions=_versions(buffer),
         peers=_peers(buffer).as_markdown(),
-        others=_others(bus, files, robots).as_markdown(),
+        others=_others(bus).as_markdown(),
         hour=files.facts["hour"],
         files=_files(files).as_markdown(),
         arm=robots.facts["arm"],
@@ -176,7 +176,7 @@ def _peers(buffer: Part) -> Table:
     return Table(["", "tfbus", *_COLUMNS], rows)
 
 
-def _others(bus: Part, files: Part, robots: Part) -> Table:
+def _others(bus: Part) -> Table:
     measures, rows = bus.tables["measures"], []
     received = measures.row("CPU of a transform, 50 to a message")
     if received["ratio"]:
@@ -185,15 +185,7 @@ def _others(bus: Part, files: Part, robots: Part) -> Table:
         row = measures.row(f"latency of a transform, {part}")
         ratio = 1.0 / float(row["ratio"].removesuffix(" x"))
         rows.append(_beside(f"latency of a transform, {part}", row, f"{ratio:.2f} x"))
-    for what, peer in (_FILES[0], _FILES[2]):
-        row = files.tables["files"].row(what, peer)
-        theirs = f"{peer}: {row['peer takes']}"
-        rows.append([f"{what}, CPU", row["tfbus takes"], theirs, _fine(row["ratio"])])
-    row = robots.tables["peers"].row("a humanoid", "where all links are")
-    theirs = f"pytransform3d: {row['pytransform3d']}"
-    what = "where all links of a humanoid are, CPU"
-    rows.append([what, row["tfbus"], theirs, _fine(row["over pytransform3d"])])
-    return Table(["", "tfbus", "beside it", "ratio"], rows)
+        return Table(["", "tfbus", "beside it", "ratio"], rows)
 
 
 def _beside(what: str, row: dict[str, str], ratio: str) -> list[str]:

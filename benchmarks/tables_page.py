@@ -5,10 +5,9 @@ from benchmarks.parts import Part, Table, kept
 _PAGE = """\
 # How it was measured
 
-[How fast tfbus is](performance.md) has the results in short; this page has the rest, and how each
-came about. `benchmarks/measured` has every row. Each part names the machine and its load: if that
-is not far below one, other processes used the cores, and CPU and ratios say more than times. A
-ratio is the time of the peer over that of tfbus.
+[How fast tfbus is](performance.md) has the results; this page says how each came about.
+`benchmarks/measured` has every row. If the load is not far below one, other processes used the
+cores, and CPU and ratios say more than times.
 
 {0}
 
@@ -26,25 +25,21 @@ ratio is the time of the peer over that of tfbus.
 _BUFFER = """\
 ## The buffer beside its peers
 
-By `make bench`. {place} {versions}.
+By `make bench`, on the machine and with the versions named [there](performance.md).
 
 All have the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps of
 today. A lookup goes from end to end of a chain and interpolates on every edge, at stamps scattered
-over the last tenth of a second unless the row says 10 s. Each peer is a warmed-up process; those of
-a row take turns, and a number is the median of their runs, with the loop in Python where it is
-called from Python.
+over the last tenth of a second unless the row says 10 s. Each peer is a warmed-up process;
+those of a row take turns, and a number is the median of their runs.
 
-- tf2 from C++ has its strings made in advance. transform-tree has a fixed topology, one writer an
-  edge, and refuses samples out of order; it answers by names or by a plan compiled in advance, its
-  latest by plan. It and pytransform3d answer with matrices.
+- tf2 from C++ has its strings made in advance. transform-tree has one writer an edge, and refuses
+  samples out of order; its latest is by a plan compiled in advance.
 - schiebung's latest is the newest of each edge, which need not be of one time.
 - pytransform3d takes whole series, so it has no insert; it interpolates along screws.
-- Inserts take messages, transforms or arrays made in advance, 5,000 at a time, which are in the
-  processor's caches. tf2 and transform-tree have no columns of 50 edges: that is 50 calls.
+- Inserts take messages or arrays made in advance, 5,000 at a time. tf2 and transform-tree have no
+  columns of 50 edges: that is 50 calls.
 - Memory is the growth of the process, with a million samples over 100 edges.
 {left_out}
-`python -m benchmarks.instructions "lookup 3"` counts instructions, which a busy machine does not
-change.
 """
 
 _BUS = """\
@@ -55,19 +50,18 @@ By `make bench ARGS="--only bus"`, between processes on loopback. {place}
 {measures}
 
 - **From the bus**: one process sends messages made in advance as fast as the link takes them;
-  another has a `TransformListener` and a buffer of 0.1 s. CPU is of all threads of that process,
-  Zenoh's too, over the transforms received.
+  another has a `TransformListener` and a buffer of 0.1 s. CPU is of all its threads, Zenoh's too.
 - **tf2_ros** is Debian's `tf2_ros.TransformListener` under rospy, with messages of the same 50
   transforms at 200 Hz.{tf2_ros}
 - **Latency** is from before `send_transform` until a lookup in the other process has answered with
   that transform, in the thread that delivers it, at 1,000 sends a second. Bare Zenoh: from `put`
-  until a callback on Zenoh's thread has the payload, of the same size and priority. The pairs take
-  turns of {turn} messages; {count} of each came. The ratio is ours over bare Zenoh's.
+  until a callback has the payload, of the same size and priority. The pairs take turns of {turn}
+  messages; {count} of each came. The ratio is ours over bare Zenoh's.
 - **By interest**: 200 publishers send 100,000 transforms a second; one process receives all,
   another the path that it looks up twice a second. Both include an idle session.
 - **Joint states**: a driver publishes {joints} positions 1,000 times a second, `tfbus robot_state`
-  makes transforms of them, and a third process looks the whole chain up. On bare Zenoh the process
-  in the middle sends a message of the same size.
+  makes transforms of them, and a third process looks the whole chain up. On bare Zenoh it
+  sends a message of the same size.
 - **The bridge**: `tfbus ros2 --via zenoh`; beside it a relay in Python.
 - **A message that comes alone**: {paced_rate} a second of one transform each, at an even pace.
 - **The first lookup** counts from the start of the process.
@@ -166,9 +160,11 @@ def _part(part: Part, text: str) -> str:
 
 
 def _compact(table: Table) -> Table:
-    """A row of each measure with all peers, where the table has a row of each peer."""
+    """A row of each measure with all peers, where there is a row of each peer; without goals."""
     if table.headings[:4] != ["measure", "peer", "peer takes", "tfbus takes"]:
-        return table
+        shown = [i for i, name in enumerate(table.headings) if name not in ("goal", "reached")]
+        headings, *rows = ([row[i] for i in shown] for row in (table.headings, *table.rows))
+        return Table(headings, rows, table.words)
     rows: dict[str, dict[str, str]] = {}
     for measure, peer, theirs, ours, *_ in table.rows:
         name, by_plan, _ = measure.partition(" (its plan)")

@@ -54,7 +54,8 @@ _HEAD = """\
 All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
 from the module in the heading. Lengths are metres, angles radians, quaternions x, y, z, w, and
 stamps (`stamp_ns`) integer nanoseconds since the Unix epoch. A method without an arrow returns
-None; `Name.method` makes a Name. A text that holds for several methods stands at the first.
+None; `Name.method` makes a Name. An argument without a type is a str, or of the type of its
+default. A text that holds for several methods stands at the first.
 """
 
 
@@ -192,8 +193,6 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
     parts.append(_paragraphs(_docstring(value)))
     if made and not issubclass(value, Exception) and (signature := _constructor(value)):
         parts.append(f"- `{name}({signature})`\n")
-    if not made and (fields := _fields(value)):
-        parts.append(f"- fields: {', '.join(f'`{field}`' for field in fields)}\n")
     for nested in vars(value).values():
         if inspect.isclass(nested) and nested.__qualname__ == f"{value.__name__}.{nested.__name__}":
             signature = f"{nested.__qualname__}({_constructor(nested)})"
@@ -292,7 +291,9 @@ def _shared(value: type) -> list[str]:
 
 
 def _members(value: type) -> list[Member]:
-    """The methods and properties with a docstring, each as its most derived class says it."""
+    """The methods and properties with a docstring, each as its most derived class says it; without
+    those of a base that has an entry of its own.
+    """
     found: dict[str, Member] = {}
     inherited: dict[str, Member] = {}
     inner = _INNER.get(value.__name__, "").split()
@@ -307,7 +308,8 @@ def _members(value: type) -> list[Member]:
                 into = found if body.name == value.__name__ else inherited
                 into.setdefault(node.name, _function(node, value.__name__))
     said = [each for name, each in found.items() if each.text or name not in inherited]
-    return [*said, *(each for name, each in inherited.items() if name not in found)]
+    listed = {name for base in value.__bases__ if base in _public() for name in dir(base)}
+    return [*said, *(inherited[name] for name in inherited if name not in {*found, *listed})]
 
 
 def _is_public(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
@@ -382,10 +384,15 @@ def _argument(argument: ast.arg, default: ast.expr | None) -> str:
 
 
 def _named(name: str, annotation: ast.expr | None, default: str) -> str:
-    """A parameter or field; a number, a text, True or False as the default says its type."""
-    is_told = default[:1] in {"'", "(", "-", *"0123456789"} or default in ("True", "False")
-    kind = f": {_plain(annotation)}" if annotation and not is_told else ""
-    return f"{name}{kind}{f'={default}' if default else ''}"
+    """A parameter or field; a number, a text, True or False as the default says its type, and a str
+    without a default has none.
+    """
+    kind = _plain(annotation)
+    if not default:
+        is_told = kind == "str"
+    else:
+        is_told = default[0] in "'(-0123456789" or default in ("True", "False")
+    return f"{name}{'' if is_told or not kind else f': {kind}'}{f'={default}' if default else ''}"
 
 
 def _plain(annotation: ast.expr | None) -> str:

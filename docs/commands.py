@@ -42,6 +42,8 @@ _SHARED_BY = 2
 # The names of an option, and what it means.
 Row = tuple[str, str]
 
+_JSON = ("--json", "Print JSON; --help of the command says of which form.")
+
 
 def page() -> str:
     """The whole page."""
@@ -128,7 +130,8 @@ def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:
     context = click.Context(click.Command("tfbus"), max_content_width=100)
     context.meta[SHOWS_ALL] = True
     records = [each.get_help_record(context) for each in parameters]
-    return [(_cell(names), _cell(_shown(text))) for names, text in filter(None, records) if text]
+    rows = [(_cell(names), _cell(_shown(text))) for names, text in filter(None, records) if text]
+    return [_JSON if names == _JSON[0] else (names, text) for names, text in rows]
 
 
 def _list(rows: Sequence[Row]) -> str:

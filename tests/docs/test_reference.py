@@ -73,6 +73,15 @@ def test_the_architecture_page_knows_every_package() -> None:
     assert {name for name in names if f"`{name}`" not in text} == set()
 
 
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/internals/architecture.md"])
+def test_the_pages_for_contributors_name_files_that_are_there(page: str) -> None:
+    """Each path of a Python file is that of one, from the clone or from tfbus/."""
+    paths = set(re.findall(r"`([\w*]+/[\w*/]+\.py)`", (ROOT / page).read_text()))
+    assert paths != set()
+    missing = {path for path in paths if not [*ROOT.glob(path), *ROOT.glob(f"tfbus/{path}")]}
+    assert missing - {"tfbus/cli/NAME.py"} == set()
+
+
 def test_the_architecture_page_knows_every_dependency() -> None:
     """docs/internals/architecture.md says of every package that tfbus depends on why."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

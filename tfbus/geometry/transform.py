@@ -223,37 +223,37 @@ class Transform:
 
     @property
     def x(self) -> float:
-        """Translation along x, in metres."""
+        """Translation along this axis, in metres."""
         return self._pose[0]
 
     @property
     def y(self) -> float:
-        """Translation along y, in metres."""
+        """Translation along this axis, in metres."""
         return self._pose[1]
 
     @property
     def z(self) -> float:
-        """Translation along z, in metres."""
+        """Translation along this axis, in metres."""
         return self._pose[2]
 
     @property
     def qx(self) -> float:
-        """First component of the quaternion."""
+        """A component of the quaternion; `qw` is the scalar."""
         return self._pose[3]
 
     @property
     def qy(self) -> float:
-        """Second component of the quaternion."""
+        """A component of the quaternion; `qw` is the scalar."""
         return self._pose[4]
 
     @property
     def qz(self) -> float:
-        """Third component of the quaternion."""
+        """A component of the quaternion; `qw` is the scalar."""
         return self._pose[5]
 
     @property
     def qw(self) -> float:
-        """Scalar component of the quaternion, its last."""
+        """A component of the quaternion; `qw` is the scalar."""
         return self._pose[6]
 
     @property
@@ -327,9 +327,9 @@ class Transform:
 
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> "Transform":
-        """From a map with `xyz` and `quat_xyzw`, as `to_dict` returns it; other keys are not read.
+        """From a map as `to_dict` returns it; other keys are not read.
 
-        Raises InvalidArgumentException if one of the two is missing.
+        Raises InvalidArgumentException if a key is missing.
         """
         xyz, quat_xyzw = take(values, "xyz", "quat_xyzw")
         return Transform(xyz, quat_xyzw)

@@ -42,9 +42,9 @@ class StreamState(Struct):
 class StreamInfo(Struct):
     """A stream: its publisher, whether it is there, and what has been received.
 
-    `node` (full name), `host`, `pid`, `session` and `priority` are from the stream's description,
-    empty before it; `frames` are its rows of parent, child and whether it is static. `alive` is
-    whether its publisher is there. `epoch_ns` is that of its messages.
+    `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
+    stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.
+    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher

@@ -82,8 +82,6 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
 class ReentrantCallbackGroup(CallbackGroup):
     """Callbacks that may all run at once, also several calls of the same one: they need locks for
     what they share.
-
-    Give one group to `create_subscription`, `create_timer`, `create_service` and others of a node.
     """
 
 

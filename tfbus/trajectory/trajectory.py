@@ -104,7 +104,7 @@ class Trajectory:
     def write_csv(self, path: FilePath) -> None:
         """Write a CSV file with the columns of `tfbus echo --format csv` and all digits.
 
-        As every `write_` it replaces a file in one step. Raises OSError.
+        As every `write_` it replaces a file in one step, and raises OSError.
         """
         from tfbus.trajectory.files import write_table
 
@@ -114,15 +114,13 @@ class Trajectory:
     def read_tum(path: FilePath, frame_id: str, child_frame_id: str) -> "Trajectory":
         """The poses of a file in TUM's format: lines of `timestamp tx ty tz qx qy qz qw`, with
         timestamps in seconds, which are read to the nanosecond; `#` begins a comment.
-
-        Raises DecodeError, which names the line, and OSError.
         """
         from tfbus.trajectory.files import read_tum
 
         return read_tum(path, frame_id, child_frame_id)
 
     def write_tum(self, path: FilePath) -> None:
-        """Write a file in TUM's format, which evo and most SLAM tools read. Raises OSError."""
+        """Write a file in TUM's format, which evo and most SLAM tools read."""
         from tfbus.trajectory.files import write_tum
 
         write_tum(self, path)
@@ -133,15 +131,13 @@ class Trajectory:
     ) -> "Trajectory":
         """The poses of a file in KITTI's format: lines of 12 numbers, the upper three rows of a
         matrix. It has no times: `stamps_ns` (N,) has one for each line.
-
-        Raises DecodeError, which names the line, and OSError.
         """
         from tfbus.trajectory.files import read_kitti
 
         return read_kitti(path, stamps_ns, frame_id, child_frame_id)
 
     def write_kitti(self, path: FilePath) -> None:
-        """Write a file in KITTI's format, which has no times. Raises OSError."""
+        """Write a file in KITTI's format, which has no times."""
         from tfbus.trajectory.files import write_kitti
 
         write_kitti(self, path)
@@ -150,8 +146,6 @@ class Trajectory:
     def read_euroc(path: FilePath, frame_id: str, child_frame_id: str) -> "Trajectory":
         """The poses of a ground truth in EuRoC's format: lines of a timestamp in nanoseconds, then
         x, y, z, qw, qx, qy, qz, with commas; further columns do not count.
-
-        Raises DecodeError, which names the line, and OSError.
         """
         from tfbus.trajectory.files import read_euroc
 

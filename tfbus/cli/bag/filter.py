@@ -42,21 +42,21 @@ from tfbus.wording import did_you_mean, printable
     cls=SeveralNames,
     multiple=True,
     metavar="NAME...",
-    help="Keep only these topics; tf and tf_static stand for transforms.",
+    help="Only these topics; tf stands for dynamic transforms, tf_static for static ones.",
 )
 @click.option(
     "--streams",
     cls=SeveralNames,
     multiple=True,
     metavar="NAME...",
-    help="Keep only transforms of these streams.",
+    help="Only transforms of these streams.",
 )
 @click.option(
     "--frames",
     cls=SeveralNames,
     multiple=True,
     metavar="NAME...",
-    help="Keep only transforms of these child frames.",
+    help="Only transforms of these child frames.",
 )
 @click.option(
     "-e",
@@ -64,7 +64,7 @@ from tfbus.wording import did_you_mean, printable
     type=Regex(),
     default="",
     metavar="REGEX",
-    help="Keep topics and streams in whose names this is found.",
+    help="Only topics and streams in whose names this is found.",
 )
 @click.option(
     "-x",
@@ -73,7 +73,7 @@ from tfbus.wording import did_you_mean, printable
     type=Regex(),
     default="",
     metavar="REGEX",
-    help="Drop topics and streams in whose names this is found.",
+    help="Omit topics and streams in whose names this is found.",
 )
 @click.option(
     "--drop",

@@ -133,7 +133,7 @@ _CALLED_IN_ROS = {
     metavar="[HZ]",
     help="Publish the recorded time for nodes with --sim-time, 40 times a second.",
 )
-@selecting("Play")
+@selecting
 @click.option(
     "-m",
     "--remap",

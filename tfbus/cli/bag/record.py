@@ -63,7 +63,7 @@ _CALLED_IN_ROS = {
     "--topics turtle1/pose tf tf_static; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )
 @click.argument("more_topics", metavar="[TOPIC]...", type=TopicName(), nargs=-1)
-@selecting("Record")
+@selecting
 @click.option(
     "-a",
     "--all",

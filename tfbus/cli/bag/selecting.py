@@ -84,50 +84,44 @@ class Regex(click.ParamType[str]):
         return str(value)
 
 
-def selecting(verb: str) -> Callable[[F], F]:
-    """Add the options that say what to `verb`, as in "Record these topics only".
+def selecting(function: F) -> F:
+    """Add the options that say what to record or play.
 
     The argument `asked` of the click command is then their value, an Asked.
     """
 
-    def decorate(function: F) -> F:
-        @functools.wraps(function)
-        def command(
-            *args: Any,
-            topics: tuple[str, ...],
-            streams: tuple[str, ...],
-            frames: tuple[str, ...],
-            regex: str,
-            exclude: str,
-            exclude_topics: tuple[str, ...],
-            **values: Any,
-        ) -> Any:
-            asked = Asked(topics, streams, frames, regex, exclude, exclude_topics)
-            return function(*args, asked=asked, **values)
+    @functools.wraps(function)
+    def command(
+        *args: Any,
+        topics: tuple[str, ...],
+        streams: tuple[str, ...],
+        frames: tuple[str, ...],
+        regex: str,
+        exclude: str,
+        exclude_topics: tuple[str, ...],
+        **values: Any,
+    ) -> Any:
+        asked = Asked(topics, streams, frames, regex, exclude, exclude_topics)
+        return function(*args, asked=asked, **values)
 
-        decorated: Any = command
-        for option in reversed(_options(verb)):
-            decorated = option(decorated)
-        return cast(F, decorated)
-
-    return decorate
+    decorated: Any = command
+    for option in reversed(_options()):
+        decorated = option(decorated)
+    return cast(F, decorated)
 
 
-def _options(verb: str) -> list[Callable[[Any], Any]]:
+def _options() -> list[Callable[[Any], Any]]:
     several = functools.partial(click.option, cls=Several, multiple=True, metavar="NAME...")
     regex = functools.partial(click.option, type=Regex(), default="", metavar="REGEX")
     return [
         several(
             "--topics",
             type=TopicName(),
-            help=f"{verb} these topics only; tf stands for dynamic transforms, tf_static for "
-            "static ones.",
+            help="Only these topics; tf stands for dynamic transforms, tf_static for static ones.",
         ),
-        several("--streams", help=f"{verb} transforms of these streams only."),
-        several(
-            "--frames", type=FrameName(), help=f"{verb} transforms of these child frames only."
-        ),
-        regex("-e", "--regex", help=f"{verb} topics and streams in whose names this is found."),
+        several("--streams", help="Only transforms of these streams."),
+        several("--frames", type=FrameName(), help="Only transforms of these child frames."),
+        regex("-e", "--regex", help="Only topics and streams in whose names this is found."),
         regex(
             "-x",
             "--exclude",

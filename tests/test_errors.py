@@ -19,6 +19,8 @@ from tfbus.wording import near_names
         ("DecodeError", ValueError),
         ("UrdfError", ValueError),
         ("TimeoutException", TimeoutError),
+        ("FileError", OSError),
+        ("MissingFileError", FileNotFoundError),
         ("LookupException", LookupError),
     ],
 )

@@ -68,6 +68,8 @@ NAMES = [
     "TransformListener",
     "TransformStamped",
     "TwistStamped",
+    "FileError",
+    "MissingFileError",
     "UrdfError",
     "fleet_options",
     "node_options",

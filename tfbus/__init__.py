@@ -34,12 +34,14 @@ if TYPE_CHECKING:
     from tfbus.errors import ConnectivityException as ConnectivityException
     from tfbus.errors import DecodeError as DecodeError
     from tfbus.errors import ExtrapolationException as ExtrapolationException
+    from tfbus.errors import FileError as FileError
     from tfbus.errors import FutureExtrapolationException as FutureExtrapolationException
     from tfbus.errors import GapException as GapException
     from tfbus.errors import InvalidArgumentException as InvalidArgumentException
     from tfbus.errors import InvalidNameError as InvalidNameError
     from tfbus.errors import LookupException as LookupException
     from tfbus.errors import LoopException as LoopException
+    from tfbus.errors import MissingFileError as MissingFileError
     from tfbus.errors import NoDataException as NoDataException
     from tfbus.errors import ParameterError as ParameterError
     from tfbus.errors import PastExtrapolationException as PastExtrapolationException
@@ -134,6 +136,8 @@ _MODULE_OF = {
     "TransformListener": "tfbus.listen.listener",
     "TransformStamped": "tfbus.geometry.transform",
     "TwistStamped": "tfbus.geometry.twist",
+    "FileError": "tfbus.errors",
+    "MissingFileError": "tfbus.errors",
     "UrdfError": "tfbus.errors",
     "fleet_options": "tfbus.command.options",
     "node_options": "tfbus.command.options",

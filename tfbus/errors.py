@@ -21,6 +21,8 @@
       InvalidNameError                a name of a node, topic, service or action is invalid
       SettingsError                   a setting or command-line option is invalid
       UrdfError                       a URDF or xacro file cannot be read, or is not one
+      FileError                       a file of a recording cannot be opened
+        MissingFileError                it is not there
       RightsError                     the identity may not do that on a closed bus
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong, the
@@ -32,6 +34,8 @@ either catches it:
     InvalidArgumentException, InvalidNameError, SettingsError, DecodeError,
     UrdfError                                                                 ValueError
     TimeoutException                                                          TimeoutError
+    FileError                                                                 OSError
+    MissingFileError                                                          FileNotFoundError
     LookupException                                                           LookupError
 
 LookupException is no KeyError, whose `str` is the repr of its message.
@@ -343,6 +347,19 @@ class SettingsError(TfbusError, ValueError):
 
 class UrdfError(TfbusError, ValueError):
     """A URDF or xacro file cannot be read, or is not one; the message has the line."""
+
+
+class FileError(TfbusError, OSError):
+    """A file of a recording cannot be opened: `errno`, `strerror` and `filename` say why."""
+
+    @property
+    def fact(self) -> str:
+        """The message: an OSError with an `errno` would begin it with that."""
+        return str(self.args[0]) if self.args else ""
+
+
+class MissingFileError(FileError, FileNotFoundError):
+    """A file of a recording is not there."""
 
 
 class RightsError(TfbusError):

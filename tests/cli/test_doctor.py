@@ -171,3 +171,24 @@ def test_options_of_a_watch_need_one(bus: Bus, options: tuple[str, ...]) -> None
     """A usage error; a recording is not watched."""
     done = bus.run("doctor", *options)
     assert done.returncode == 2 and "--watch" in done.stderr
+
+
+def test_a_node_that_is_stopped_is_named(bus: Bus) -> None:
+    """A router says for a while that it is there; neither the doctor nor `frames` counts it."""
+    endpoint = "tcp/127.0.0.1:7447"
+    bus.start("router", "--listen", endpoint).wait_for_line("Routing on")
+    client = ("--mode", "client", "--connect", endpoint)
+    keep_sending(bus.node("odometry", mode="client", connect=(endpoint,)), "world", "base")
+    with bus.network.process("outside", "sim") as process:
+        bus.node("sim", mode="client", connect=(endpoint,))
+    eventually(lambda: bus.run("node", "list", *client).stdout.split() == ["/odometry", "/sim"])
+    doctor = bus.start("doctor", "--json", "--only", "nodes", *client)
+    frames = bus.start("frames", "--json", "--wait-time", "0.2", *client)
+    bus.network.stop(process)
+    assert (doctor.wait(), frames.wait()) == (0, 0)
+    assert json.loads(frames.stdout)["unanswered"] == ["/sim"]
+    assert frames.stderr == "Warning: /sim is there, and did not answer: stopped, or too busy?\n"
+    finding = json.loads(doctor.stdout)["nodes"]
+    assert finding["verdict"] == "warn"
+    assert finding["evidence"] == ["/sim is there, and did not answer"]
+    bus.network.go_on(process)

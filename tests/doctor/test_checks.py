@@ -1,5 +1,9 @@
 """The checks of the doctor: each finds its trouble, and nothing on a healthy bus."""
 
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -12,6 +16,7 @@ from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Host
+from tfbus.doctor.host import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
@@ -406,6 +411,30 @@ def test_tools_are_not_counted(healthy: Examination) -> None:
     seen = with_nodes(SIM, replace(SIM, name="/_doctor_1"))(healthy)
     assert CHECKS["nodes"](seen).evidence == ("1 node",)
     assert CHECKS["node-names"](seen).evidence == ("1 node",)
+
+
+def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
+    """It scouts as far as the system knows, and no link to it opens."""
+    seen = with_host(scouts={SIM.pid: "sim", 42: "python"}, stopped=frozenset({42}))(healthy)
+    finding = CHECKS["alone"](seen)
+    assert finding.verdict == "warn"
+    assert finding.evidence == ("programs of this host scout, and are stopped: python (pid 42)",)
+
+
+@pytest.mark.real
+def test_a_process_is_stopped_until_it_goes_on() -> None:
+    """As SIGSTOP and SIGCONT say; one that has ended is not."""
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    with process:
+        assert not is_stopped(process.pid)
+        process.send_signal(signal.SIGSTOP)
+        os.waitpid(process.pid, os.WUNTRACED)  # until it has stopped
+        assert is_stopped(process.pid)
+        process.send_signal(signal.SIGCONT)
+        os.waitpid(process.pid, os.WCONTINUED)
+        assert not is_stopped(process.pid)
+        process.kill()
+    assert not is_stopped(process.pid)
 
 
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:

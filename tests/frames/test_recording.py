@@ -1,8 +1,9 @@
 """`tfbus.Recording`: lookups at any stamp, as a listener would have answered them."""
 
+import errno
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import tfbus
 from tests.builders import S, in_recording, moved
 from tfbus import Buffer, Transform, TransformStamped
 from tfbus.buffer import trajectories
+from tfbus.inspect import Recorded
 from tfbus.recording.items import EventItem, EventKind, Item, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 
@@ -355,6 +357,19 @@ def test_a_recording_that_is_closed_says_so(tmp_path: Path) -> None:
         next(items)
     with pytest.raises(tfbus.InvalidArgumentException, match=r"run\.mcap is closed"):
         list(bag.items())
+
+
+@pytest.mark.parametrize("opened", [tfbus.Recording, Recorded])
+def test_a_file_that_is_not_there_is_an_error_of_tfbus(
+    tmp_path: Path, opened: Callable[[Path], object]
+) -> None:
+    """With the sentence of `--bag`, and the system's reason; Python's own error catches it too."""
+    path = tmp_path / "run.mcap"
+    with pytest.raises(tfbus.MissingFileError) as caught:
+        opened(path)
+    assert str(caught.value) == f"{path} cannot be read: No such file or directory"
+    assert (caught.value.errno, caught.value.filename) == (errno.ENOENT, str(path))
+    assert isinstance(caught.value, FileNotFoundError)
 
 
 def test_several_files_are_no_list(tmp_path: Path) -> None:

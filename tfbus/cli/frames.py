@@ -95,13 +95,12 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
-        heard.ask_about_clocks()
-        tree = heard.tree()
         heard.ask_nodes()
-        unanswered = heard.moment().unanswered
+        moment = heard.moment()
+        tree = moment.tree
         hint = "" if tree.frames else heard.hint()
-    _show(tree, outputs, unanswered, long=long, as_json=as_json)
-    warn_of_unanswered(unanswered)
+    _show(tree, outputs, moment.unanswered, long=long, as_json=as_json)
+    warn_of_unanswered(moment.unanswered)
     if not tree.frames:
         silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
         why = hint or silent or is_running("broadcaster")

@@ -204,9 +204,6 @@ def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[Recordin
             f"recordings need {error.name or 'mcap'}, which is not installed: "
             f"{install_command('bag')}"
         ) from error
-    except OSError as error:
-        name = printable(str(error.filename or paths[0]))
-        raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
     with reader:
         if not reader.end_ns:
             raise TfbusError(_why_empty(reader, printable(str(paths[0])), met))

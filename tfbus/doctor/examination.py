@@ -61,7 +61,8 @@ class Host:
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
     compiler failed, if it did. `scouts` are other processes of this host that take part in
-    scouting, by their pids. `name` is what its nodes say is their host.
+    scouting, by their pids, and `stopped` the pids of those that do not run, by SIGSTOP or in a
+    debugger. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -73,6 +74,7 @@ class Host:
     listens_beyond: tuple[str, ...] = ()
     why_interpreted: str = ""
     scouts: Mapping[int, str] = field(default_factory=dict)
+    stopped: frozenset[int] = frozenset()
     name: str = ""
 
 

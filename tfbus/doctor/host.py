@@ -39,6 +39,7 @@ _SCOUT_S = 1.5
 
 def examine_host(settings: NodeSettings, routers: int) -> Host:
     """Look at this host; the trial of scouting takes 1 to 2 s."""
+    scouts = local_scouts()
     return Host(
         versions={
             "Python": platform.python_version(),
@@ -53,7 +54,8 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
-        scouts=local_scouts(),
+        scouts=scouts,
+        stopped=frozenset(filter(is_stopped, scouts)),
         name=socket.gethostname(),
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
@@ -94,6 +96,15 @@ def local_scouts() -> dict[int, str]:
             with suppress(OSError):
                 found[int(process.name)] = (process / "comm").read_text().strip()
     return found
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process does not run, since SIGSTOP or a debugger has stopped it."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:  # it has ended
+        return False
+    return stat.rpartition(") ")[2][:1] in ("T", "t")
 
 
 def _scouting_sockets() -> set[str]:

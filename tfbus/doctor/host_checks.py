@@ -1,5 +1,6 @@
 """Checks of this host and what is around it: packages, network, keys, ROS."""
 
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
 from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
@@ -68,22 +69,33 @@ def check_scouting(seen: Examination) -> Finding:
 
 
 def check_alone(seen: Examination) -> Finding:
-    """The processes of this host that scout are on the bus."""
+    """The processes of this host that scout run, and are on the bus."""
     if seen.host.scouted is None:
         return skipped("scouting is off, by the mode or the configuration")
     scouts = seen.host.scouts
     if not scouts:
         return ok("no other program of this host scouts")
+    if stopped := seen.host.stopped & scouts.keys():
+        return Finding(
+            "warn",
+            (f"programs of this host scout, and are stopped: {_programs(scouts, stopped)}",),
+            "no link opens to a program that does not run: let it go on (fg, kill -CONT, the "
+            "debugger), or end it",
+        )
     met = {node.pid for node in seen.nodes} & scouts.keys()
     if met:
         return ok(f"{len(met)} of {counted(len(scouts), 'program')} of this host that scout: met")
-    names = listed([f"{name} (pid {pid})" for pid, name in sorted(scouts.items())])
+    names = _programs(scouts, scouts)
     return Finding(
         "warn",
         (f"programs of this host scout, and none of them is on this bus: {names}",),
         "if they should be: give all the same --secure and --config, and restart programs of Zenoh "
         "without tfbus that began before the network was there",
     )
+
+
+def _programs(scouts: Mapping[int, str], pids: Iterable[int]) -> str:
+    return listed([f"{scouts[pid]} (pid {pid})" for pid in sorted(pids)])
 
 
 def check_routers(seen: Examination) -> Finding:

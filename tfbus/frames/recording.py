@@ -82,8 +82,9 @@ class Recording(AbstractContextManager["Recording"]):
 
     An unreadable part of a file is left out, and logged once.
 
-    Needs the extra `bag`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is
-    no recording. Safe from any thread.
+    Needs the extra `bag`. Raises MissingFileError, which is a FileNotFoundError, for a file that
+    is not there, FileError if one cannot be opened, and DecodeError for what is no recording. Safe
+    from any thread.
     """
 
     def __init__(self, *paths: str | os.PathLike[str], statics: Statics = "always") -> None:

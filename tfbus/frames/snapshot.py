@@ -298,7 +298,8 @@ def frame_tree(
     frames = {frame.name: _shown(frame, recorded_ns) for frame in buffer.all_frames()}
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
     by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
-    return FrameTree(frames, by_name, recorded_ns, is_simulated, simulated)
+    known = NOT_SIMULATED if is_simulated else simulated
+    return FrameTree(frames, by_name, recorded_ns, is_simulated, known)
 
 
 def _shown(frame: FrameInfo, now_ns: int) -> FrameInfo:

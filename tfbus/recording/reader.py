@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
 
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, FileError, MissingFileError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.mcap_file import how_to_import
 from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
@@ -84,6 +84,15 @@ def _files_at(path: Path) -> list[Path]:
     return files
 
 
+def _file_error(error: OSError, path: str | os.PathLike[str]) -> FileError:
+    """The error of a file that the system does not open."""
+    name = error.filename or path
+    kind = MissingFileError if isinstance(error, FileNotFoundError) else FileError
+    told = kind(f"{printable(str(name))} cannot be read: {error.strerror or error}")
+    told.errno, told.strerror, told.filename = error.errno, error.strerror, name
+    return told
+
+
 _LOG = library_log("tfbus.recording")
 
 
@@ -120,7 +129,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
     An unreadable part of a file is left out. `on_damage` is called with the file and the damage
     when it is met first; by default the first of each file is logged.
 
-    Use it in a `with`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is no
+    Use it in a `with`. Raises MissingFileError, FileError, and DecodeError for what is no
     recording. Not thread-safe, but for `items`.
     """
 
@@ -137,6 +146,9 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         try:
             for place in files_of(paths):
                 self._parts.append(Part(place, len(self._parts)))
+        except OSError as error:
+            self.close()
+            raise _file_error(error, paths[0]) from error
         except BaseException:
             self.close()
             raise

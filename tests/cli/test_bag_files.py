@@ -223,7 +223,12 @@ def test_all_transforms_are_exported(drive: Path) -> None:
         assert data["static"].tolist() == [True] + [False] * 100
         assert data["log_ns"][2] == START_NS + S // 10
         assert data["xyz"].shape == (101, 3)
-    assert wrote("export", drive, "--to", "+0s", "-o", "first.csv").endswith("1 transform\n")
+
+
+def test_one_transform_is_called_one(tmp_path: Path) -> None:
+    """The line that says what was written counts in English."""
+    path = write(tmp_path / "one.mcap", [next(items())])
+    assert wrote("export", path, "-o", tmp_path / "one.csv").endswith(", 1 transform\n")
 
 
 def test_a_topic_is_exported(drive: Path) -> None:

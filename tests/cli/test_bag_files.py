@@ -212,7 +212,7 @@ def test_a_span_without_the_frame_is_refused_by_its_name(tmp_path: Path) -> None
 
 def test_all_transforms_are_exported(drive: Path) -> None:
     """As rows that a buffer reads, and as arrays."""
-    wrote("export", drive, "-o", "all.csv")
+    assert "101 transforms" in wrote("export", drive, "-o", "all.csv")
     buffer = Buffer(cache_time_s=1e6)
     trajectories.insert_csv(buffer, "all.csv")
     assert buffer.lookup_transform("world", "base", START_NS + S).transform.xyz[0] == 10
@@ -223,6 +223,12 @@ def test_all_transforms_are_exported(drive: Path) -> None:
         assert data["static"].tolist() == [True] + [False] * 100
         assert data["log_ns"][2] == START_NS + S // 10
         assert data["xyz"].shape == (101, 3)
+
+
+def test_one_transform_is_called_one(tmp_path: Path) -> None:
+    """The line that says what was written counts in English."""
+    path = write(tmp_path / "one.mcap", [next(items())])
+    assert wrote("export", path, "-o", tmp_path / "one.csv").endswith(", 1 transform\n")
 
 
 def test_a_topic_is_exported(drive: Path) -> None:

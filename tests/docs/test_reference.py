@@ -75,8 +75,8 @@ def test_the_architecture_page_knows_every_package() -> None:
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/internals/architecture.md"])
 def test_the_pages_for_contributors_name_files_that_are_there(page: str) -> None:
-    """Each path of a Python file is that of one, from the clone or from tfbus/."""
-    paths = set(re.findall(r"`([\w*]+/[\w*/]+\.py)`", (ROOT / page).read_text()))
+    """Each path of Python is that of a file or folder, from the clone or from tfbus/."""
+    paths = set(re.findall(r"`([\w*]+/[\w*/]+\.py|tfbus/[\w/]+/)`", (ROOT / page).read_text()))
     assert paths != set()
     missing = {path for path in paths if not [*ROOT.glob(path), *ROOT.glob(f"tfbus/{path}")]}
     assert missing - {"tfbus/cli/NAME.py"} == set()

@@ -1,6 +1,7 @@
 """`tfbus bag export`: a recording as a file of numbers."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from tfbus.recording.exported import (
 from tfbus.recording.items import Item
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import STATICS, Statics
+from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, did_you_mean, duration
 
@@ -33,8 +35,25 @@ if TYPE_CHECKING:
     # Of a recording, from one stamp to another.
     StampsOf = Callable[[Recording, int | None, int | None], NDArray[np.int64]]
 
-_FORMATS = ("csv", "tum", "kitti", "npz")
-_FORMAT_OF = {f".{form}": form for form in _FORMATS}
+
+@dataclass(frozen=True)
+class _Format:
+    """How a file is written: the poses of a pair of frames, and all transforms; None if the format
+    has none of these.
+    """
+
+    pair: Callable[[Trajectory, Path], None] | None = None
+    all: Callable[[Iterable[Item], Path], int] | None = None
+
+
+# By the ending of a file, without its dot.
+_FORMATS = {
+    "csv": _Format(Trajectory.write_csv, write_transforms_csv),
+    "tum": _Format(Trajectory.write_tum),
+    "kitti": _Format(Trajectory.write_kitti),
+    "npz": _Format(all=write_transforms_npz),
+}
+_ENDINGS = [f".{form}" for form in _FORMATS]
 
 
 @click.command(
@@ -51,12 +70,12 @@ _FORMAT_OF = {f".{form}": form for form in _FORMATS}
     required=True,
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="The file to write; its ending is the format: .csv, .tum, .kitti or .npz.",
+    help=f"The file to write; its ending is the format: {', '.join(_ENDINGS)}.",
 )
 @click.option(
     "--format",
     "form",
-    type=click.Choice(_FORMATS),
+    type=click.Choice(list(_FORMATS)),
     help="The format, where the ending is another, as .txt.",
 )
 @click.option("--topic", metavar="NAME", help="Write the messages of a topic (csv).")
@@ -108,10 +127,10 @@ def command(
     KITTI's format, which has no times. Without a pair all transforms as they came are written, in
     CSV or npz.
     """
-    form = form or _FORMAT_OF.get(output.suffix)
-    if form is None:
+    form = form or output.suffix.removeprefix(".")
+    if form not in _FORMATS:
         raise click.UsageError(
-            f"{output}: the format is not clear: end the name with {', '.join(_FORMAT_OF)}, or "
+            f"{output}: the format is not clear: end the name with {', '.join(_ENDINGS)}, or "
             "give --format"
         )
     is_pair = target is not None and source is not None
@@ -125,9 +144,9 @@ def command(
         raise click.UsageError("--rate and --samples-of are mutually exclusive")
     if topic is not None and (is_pair or form != "csv"):
         raise click.UsageError("--topic writes the messages of one topic as .csv, without frames")
-    if is_pair and form == "npz":
-        raise click.UsageError("npz has all transforms: omit the frames, or write .csv or .tum")
-    if not is_pair and form in ("tum", "kitti"):
+    if is_pair and _FORMATS[form].pair is None:
+        raise click.UsageError(f"{form} has all transforms: omit the frames, or write .csv or .tum")
+    if not is_pair and _FORMATS[form].all is None:
         raise click.UsageError(f"{form} has the poses of one frame: name TARGET and SOURCE")
     with BagChoice((recording,), begin=begin, end=end, statics=statics).opened() as bag:
         if target is not None and source is not None:
@@ -179,9 +198,10 @@ def _pair(
     if span is not None and not len(poses):
         target, source = pair
         raise click.UsageError(f"'{source}' has no pose in '{target}' in that span{_paused(bag)}")
-    write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
+    write = _FORMATS[form].pair
+    assert write is not None
     with new_file(output, force=force, sources=_sources(bag)) as beside:
-        write(beside)
+        write(poses, beside)
     if form == "kitti":
         say("KITTI's format has no times: .csv and .tum have them")
     return f"{counted(len(poses), 'pose')} of '{pair[1]}' in '{pair[0]}' over " + duration(
@@ -201,11 +221,12 @@ def _sources(bag: OpenBag) -> list[Path]:
 
 
 def _all(bag: OpenBag, output: Path, form: str, force: bool) -> str:
-    write = write_transforms_npz if form == "npz" else write_transforms_csv
+    write = _FORMATS[form].all
+    assert write is not None
     items = with_progress(bag.reader.items(*bag.span, _no_topics(bag)), bag.span, output.name)
     with new_file(output, force=force, sources=_sources(bag)) as beside:
         count = write(items, beside)
-    return f"{count:,} transforms"
+    return f"{count:,} transform{'' if count == 1 else 's'}"
 
 
 def _no_topics(bag: OpenBag) -> Selection:

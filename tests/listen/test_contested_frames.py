@@ -233,6 +233,24 @@ def test_a_frame_that_is_listed_while_it_is_sent_is_not_lost(rule: Rule) -> None
     assert received.held("camera")[0] in ({1.0, 2.0} if rule == "latest" else {1.0})
 
 
+def test_a_list_has_nothing_judged_again_that_was_not_sent_since_the_last() -> None:
+    """A list of another stream takes the permit of one that sent a frame which it does not list;
+    the lists that come before its next message do not.
+    """
+    received = Received("first")
+    facts = received.streams["b"].facts
+    received.send("b", lamp=1.0)
+    before = facts.permit
+    received.describe("a", "camera")
+    after = facts.permit
+    received.describe("a", "camera", "chair")
+    assert not before.is_valid
+    assert facts.permit is after
+    received.send("b", lamp=2.0)
+    received.describe("a", "camera")
+    assert not after.is_valid
+
+
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])
 def test_a_stream_that_was_forgotten_leaves_the_frames_to_the_others(rule: Rule) -> None:
     """As one is that takes too much memory."""

@@ -444,13 +444,15 @@ class Laws:
         return min(rivals, key=lambda each: each.node.started_ns)
 
     def check_change(self, part: "Part", change: Any) -> None:
-        """A frame is back only where a process is there that has sent it."""
+        """A frame is back only where a process is there that has sent it, or was a moment ago: as
+        long as its end may still be under way.
+        """
         if change.kind != "publisher back":
             return
         slot = change.frame.partition("_")[0]
-        now_s = self._run.now_s
+        now_s, within_s = self._run.now_s, GONE_WITHIN_S * self._patience
         for publisher in self._run.publishers.get(slot, ()):
-            is_lately = now_s - self._died_s.get(publisher.number, now_s) < GONE_WITHIN_S
+            is_lately = now_s - self._died_s.get(publisher.number, now_s) < within_s
             if change.frame in publisher.ever_sent and is_lately:
                 return
         if slot in self._run.publishers:

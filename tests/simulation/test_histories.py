@@ -3,14 +3,17 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
 import pytest
 
-from tests.simulation.histories import Run, violation
+from tests.simulation.histories import Part, Run, violation
 from tests.simulation.injected import injected
+from tests.simulation.model import Publisher
 from tests.simulation.plans import LARGE, SMALL, Plan
+from tfbus.buffer.info import Change
 
 # Histories that a defect of tfbus made fail: the seed, and which actions are left of a large one.
 _FAILED_ONCE = (
@@ -66,6 +69,23 @@ def test_a_seed_repeats_its_history_to_the_message_in_every_process(tmp_path: Pa
         assert one == other, "\n".join(
             ["the first goes on", *first[at - 5 : at + 5], "the second", *second[at - 5 : at + 5]]
         )
+
+
+@pytest.mark.parametrize(("stalls", "is_allowed"), [(0.0, False), (0.01, True)])
+def test_the_end_of_a_process_is_under_way_for_longer_where_tasks_stall(
+    stalls: float, is_allowed: bool
+) -> None:
+    """A frame may be back 20 s after the end of its process where tasks get no processor."""
+    run = Run(replace(Plan.drawn(4, LARGE), stalls=stalls))
+    publisher = Publisher(1, "p35", ever_sent={"p35_moving"})
+    run.publishers["p35"] = [publisher]
+    change = Change("publisher back", "p35_moving", "world", "world", "p35", "p35", 0)
+    with run.network as network:
+        host = network.host("h0")
+        process = network.start(host.name, "l9", lambda: None)
+        run.laws._died_s[publisher.number] = run.now_s - 20.0
+        run.laws.check_change(Part("l9", process, None, None, None), change)
+    assert bool(run.violations) is not is_allowed
 
 
 def test_a_defect_that_is_put_back_is_found() -> None:

@@ -271,7 +271,8 @@ class Conflicts:
         self._buffer = buffer
         self._reception = reception
         self._lines = lines_of(log)
-        # Streams that send frames which they do not list: others that list one have them.
+        # Streams that may have frames under way which they do not list: others that list one have
+        # them.
         self._senders_of_unlisted: set[str] = set()
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
@@ -303,10 +304,11 @@ class Conflicts:
     def _revoke_permits(self, senders: set[str]) -> None:
         """What these streams have under way was judged before some frames were listed."""
         for sender in sorted(senders):
+            # Before the permit goes: what comes from then on has looked at the claims as they are,
+            # and adds its sender again.
+            self._senders_of_unlisted.discard(sender)
             if (reception := self._reception(sender)) is not None:
                 reception.revoke_permit()
-            else:
-                self._senders_of_unlisted.discard(sender)
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
         """Take the frames that a stream lists from those that do not list them."""

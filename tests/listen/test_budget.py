@@ -7,6 +7,7 @@ import pytest
 from tests.builders import at, payload, x_of
 from tests.buses import eventually, send_until
 from tests.fakes import Lines
+from tests.listen.received import receive, watch_of
 from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
@@ -98,7 +99,7 @@ def test_who_takes_all_keys_makes_room_for_another(bus: Bus) -> None:
         listener._registry.most_keys = 5
         for number in range(6):
             rows = [at(1, f"frame{number}")]
-            listener._on_message(f"tf/stranger/frame{number}", payload(rows))
+            receive(listener, f"tf/stranger/frame{number}", payload(rows))
         # A stream makes no room for itself.
         assert sorted(listener._registry.receptions) == [
             f"tf/stranger/frame{number}" for number in range(5)
@@ -120,7 +121,7 @@ def test_frames_without_end_on_one_key_are_bounded(bus: Bus) -> None:
     with TransformListener(buffer, bus.node("receiver")) as listener:
         for number in range(0, 20_000, 50):
             rows = [at(1, f"frame{number + more}") for more in range(50)]
-            listener._on_message("tf/stranger", payload(rows))
+            receive(listener, "tf/stranger", payload(rows))
             assert len(buffer.frames()) < 1200
 
 
@@ -133,7 +134,7 @@ def test_a_stream_that_was_given_up_is_described_again(bus: Bus) -> None:
         broadcaster.send_transform([at(1, f"post{number}") for number in range(100)])
 
         def is_given_up() -> bool:
-            state = listener._watch.streams().get("sim", StreamState("sim"))
+            state = watch_of(listener).streams().get("sim", StreamState("sim"))
             return state.alive and state.description is None
 
         eventually(is_given_up)

@@ -22,7 +22,7 @@ def test_streams_that_have_left_are_forgotten_with_their_frames(
         for number in range(100):
             receive(listener, f"tf_static/ghost{number}", payload([at(1, f"ghost{number}")]))
         monkeypatch.setattr("tfbus.listen.registry._SILENT_NS", 0)
-        eventually(lambda: len(listener._registry.streams()) < 20)
+        eventually(lambda: len(listener.streams()) < 20)
         eventually(lambda: len(buffer.frames()) < 22)
         assert x_of(buffer, "world", "post") == 2
         assert listener._budget.bytes < 100_000

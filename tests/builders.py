@@ -8,6 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tfbus.buffer.store import Store
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.recording.items import Item, RecordedStream, TransformItem
@@ -70,6 +71,11 @@ def description(rows: Iterable[Row], *, epoch: int = 1, **more: Any) -> StreamDe
 def live_stream(stream: str, description: StreamDescription) -> StreamState:
     """The state of a live stream that has this description."""
     return StreamState(stream, True, description, f"@tfbus/stream/{stream}")
+
+
+def store_of(buffer: Buffer) -> Store:
+    """The inside of a buffer, for promises that no call shows: its lock, and how much it keeps."""
+    return buffer._store
 
 
 def x_of(buffer: Buffer, target: str = "world", source: str = "turtle1") -> float | None:

@@ -385,9 +385,8 @@ def test_an_invalid_last_s_is_refused(last_s: str, sender: Node, receiver: Node)
     """A query for the history with an invalid `last_s` is refused with what is valid."""
     TransformBroadcaster(sender).send_transform(at())
     refused = eventually(lambda: list(receiver.session.ask(f"tf/sender?last_s={last_s}")))
-    assert [answer.refusal for answer in refused] == [
-        f"last_s must be a number of seconds, 0 or more, not {last_s!r}"
-    ]
+    (answer,) = refused
+    assert re.fullmatch(f"last_s .*number .*not {last_s!r}", answer.refusal or "")
 
 
 def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) -> None:
@@ -482,10 +481,8 @@ def test_a_new_epoch_is_logged_in_one_line(sender: Node) -> None:
     broadcaster = TransformBroadcaster(sender)
     for seconds in (100, 97, 94):
         broadcaster.send_transform(at(stamp_ns=seconds * S))
-    assert log.lines == [
-        "Stream 'sender' restarted: the stamps of frame 'turtle1' went back by 3.000 s. Listeners "
-        "forget what it sent before, except static transforms"
-    ]
+    (line,) = log.lines
+    assert re.search(r"'sender' restarted: .*'turtle1' .*by 3\.000 s", line)
 
 
 def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
@@ -496,10 +493,8 @@ def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
         # The arm's stamps come in disorder, far apart.
         broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
     (line,) = log.lines
-    assert line.startswith(
-        "Stream 'sender' restarted 10 times, each within 5 s of the last, now for frame 'arm': "
-    )
-    assert line.endswith("has a clock of its own, send it in a separate stream (stream=...)")
+    assert re.match("Stream 'sender' restarted 10 times, .*'arm': ", line)
+    assert line.endswith("separate stream (stream=...)")
 
 
 def describe_to(node: Node) -> list[StreamDescription]:

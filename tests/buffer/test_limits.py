@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.builders import S, moved
+from tests.builders import S, moved, store_of
 from tests.fakes import Lines
 from tfbus.buffer import store
 from tfbus.buffer.buffer import Buffer
@@ -83,10 +83,10 @@ def test_lookups_that_a_longer_cache_would_answer_are_counted() -> None:
 
 def test_the_limit_grows_with_the_cache() -> None:
     """By default it is ten thousand samples a second; less than one is refused."""
-    assert Buffer()._store.tree.max_samples == 100_000
-    assert Buffer(0.0)._store.tree.max_samples == 100_000
-    assert Buffer(60.0)._store.tree.max_samples == 600_000
-    assert Buffer(float("inf"))._store.tree.max_samples == 10**13
+    assert store_of(Buffer()).tree.max_samples == 100_000
+    assert store_of(Buffer(0.0)).tree.max_samples == 100_000
+    assert store_of(Buffer(60.0)).tree.max_samples == 600_000
+    assert store_of(Buffer(float("inf"))).tree.max_samples == 10**13
     for impossible in (0, -1, 2.5):
         with pytest.raises(InvalidArgumentException, match="max_samples must be"):
             Buffer(max_samples=impossible)
@@ -100,7 +100,7 @@ def test_paths_have_one_budget() -> None:
     for i in range(40):
         for j in range(960, 1_000):
             assert len(buffer.path(f"f{i}", f"f{j}")) == j - i + 1
-    assert 2**19 < buffer._store.tree.kept_cost <= 2**20
+    assert 2**19 < store_of(buffer).tree.kept_cost <= 2**20
     assert len(buffer.path("f0", "f960")) == 961
 
 

@@ -8,7 +8,7 @@ from textwrap import dedent
 
 import pytest
 
-from tests.builders import S, moved
+from tests.builders import S, moved, store_of
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.errors import FutureExtrapolationException, LookupException
@@ -108,7 +108,7 @@ def test_what_is_stored_within_a_call_is_stored_when_it_ends():
     """The call that is interrupted sees no change, and other threads see it at once after it."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
-    with buffer._store.lock:
+    with store_of(buffer).lock:
         assert buffer.set_transform(moved(0, "world", "late"))
         buffer.remove("robot")
         assert buffer.frames() == ["robot", "world"]
@@ -120,14 +120,14 @@ def test_a_lookup_within_a_call_does_not_wait():
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
     buffer.set_transform(moved(1, "world", "robot"))
-    with buffer._store.lock, pytest.raises(FutureExtrapolationException):
+    with store_of(buffer).lock, pytest.raises(FutureExtrapolationException):
         buffer.lookup_transform("world", "robot", S, timeout_s=1e6)
 
 
 def test_what_fails_when_the_call_ends_is_logged(caplog):
     """It cannot be raised where it was called."""
     buffer = Buffer()
-    with buffer._store.lock:
+    with store_of(buffer).lock:
         buffer.remove("nothing")
     assert "no frame 'nothing'" in caplog.text
 
@@ -137,7 +137,7 @@ def test_callbacks_wait_for_the_end_of_the_call():
     buffer = Buffer()
     seen: list[str] = []
     buffer.on_change(lambda change: seen.append(InAThread(buffer.frames).result()[0]))
-    with buffer._store.lock:
+    with store_of(buffer).lock:
         buffer.set_transform(moved(0, "world", "robot"))
         assert seen == []
     assert seen == ["robot", "robot"]
@@ -147,18 +147,18 @@ def test_paths_found_in_the_middle_of_a_change_are_found_again():
     """They may be of neither the tree before nor that after."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
-    with buffer._store.lock:
+    with store_of(buffer).lock:
         assert buffer.path("world", "robot") == ["robot", "world"]
-        before = buffer._store.tree.path("world", "robot").topology
-    assert buffer._store.tree.path("world", "robot").topology > before
+        before = store_of(buffer).tree.path("world", "robot").topology
+    assert store_of(buffer).tree.path("world", "robot").topology > before
 
 
 def test_other_threads_wait_until_it_is_left_as_often_as_entered():
     """Entering again and leaving once does not open the lock."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
-    with buffer._store.lock:
-        with buffer._store.lock:
+    with store_of(buffer).lock:
+        with store_of(buffer).lock:
             pass
         other = threading.Thread(target=buffer.remove, args=("robot",))
         other.start()
@@ -182,7 +182,7 @@ def test_a_lookup_waits_while_another_thread_holds_the_lock():
         answered.set()
         return x
 
-    with buffer._store.lock:
+    with store_of(buffer).lock:
         other = InAThread(look_up)
         begun.wait()
         # A wait that ends early only where this fails.
@@ -219,7 +219,7 @@ def test_an_interrupt_right_after_the_lock_is_taken_frees_it():
             raise KeyboardInterrupt
 
     buffer = Buffer()
-    lock = buffer._store.lock
+    lock = store_of(buffer).lock
     mutex, lock._mutex = lock._mutex, Interrupted(lock._mutex)
     with pytest.raises(KeyboardInterrupt):
         buffer.set_transform(moved(0, "world", "robot"))

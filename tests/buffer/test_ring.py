@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.builders import store_of
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException
@@ -82,7 +83,7 @@ def test_a_frame_that_was_reparented_once_is_answered_along_one_path_again():
     with pytest.raises(ExtrapolationException):
         buffer.lookup_transform("world", "robot", 100 * MS)
     assert buffer.lookup_transform("world", "robot", 170 * MS).transform.xyz[0] == 170
-    assert buffer._store.tree.frames["robot"].parents is None
+    assert store_of(buffer).tree.frames["robot"].parents is None
 
 
 def chain() -> Buffer:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.builders import S, moved
+from tests.builders import S, moved, store_of
 from tests.buses import DEADLINE_S, eventually, lookups_wait
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
@@ -102,13 +102,13 @@ def test_a_waiter_fails_as_soon_as_its_time_has_fallen_out():
     assert isinstance(lookup.result(), PastExtrapolationException)
 
 
-def watched(buffer: Buffer, *question: Any) -> list[int]:
-    """Gets a number whenever a waiter with this question is woken."""
+def watched(buffer: Buffer, *question: Any) -> tuple[list[int], Waiter]:
+    """A waiter with this question, and what gets a number whenever it is woken."""
     woken: list[int] = []
     waiter = Waiter(lambda: woken.append(1))
-    buffer._store.waiters.add(waiter)
-    Question(buffer._store, (question,)).watch(waiter)
-    return woken
+    store_of(buffer).waiters.add(waiter)
+    Question(store_of(buffer), (question,)).watch(waiter)
+    return woken, waiter
 
 
 def test_only_edges_of_the_path_wake_a_waiter():
@@ -117,7 +117,7 @@ def test_only_edges_of_the_path_wake_a_waiter():
     for child in ("robot", "other"):
         buffer.set_transform(moved(0, "world", child))
         buffer.set_transform(moved(S, "world", child))
-    woken = watched(buffer, "world", "robot", 5 * S)
+    woken, _ = watched(buffer, "world", "robot", 5 * S)
     buffer.set_transform(moved(6 * S, "world", "other"))
     buffer.set_transform(moved(4 * S, "world", "robot"))
     buffer.set_transform(moved(6 * S, "robot", "new"))
@@ -130,7 +130,7 @@ def test_a_frame_that_comes_as_a_parent_wakes_a_waiter():
     """It was unknown, and is above the frame that was known."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "base", "arm"))
-    woken = watched(buffer, "map", "arm", None)
+    woken, _ = watched(buffer, "map", "arm", None)
     buffer.set_transform(moved(0, "map", "base"))
     assert woken == [1]
 
@@ -140,12 +140,13 @@ def test_a_sample_wakes_whoever_waits_after_it_no_more():
     buffer = Buffer()
     for stamp in (0, S):
         buffer.set_transform(moved(stamp, "world", "robot"))
-    assert watched(buffer, "world", "robot", 5 * S) == []
+    woken, waiter = watched(buffer, "world", "robot", 5 * S)
+    assert woken == []
     buffer.set_transform(moved(4 * S, "world", "robot"))
-    assert buffer._store.tree.touched == []
-    buffer._store.waiters.discard(next(iter(buffer._store.waiters._places)))
+    assert store_of(buffer).tree.touched == []
+    store_of(buffer).waiters.discard(waiter)
     buffer.set_transform(moved(5 * S, "world", "robot"))
-    assert buffer._store.tree.touched is None
+    assert store_of(buffer).tree.touched is None
 
 
 def test_the_past_is_waited_for_until_all_who_expect_it_have_it():
@@ -157,11 +158,11 @@ def test_the_past_is_waited_for_until_all_who_expect_it_have_it():
     lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", S, timeout_s=600.0))
     waiting(buffer)
     ends[0]()
-    assert buffer._store.expected_pasts == {"sim": 1}
+    assert store_of(buffer).expected_pasts == {"sim": 1}
     buffer.set_transform(moved(S, "world", "robot", 7.0), authority="sim")
     ends[1]()
     assert lookup.result().transform.x == 7.0
-    assert buffer._store.expected_pasts == {}
+    assert store_of(buffer).expected_pasts == {}
 
 
 def test_a_new_parent_on_the_path_wakes_a_waiter():

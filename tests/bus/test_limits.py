@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 
 import pytest
 
@@ -38,11 +39,8 @@ def test_a_large_message_is_dropped_named_and_counted(
     send_until(publish, lambda: len(received) > 2)
     assert set(received) == {b"small"}
     assert reader.session.callbacks.too_large["image"] > 1
-    assert caplog.messages == [
-        "Dropped a message of 1 kB on 'image' unread: it has 1 kB, and the limit of topic is 1 kB; "
-        "to raise it, set TFBUS_LIMITS=topic=2kB for all that send or read it. Further ones are "
-        "counted, not logged"
-    ]
+    (line,) = caplog.messages
+    assert re.search("'image' unread: .*LIMITS=topic=2kB", line)
 
 
 def test_a_large_message_cannot_be_sent(bus: Bus) -> None:
@@ -63,7 +61,7 @@ def test_a_large_query_is_refused_unread(bus: Bus, sender: Node) -> None:
         answers.extend(sender.session.ask("add", b"x" * 1001))
 
     send_until(ask, lambda: bool(answers))
-    assert str(answers[0].refusal).startswith("the query was dropped unread: it has 1 kB")
+    assert re.match("the query was dropped .*1 kB", str(answers[0].refusal))
     assert not called
 
 
@@ -80,9 +78,9 @@ def test_a_large_answer_is_a_refusal(
     asker = small(bus, "asker")
     asker.log.addHandler(caplog.handler)
     answers = eventually(lambda: list(asker.session.ask("add")))
-    assert str(answers[0].refusal).startswith("the answer was dropped unread: it has 1 kB")
+    assert re.match("the answer was dropped .*1 kB", str(answers[0].refusal))
     assert asker.session.callbacks.too_large["service"] > 0
-    assert caplog.messages[0].startswith("Dropped an answer to 'add' unread: it has 1 kB")
+    assert re.match("Dropped an answer .*'add' .*1 kB", caplog.messages[0])
 
 
 def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:
@@ -97,7 +95,7 @@ def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:
     with pytest.raises(BusError, match=r"query add: .*1 kB"):
         node.session.ask("add", b"x" * 1001)
     answers = eventually(lambda: list(node.session.ask("add")))
-    assert str(answers[0].refusal).startswith("the answer cannot be sent: it has 1 kB")
+    assert re.match("the answer cannot be .*1 kB", str(answers[0].refusal))
 
 
 def test_a_refusal_of_a_stranger_can_be_printed(bus: Bus, sender: Node) -> None:

@@ -106,7 +106,7 @@ class TestExplain:
         report = explain(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "world", "arm")
         assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
         assert fault(report, "arm").reason.endswith("one of its publishers")
-        assert report.remedies[0].startswith("'arm' is published by several at once: ")
+        assert report.remedies[0].startswith("'arm' is published by several")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""
@@ -116,16 +116,16 @@ class TestExplain:
         """An unknown name fails, with the nearest as a remedy."""
         report = ask(buffer, "wrld", "arm")
         assert re.search(r"'wrld'; .*'world'\?$", report.failure)
-        assert report.remedies == ("use 'world' if you mean that",)
+        (remedy,) = report.remedies
+        assert remedy.startswith("use 'world'")
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
         """The remedy for a frame that only another namespace has names that namespace."""
         report = ask(buffer, "world", "gripper", frames_in_other_namespaces={("robot7", "gripper")})
-        assert report.remedies == (
-            "look from within its namespace, which has 'gripper': --namespace robot7",
-            "look at all robots together, where it is 'robot7/gripper': --fleet",
-            "start the node that publishes 'gripper'",
-        )
+        within, together, start = report.remedies
+        assert within.endswith("'gripper': --namespace robot7")
+        assert together.endswith("'robot7/gripper': --fleet")
+        assert start.startswith("start the node") and start.endswith("'gripper'")
 
     def test_a_frame_as_a_fleet_names_it_needs_the_fleet(self, buffer: Buffer) -> None:
         """The remedy for a frame with its robot's name in front is --fleet."""
@@ -147,7 +147,8 @@ class TestExplain:
         report = ask(buffer, "world", "arm", -3.0)
         assert verdicts(report) == [("base", "ok"), ("arm", "fail")]
         assert fault(report, "arm").reason.endswith("1.0 s before its oldest sample")
-        assert report.remedies == ("query a later time: no publisher has kept older samples",)
+        (remedy,) = report.remedies
+        assert remedy.startswith("query a later time")
 
     def test_samples_in_the_future_are_a_bad_sign(self, buffer: Buffer) -> None:
         """The latest lookup has an answer, one at the present time does not: the stamps are why."""
@@ -170,7 +171,8 @@ class TestExplain:
         report = ask(buffer, "camera", "base", 0.5)
         assert verdicts(report) == [("camera", "ok"), ("base", "fail")]
         assert fault(report, "base").reason.endswith("ms after its newest sample")
-        assert report.remedies == ("wait for it (timeout_s), or query the latest",)
+        (remedy,) = report.remedies
+        assert "timeout_s" in remedy and remedy.endswith("query the latest")
 
     def test_an_edge_of_a_gone_publisher_is_a_bad_sign(self, buffer: Buffer) -> None:
         """The lookup still has an answer; the remedy is to start the publisher again."""
@@ -216,7 +218,8 @@ class TestExplain:
         stream = StreamInfo("sim", "/sim", "lab", 7, alive=True, clock_offset_s=-2.5)
         report = ask(buffer, "world", "base", stream=stream)
         assert re.search(r"clock .* 2\.5 s behind ours$", fault(report, "base").reason)
-        assert report.remedies == ("synchronize the clocks of lab and this host by NTP",)
+        (remedy,) = report.remedies
+        assert "clocks of lab" in remedy and "NTP" in remedy
 
     def test_a_simulated_time_that_we_do_not_follow_is_a_bad_sign(self, buffer: Buffer) -> None:
         """A publisher that follows a clock is named, and --sim-time is the first remedy."""

@@ -4,10 +4,21 @@ import logging
 from typing import Any
 
 from tests.builders import S, payload, x_of
-from tfbus import Buffer, TransformStamped
+from tfbus import Buffer, TransformListener, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_facts import Listening
+from tfbus.listen.watch import StreamWatch
 from tfbus.wire.transforms import TransformReader
+
+
+def watch_of(listener: TransformListener) -> StreamWatch:
+    """How a listener knows its streams: whose descriptions it took, and which it rejected."""
+    return listener._watch
+
+
+def receive(listener: TransformListener, key: str, data: bytes) -> None:
+    """A message comes, and has been dealt with when this returns."""
+    listener._on_message(key, data)
 
 
 class Takeovers(Listening):

@@ -7,6 +7,7 @@ import pytest
 from tests.builders import at, payload, x_of
 from tests.buses import eventually, send_until
 from tests.fakes import Lines
+from tests.listen.received import receive, watch_of
 from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
@@ -90,19 +91,20 @@ def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus) -> None:
         assert len(lines) == 1
 
 
-def test_who_takes_all_keys_makes_room_for_another(bus: Bus) -> None:
+def test_who_takes_all_keys_makes_room_for_another(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From the limit of keys on, the stream of the peer that takes most goes for a new one."""
+    monkeypatch.setattr("tfbus.listen.registry.MOST_KEYS", 5)
     receiver, buffer = bus.node("receiver"), Buffer()
     log = Lines(receiver.log)
     with TransformListener(buffer, receiver) as listener:
-        listener._registry.most_keys = 5
         for number in range(6):
             rows = [at(1, f"frame{number}")]
-            listener._on_message(f"tf/stranger/frame{number}", payload(rows))
+            receive(listener, f"tf/stranger/frame{number}", payload(rows))
         # A stream makes no room for itself.
-        assert sorted(listener._registry.receptions) == [
-            f"tf/stranger/frame{number}" for number in range(5)
-        ]
+        assert buffer.frames() == [*(f"frame{number}" for number in range(5)), "world"]
+        assert listener.dropped == 1
         assert "on more than 5 keys" in log.lines[-1]
         sim = bus.node("sim")
         broadcaster = TransformBroadcaster(sim)
@@ -120,7 +122,7 @@ def test_frames_without_end_on_one_key_are_bounded(bus: Bus) -> None:
     with TransformListener(buffer, bus.node("receiver")) as listener:
         for number in range(0, 20_000, 50):
             rows = [at(1, f"frame{number + more}") for more in range(50)]
-            listener._on_message("tf/stranger", payload(rows))
+            receive(listener, "tf/stranger", payload(rows))
             assert len(buffer.frames()) < 1200
 
 
@@ -133,7 +135,7 @@ def test_a_stream_that_was_given_up_is_described_again(bus: Bus) -> None:
         broadcaster.send_transform([at(1, f"post{number}") for number in range(100)])
 
         def is_given_up() -> bool:
-            state = listener._watch.streams().get("sim", StreamState("sim"))
+            state = watch_of(listener).streams().get("sim", StreamState("sim"))
             return state.alive and state.description is None
 
         eventually(is_given_up)

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from tests.builders import at
+from tests.builders import at, store_of
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
@@ -60,7 +60,7 @@ class Past:
     @property
     def is_expected(self) -> bool:
         """Whether lookups of the past wait."""
-        return bool(self.buffer._store.expected_pasts)
+        return bool(store_of(self.buffer).expected_pasts)
 
 
 def test_the_past_is_expected_from_the_first_message_until_it_has_come() -> None:
@@ -178,9 +178,9 @@ def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
     with TransformListener(buffer, bus.node("listener"), history_s=10.0) as listener:
         send_until(
             lambda: broadcaster.send_transform(at(1, "robot")),
-            lambda: bool(buffer._store.expected_pasts),
+            lambda: bool(store_of(buffer).expected_pasts),
         )
         begun_s = scheduler.monotonic()
-        eventually(lambda: not buffer._store.expected_pasts)
+        eventually(lambda: not store_of(buffer).expected_pasts)
         assert scheduler.monotonic() - begun_s < 4.0
         assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]

@@ -335,9 +335,8 @@ def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> 
     eventually(lambda: read.keys == {"tf/wheels"})
     interest.close()
     assert failures == ["tf/wheels"] * 2
-    assert [record.getMessage() for record in caplog.records] == [
-        "Could not subscribe to what lookups need; retrying. Further ones are counted, not logged"
-    ]
+    (record,) = caplog.records
+    assert record.getMessage().startswith("Could not subscribe")
 
 
 def test_a_message_that_comes_after_its_key_is_left_is_dropped(

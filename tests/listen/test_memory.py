@@ -4,6 +4,7 @@ import pytest
 
 from tests.builders import at, payload, x_of
 from tests.buses import eventually
+from tests.listen.received import receive
 from tests.simulated_bus import Bus
 from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
 
@@ -19,9 +20,9 @@ def test_streams_that_have_left_are_forgotten_with_their_frames(
         StaticTransformBroadcaster(bus.node("sim")).send_transform(at(2, "post"))
         eventually(lambda: x_of(buffer, "world", "post") == 2)
         for number in range(100):
-            listener._on_message(f"tf_static/ghost{number}", payload([at(1, f"ghost{number}")]))
+            receive(listener, f"tf_static/ghost{number}", payload([at(1, f"ghost{number}")]))
         monkeypatch.setattr("tfbus.listen.registry._SILENT_NS", 0)
-        eventually(lambda: len(listener._registry.streams()) < 20)
+        eventually(lambda: len(listener.streams()) < 20)
         eventually(lambda: len(buffer.frames()) < 22)
         assert x_of(buffer, "world", "post") == 2
         assert listener._budget.bytes < 100_000

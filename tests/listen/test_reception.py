@@ -1,6 +1,7 @@
 """Receiving one stream: epochs, misses, removals and marks, message by message."""
 
 import logging
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -91,10 +92,8 @@ def test_a_new_epoch_restarts_the_stream(
         received.send(at(4, "robot", 6 * S), epoch_ns=2)
     assert received.buffer.lookup_transform("world", "robot").stamp_ns == 6 * S
     assert received.x_of("post") == 2
-    assert [record.getMessage() for record in caplog.records] == [
-        "Stream 'sim' restarted: its publisher was started again, or its clock went back; its "
-        "samples so far are dropped, static transforms stay"
-    ]
+    (record,) = caplog.records
+    assert record.getMessage().startswith("Stream 'sim' restarted: its publisher")
 
 
 def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
@@ -123,12 +122,9 @@ def test_an_older_process_that_is_left_alone_counts_again(
         received.send(at(1, "robot", 4 * S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
     assert received.stream.counts.outdated == 4
-    assert [record.getMessage() for record in caplog.records] == [
-        "Two processes publish stream 'sim': /sim was started twice, and the messages of one are "
-        "dropped. Stop one, or give each its own name (--name)",
-        "Stream 'sim' restarted: one of the two processes that publish it is silent, so the other "
-        "counts; its samples so far are dropped, static transforms stay",
-    ]
+    twice, restarted = [record.getMessage() for record in caplog.records]
+    assert re.search(r"'sim': /sim was started twice.*\(--name\)$", twice)
+    assert re.match("Stream 'sim' restarted: .*silent", restarted)
     received.send_static(at(2, "post"), epoch_ns=2)
     received.send_static(at(1, "post"), epoch_ns=1)
     assert received.x_of("post") == 1
@@ -146,9 +142,7 @@ def test_two_processes_do_not_take_turns(
         received.send(at(1, "robot", S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (2, [])
     (record,) = caplog.records
-    assert record.getMessage().startswith(
-        "Two processes publish stream 'sim': its node was started"
-    )
+    assert re.search("'sim': its node was started", record.getMessage())
 
 
 def test_a_slow_process_does_not_come_between(received: Received) -> None:

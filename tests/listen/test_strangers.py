@@ -8,6 +8,7 @@ import pytest
 from tests.builders import S, at, description, payload, x_of
 from tests.buses import eventually
 from tests.fakes import Lines
+from tests.listen.received import watch_of
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.bus.query import Query
@@ -82,11 +83,11 @@ def test_a_description_of_a_stranger_removes_nothing(scene: Scene) -> None:
     own = scene.sim.session.id
     for session, epoch in ((own, scene.sim.started_ns), ("", FUTURE_NS), (own, FUTURE_NS)):
         data = encode_message(description([], epoch=epoch, session=session))
-        before = scene.listener._watch.rejected["sim"]
+        before = watch_of(scene.listener).rejected["sim"]
 
         def is_rejected(data: bytes = data, before: int = before) -> bool:
             scene.put("@tfbus/stream/sim", data)
-            return scene.listener._watch.rejected["sim"] > before
+            return watch_of(scene.listener).rejected["sim"] > before
 
         eventually(is_rejected)
         assert x_of(scene.buffer, "world", "post") == 2
@@ -102,7 +103,7 @@ def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) ->
 
     def is_rejected() -> bool:
         publisher.put(data)
-        return scene.listener._watch.rejected["sim"] > 0
+        return watch_of(scene.listener).rejected["sim"] > 0
 
     eventually(is_rejected)
     assert x_of(scene.buffer, "world", "post") == 2
@@ -124,7 +125,7 @@ def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, 
             publisher.put(encode_message(data))
 
     def owner() -> str:
-        return scene.listener._watch.streams()["sim"].owner
+        return watch_of(scene.listener).streams()["sim"].owner
 
     def is_taken() -> bool:
         claim()
@@ -134,7 +135,7 @@ def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, 
     eventually(lambda: scene.reaches(3) and owner() == scene.sim.session.id)
     owners: set[str] = set()
     for x in range(4, 7):
-        before = scene.listener._watch.rejected["sim"]
+        before = watch_of(scene.listener).rejected["sim"]
 
         # Though it describes itself anew.
         scene.dynamic.send_transform(at(x, f"frame{x}", time.time_ns()))
@@ -143,7 +144,7 @@ def test_claims_of_other_sessions_hold_up_a_living_publisher_once(scene: Scene, 
         def is_refused(before: int = before, x: int = x) -> bool:
             claim()
             owners.add(owner())
-            return scene.reaches(x) and scene.listener._watch.rejected["sim"] > before
+            return scene.reaches(x) and watch_of(scene.listener).rejected["sim"] > before
 
         eventually(is_refused)
     assert owners == {scene.sim.session.id}
@@ -250,5 +251,5 @@ def test_a_publisher_that_cannot_sign_what_it_sends_is_asked(bus: Bus) -> None:
                 return any(row in info.frames for info in listener.streams())
 
             eventually(is_known)
-            eventually(lambda: listener._watch.streams()["plain"].confirmed)
+            eventually(lambda: watch_of(listener).streams()["plain"].confirmed)
     token.close()

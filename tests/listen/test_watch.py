@@ -26,6 +26,11 @@ from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription
 
 
+def ask_after(monkeypatch: pytest.MonkeyPatch, pauses: Pauses) -> None:
+    """Watches ask for descriptions after these pauses from now on."""
+    monkeypatch.setattr(watch, "_PAUSES", pauses)
+
+
 class Watching:
     """A watch and the changes that it reported."""
 
@@ -148,7 +153,7 @@ def test_a_missing_description_is_asked_for_again_and_again(
         on_end()
 
     monkeypatch.setattr(watch, "ask_for_description", ask)
-    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001, 0.002), forever=True))
+    ask_after(monkeypatch, Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
     eventually(lambda: len(asked) > 20)
@@ -174,7 +179,7 @@ def test_a_lost_question_is_not_waited_for(
 
     monkeypatch.setattr(watch, "ask_for_description", ask)
     impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
-    monkeypatch.setattr(watch, "_PAUSES", impatient)
+    ask_after(monkeypatch, impatient)
     lone = bus.node("sim").session.token("@tfbus/stream/lone")
     eventually(lambda: len(questions) >= 3)
     key = "@tfbus/stream/lone"
@@ -182,7 +187,7 @@ def test_a_lost_question_is_not_waited_for(
     ends[0]()
     assert eventually(lambda: watching.described("lone")).epoch == 7
     asked = len(questions)
-    monkeypatch.setattr(watch, "_PAUSES", Pauses((60.0,), lost_after_s=60.0))
+    ask_after(monkeypatch, Pauses((60.0,), lost_after_s=60.0))
     other = bus.node("other").session.token("@tfbus/stream/other")
     # The question about the other comes after any further one about the first.
     eventually(lambda: watching.alive() == ["lone", "other"] and len(questions) > asked)
@@ -206,7 +211,7 @@ def test_a_token_that_comes_and_goes_leads_to_one_question_at_a_time(
             on_end()
 
     monkeypatch.setattr(watch, "ask_for_description", ask)
-    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
+    ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
         token = session.token("@tfbus/stream/lone")
@@ -238,7 +243,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
         on_end()
 
     monkeypatch.setattr(watch, "ask_for_description", ask)
-    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
+    ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):
         broken = session.token("@tfbus/stream/broken")

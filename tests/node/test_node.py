@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -143,10 +144,8 @@ class TestTopics:
         eventually(lambda: heard)
         assert heard == [Number(7)]
         assert (subscription.received, subscription.rejected) == (1, 4)
-        assert log.lines == [
-            "WARNING: Dropped a message on topic 'count' that is not Number: field 'value' is "
-            "missing. Further ones are counted, not logged"
-        ]
+        (line,) = log.lines
+        assert re.match("WARNING: .*'count' .*not Number: .*'value'", line)
 
     def test_a_busy_node_keeps_the_newest_messages(self, node: Node, other: Node) -> None:
         """A node that is busy keeps the ten newest messages of a topic and counts the others."""
@@ -621,11 +620,8 @@ class TestParameters:
         node.declare_parameter("rate", 1.0)
         node.ready()
         node.ready()
-        assert log.lines == [
-            "WARNING: Parameter 'raet' was given, but not declared by this node; "
-            "did you mean 'rate'?",
-            "INFO: ready",
-        ]
+        line, last = log.lines
+        assert re.match("WARNING: .*'raet' .*not declared .*'rate'", line) and last == "INFO: ready"
 
     def test_a_parameter_is_declared_once(self, node: Node) -> None:
         """A second declaration of the same name is refused."""

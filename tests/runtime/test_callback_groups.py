@@ -108,12 +108,16 @@ def test_groups_run_beside_each_other(executor: Executor) -> None:
 def test_at_most_so_many_threads_run() -> None:
     """They start when they are needed, and further callbacks wait for one of them."""
     executor = Executor("two", logging.getLogger("test"), threads=2)
-    assert not executor._threads
+
+    def running() -> int:
+        return [thread.name for thread in threading.enumerate()].count("two")
+
+    assert running() == 0
     first = Blocked(executor, ReentrantCallbackGroup())
-    assert len(executor._threads) == 1
+    assert running() == 1
     second = Blocked(executor, ReentrantCallbackGroup())
     third = ran(executor)
-    assert len(executor._threads) == 2
+    assert running() == 2
     assert not third.is_set()
     first.go_on.set()
     assert third.wait(DEADLINE_S)

@@ -191,13 +191,10 @@ def test_close_finishes_what_runs_and_drops_the_rest() -> None:
 def test_close_from_a_callback_does_not_wait_for_itself() -> None:
     """A callback may close its executor."""
     executor = Executor("closing", logging.getLogger("test"))
-    executor.submit("close", executor.close)
-    eventually(
-        lambda: (
-            executor._closed
-            and not [thread for thread in threading.enumerate() if thread.name == "closing"]
-        )
-    )
+    closed = threading.Event()
+    executor.submit("close", lambda: (executor.close(), closed.set()))
+    assert closed.wait(DEADLINE_S)
+    eventually(lambda: not [thread for thread in threading.enumerate() if thread.name == "closing"])
 
 
 def test_an_executor_that_is_never_used_has_no_thread() -> None:

@@ -103,10 +103,8 @@ def test_a_stamp_in_another_unit_is_noticed(factor: int, unit: str) -> None:
     assert other_unit(stamp, NOW_NS) == other_unit(stamp - 80_000 * factor, NOW_NS) == unit
     assert other_unit(stamp - 90_000 * factor, NOW_NS) == ""
     assert stamp < LATEST_OF_ANOTHER_UNIT
-    assert unit_hint(stamp, unit) == (
-        f"the stamp {stamp} looks like {unit}, but stamps are nanoseconds: "
-        "tfbus.stamp_ns(1700000000) makes one of seconds"
-    )
+    hint = unit_hint(stamp, unit)
+    assert f"{stamp} looks like {unit}" in hint and "tfbus.stamp_ns(1700000000)" in hint
 
 
 @given(st.integers(0, 2**62 - 1), st.integers(0, 300 * 86_400 * S))

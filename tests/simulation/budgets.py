@@ -34,7 +34,7 @@ def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
         yield from _full(executor, MORE_A_STREAM * len(gone_for_s))
     for session in part.process.sessions:
         yield from _full_tables(session, len(gone_for_s))
-    waiters = len(part.buffer._store.waiters)
+    waiters = part.buffer.waiting
     if waiters > MOST_WAITERS:
         yield f"{waiters} lookups wait in a buffer"
 

@@ -1,5 +1,6 @@
 """Names and keys: every name of a user becomes a key that Zenoh takes, and comes back."""
 
+import re
 from typing import Any
 
 import pytest
@@ -180,12 +181,9 @@ def test_node_names(name: str) -> None:
 @pytest.mark.parametrize("name", ["", "-x", ".x", "a b", "é", "a*", "a\n", "@tfbus"])
 def test_names_that_no_node_can_have(name: str) -> None:
     """A name that no node can have is refused with what is allowed."""
-    with pytest.raises(InvalidNameError) as caught:
+    said = re.escape(f"{name!r} cannot be a node's name")
+    with pytest.raises(InvalidNameError, match=f"^{said}: use letters, digits"):
         keys.check_node_name(name)
-    assert str(caught.value) == (
-        f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
-        "and begin with a letter, a digit or '_'"
-    )
 
 
 def test_a_node_name_with_a_slash_points_to_the_namespace() -> None:
@@ -204,12 +202,9 @@ def test_topics(name: str) -> None:
 @pytest.mark.parametrize("name", ["", "a//b", "a/", "a b", "a/*", "a$b", "a?b", "a#b", "@tfbus/x"])
 def test_names_that_no_topic_can_have(name: str) -> None:
     """A topic with an empty part, white space, or a character of Zenoh's is refused."""
-    with pytest.raises(InvalidNameError) as caught:
+    said = re.escape(f"{name!r} cannot be")
+    with pytest.raises(InvalidNameError, match=rf"^{said} .*name of a topic: .*any of \* \$ \? #$"):
         keys.check_topic(name)
-    assert str(caught.value) == (
-        f"{name!r} cannot be the name of a topic: use parts joined by '/', none of them "
-        "empty or beginning with '@', without white space or any of * $ ? #"
-    )
 
 
 def test_an_absolute_topic_is_one() -> None:

@@ -78,10 +78,8 @@ def test_numbers_that_are_not_finite_are_left_to_the_buffer() -> None:
 @pytest.mark.parametrize("version", [0, 2, None, "1", True, 1.0])
 def test_another_version_is_refused_with_the_remedy(version: object) -> None:
     """A message of another version is refused, and the refusal says what to do."""
-    assert refusal(msgpack.packb(sample_columns() | {"v": version})) == (
-        f"a transform message of version {version!r}; this tfbus reads version 1: "
-        "update the older of the two"
-    )
+    said = refusal(msgpack.packb(sample_columns() | {"v": version}))
+    assert f"of version {version!r}; " in said and "reads version 1: update" in said
 
 
 def test_truncated_bytes_are_refused() -> None:

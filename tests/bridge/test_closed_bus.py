@@ -106,9 +106,9 @@ def test_without_rights_it_says_which_to_give(
         send_until(send, lambda: len(lines.lines) >= 2)
         assert frames_of(buffer, "base", "model") == {"ros2"}
     [streams] = [each for each in lines.lines if "nodes of ROS share stream 'ros2'" in each]
-    assert "Give it nodes: ['ros2*'] in rights.yaml" in streams
+    assert "nodes: ['ros2*']" in streams
     [of_clock] = [each for each in lines.lines if "The time of ROS does not come" in each]
-    assert "may not publish topic 'clock'" in of_clock
+    assert "publish topic 'clock'" in of_clock
     assert bridge.clock.way == ""
 
 
@@ -128,4 +128,4 @@ def test_frames_without_a_right_do_not_hold_up_others(
         )
         assert not {"robot2/base", "robot2/bolted"} & set(buffer.frames())
     [said] = lines.lines
-    assert "of ROS node /robot: this identity, 'ros2', may not publish frame 'robot2/" in said
+    assert "ROS node /robot" in said and "publish frame 'robot2/" in said

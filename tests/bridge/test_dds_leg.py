@@ -262,7 +262,7 @@ def test_a_leg_alone_says_so(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch)
 def test_a_distribution_that_is_unknown_is_an_error(domain: int) -> None:
     """Before anything is opened; one that is known says how long a gid is."""
     needs.module("cyclonedds")
-    with pytest.raises(SettingsError, match="'humbel'; did you mean 'humble'"):
+    with pytest.raises(SettingsError, match=r"'humbel'.*'humble'"):
         open_by_name("dds", LegSettings(distro="humbel"), LOG)
     open_by_name("dds", LegSettings(distro="humble", domain=domain, connect=("lo",)), LOG).close()
 
@@ -272,7 +272,7 @@ def test_the_domain_is_that_of_ros() -> None:
     assert domain_of(5, {"ROS_DOMAIN_ID": "7"}) == 5
     assert domain_of(None, {"ROS_DOMAIN_ID": "7"}) == 7
     assert domain_of(None, {}) == 0
-    with pytest.raises(TfbusError, match="ROS_DOMAIN_ID is 'x'"):
+    with pytest.raises(TfbusError, match=r"ROS_DOMAIN_ID.*'x'"):
         domain_of(None, {"ROS_DOMAIN_ID": "x"})
 
 
@@ -321,7 +321,7 @@ def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFi
     config = configuration((), LOG, environ)
     assert "invalid" not in config and '<Peer Address="10.0.0.2"/>' in config
     [record] = caplog.records
-    assert "ROS_STATIC_PEERS has 'no.such.host.invalid', which is left out" in record.message
+    assert record.levelname == "WARNING" and "'no.such.host.invalid'" in record.message
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_without_what_rospy_needs_it_ends(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "rosgraph.network", network)
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
     monkeypatch.setenv("ROS_NAMESPACE", "")
-    with pytest.raises(TfbusError, match="'apt-get install python3-netifaces'"):
+    with pytest.raises(TfbusError, match="python3-netifaces"):
         open_leg(LegSettings("tfbus_ros1"), logging.getLogger(__name__))
 
 
@@ -174,7 +174,7 @@ def test_topics_cross_without_an_echo(bus: Bus, ros: Ros1) -> None:
     ros.bridge()
     second = bus.run("ros1", env=ros.env)
     assert second.returncode == 1
-    assert "ROS has a node /tfbus_ros1 already" in second.stderr
+    assert "/tfbus_ros1 already" in second.stderr
     there = ros.node("there", "twist", "2.0")
     line = "heard 1.0 from /tfbus_ros1"
     send_until(
@@ -198,12 +198,12 @@ def test_without_rospy_it_says_what_to_install(bus: Bus) -> None:
         timeout=60,
     )
     assert done.returncode == 1
-    assert "Error: rospy is not installed" in done.stderr
-    assert "apt-get install python3-rospy" in done.stderr
+    assert "Error: rospy is not" in done.stderr
+    assert "python3-rospy" in done.stderr
 
 
 def test_a_uri_that_is_none_is_said(bus: Bus) -> None:
     """Without a traceback, whether rospy is there or not."""
     done = bus.run("ros1", "--master", "http://localhost:abc")
     assert done.returncode in (1, 2) and "Traceback" not in done.stderr
-    assert "'http://localhost:abc' is no URI of ROS 1" in done.stderr
+    assert "abc' is no URI" in done.stderr

@@ -186,7 +186,7 @@ def test_a_frame_that_has_another_name_there_does_not_go(
 
     send_until(send, lambda: "other" in rviz.frames_heard())
     assert "odom" not in rviz.frames_heard()
-    assert any("'odom', without the prefix, is another frame there" in each for each in lines.lines)
+    assert any("'odom', without the prefix" in each for each in lines.lines)
 
 
 def test_at_most_so_many_transforms_a_second_cross(
@@ -227,7 +227,7 @@ def test_a_message_that_is_none_is_counted_and_named_once(
         robot.tf.send(b"\x00\x01\x00\x00\xff\xff\xff\xff")
     send_until(lambda: robot.broadcast(EXACT), lambda: "base_link" in buffer.frames())
     said = [each for each in lines.lines if "Dropped a message" in each]
-    assert len(said) == 1 and "ROS node /robot on /tf" in said[0]
+    assert len(said) == 1 and "node /robot on /tf" in said[0]
     assert bridge.from_ros.rejected >= 3
 
 
@@ -306,7 +306,8 @@ def test_slashes_of_ros_1_are_taken_off(ros: FakeRos, bridged: Bridged, buffer: 
     rows = batch(("/map", "/base"), [(0, 1)], [pose])
     send_until(lambda: robot.tf.send(rows), lambda: "base" in buffer.frames())
     assert buffer.frame("base").parent == "map"
-    assert len([each for each in lines.lines if "leading slash, such as '/base'" in each]) == 1
+    [said] = [each for each in lines.lines if "leading slash" in each]
+    assert "'/base'" in said
 
 
 def test_stamps_of_zero_cross(ros: FakeRos, bridged: Bridged, sender: Node, buffer: Buffer) -> None:

@@ -406,7 +406,7 @@ def test_settings_that_are_wrong_are_errors(ros: Ros) -> None:
         ros.leg(distro="noetic")
     with pytest.raises(InvalidNameError, match="'my-robot'"):
         ros.leg(namespace="my-robot")
-    with pytest.raises(SettingsError, match="'nonsense' is not an endpoint"):
+    with pytest.raises(SettingsError, match=r"'nonsense' .*endpoint"):
         open_leg("zenoh", LegSettings(connect=("nonsense",)), logging.getLogger("test"))
     leg = ros.leg()
     with pytest.raises(InvalidNameError, match="full name"):
@@ -433,7 +433,7 @@ def test_it_is_configured_as_ros_where_no_endpoint_is_given(
         ZenohLeg(LegSettings(domain=0), logging.getLogger("test"))
     file.write_text("{mode: 'client'}")
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", "nonsense")
-    with pytest.raises(SettingsError, match="ZENOH_CONFIG_OVERRIDE has 'nonsense'"):
+    with pytest.raises(SettingsError, match=r"ZENOH_CONFIG_OVERRIDE .*'nonsense'"):
         ZenohLeg(LegSettings(domain=0), logging.getLogger("test"))
 
 

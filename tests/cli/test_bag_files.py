@@ -113,10 +113,10 @@ def test_a_recording_is_filtered(drive: Path) -> None:
     for wrong_name in ("--frames", "--drop"):
         wrong = run("filter", drive, wrong_name, "bse", "-o", "c.mcap")
         assert wrong.exit_code == 2
-        assert "'bse' in the recording; did you mean 'base'?" in " ".join(wrong.output.split())
+        assert "did you mean 'base'" in " ".join(wrong.output.split())
     wrong = run("filter", drive, "--topics", "/pos", "-o", "c.mcap")
     assert wrong.exit_code == 2
-    assert "there is no topic 'pos' in the recording; did you mean 'pose'?" in wrong.output
+    assert "no topic 'pos'" in wrong.output and "mean 'pose'" in wrong.output
     assert run("filter", drive, "-o", "c.mcap").exit_code == 2
 
 
@@ -130,12 +130,10 @@ def test_a_recording_gets_a_namespace(drive: Path) -> None:
 
 def test_a_damaged_recording_is_recovered(drive: Path) -> None:
     """What is lost is said; a whole one loses nothing."""
-    assert "drive.mcap was whole: nothing is lost" in wrote("recover", drive, "-o", "a.mcap")
+    assert "drive.mcap was whole" in wrote("recover", drive, "-o", "a.mcap")
     data = drive.read_bytes()
     drive.write_bytes(data[: len(data) - 700])
-    assert "Lost of drive.mcap: the end, its index, but no message" in wrote(
-        "recover", drive, "-o", "b.mcap"
-    )
+    assert "the end, its index" in wrote("recover", drive, "-o", "b.mcap")
     drive.write_bytes(b"nothing")
     done = run("recover", drive, "-o", "c.mcap")
     assert (done.exit_code, done.output) == (
@@ -177,19 +175,17 @@ def test_a_message_that_no_recording_holds_is_left_out(tmp_path: Path) -> None:
     os.chdir(tmp_path)
     json_file(Path("j.mcap"), 1, 2**70, 3)
     said = wrote("import", "j.mcap", "-o", "r.mcap")
-    assert "left out 1 message of t: a message of type 'any' cannot be written" in said
+    assert "left out 1 message of t: " in said and "type 'any'" in said
     assert said.endswith("2 messages of 1 topic\n")
     json_file(Path("k.mcap"), 2**70)
     done = run("import", "k.mcap", "-o", "s.mcap")
     assert done.exit_code == 1 and not Path("s.mcap").exists()
-    assert "nothing was imported: no message of k.mcap can be written" in done.output
+    assert "nothing was imported" in done.output
 
 
 def test_poses_are_exported(drive: Path) -> None:
     """At the samples of the source, at a rate, in a part; what is read is what was sent."""
-    assert "100 poses of 'base' in 'world' over 9.9 s" in wrote(
-        "export", drive, "world", "base", "-o", "a.csv"
-    )
+    assert "100 poses of 'base'" in wrote("export", drive, "world", "base", "-o", "a.csv")
     assert Trajectory.read_csv("a.csv").xyz[:, 0].tolist() == list(range(100))
     wrote("export", drive, "world", "laser", "--rate", "20", "-o", "a.tum")
     laser = Trajectory.read_tum("a.tum", "world", "laser")
@@ -207,7 +203,7 @@ def test_a_span_without_the_frame_is_refused_by_its_name(tmp_path: Path) -> None
     path = write(tmp_path / "run.mcap", [*early, *all_along])
     refused = run("export", path, "world", "base", "--from", "+10s", "-o", "base.csv")
     assert refused.exit_code == 2 and not Path("base.csv").exists()
-    assert "'base' has no pose in 'world' in that span" in " ".join(refused.output.split())
+    assert "no pose in 'world'" in " ".join(refused.output.split())
 
 
 def test_all_transforms_are_exported(drive: Path) -> None:
@@ -292,7 +288,7 @@ def test_a_recording_that_is_given_twice_counts_once(drive: Path) -> None:
     """Also as a copy."""
     Path("copy.mcap").write_bytes(drive.read_bytes())
     said = wrote("merge", drive, "copy.mcap", drive, "-o", "a.mcap")
-    assert "copy.mcap is the same as drive.mcap: it counts once" in said
+    assert "same as drive.mcap" in said
     assert said.endswith(
         "9.9 s, 100 dynamic and 1 static transform of 1 stream, 100 messages of 1 topic\n"
     )
@@ -333,7 +329,7 @@ def test_a_topic_that_an_import_does_not_meet_is_said(tmp_path: Path) -> None:
     row = RawTransform(START_NS, "map", "base", (0, 0, 0, 0, 0, 0, 1))
     write_bag(Path("r.bag"), [Sent(START_NS, [row])])
     said = wrote("import", "r.bag", "--topics", "tff", "tf", "-o", "r.mcap")
-    assert "there is no topic 'tff'; did you mean 'tf'?" in said and said.count("no topic") == 1
+    assert "no topic 'tff'" in said and "mean 'tf'" in said and said.count("no topic") == 1
     assert run("import", "r.bag", "--topics", "a", "--only-tf", "-o", "s.mcap").exit_code == 2
 
 

@@ -56,7 +56,7 @@ def test_info_lists_the_pauses_and_measures_without_them(path: Path) -> None:
 def test_monitor_and_doctor_find_no_gap(path: Path) -> None:
     """They name the pause in their first lines."""
     shown = run("monitor", "--bag", path).output
-    assert "Not counted: the recorder was paused from +10.000s to +320.000s" in shown
+    assert "paused from +10.000s to +320.000s" in shown
     report = json.loads(run("monitor", "--bag", path, "--json").output)
     assert all(each["gap_from_ns"] is None for each in report["edges"])
     gaps = json.loads(run("doctor", "--bag", path, "--json").output)
@@ -66,18 +66,18 @@ def test_monitor_and_doctor_find_no_gap(path: Path) -> None:
 def test_a_moment_in_a_pause_shows_what_was_there_before(path: Path) -> None:
     """Nothing is stale, and all frames are there, however long ago."""
     shown = run("frames", "--bag", path, "--at", "+100s").output
-    assert "As of before the pause: the recorder was paused" in shown
+    assert "before the pause" in shown
     assert "STALE" not in shown and "world" in shown and "arm" in shown
     why = run("why", "world", "base", "--bag", path, "--at", "+100s")
     assert why.exit_code == 0
     assert "STALE" not in why.output and "its publisher" not in why.output
-    assert "look before or after it" in why.output
+    assert "before or after it" in why.output
 
 
 def test_why_names_the_pause_that_keeps_a_frame_away(path: Path) -> None:
     """Until its first sample behind it."""
     shown = " ".join(run("why", "base", "arm", "--bag", path, "--at", "+320.2s").output.split())
-    assert "'arm' comes again at +320.305s: the recorder was paused from +10.000s" in shown
+    assert "again at +320.305s" in shown and "paused from +10.000s" in shown
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_echo_says_why_there_is_nothing_in_a_pause(path: Path, args: tuple[str, 
     """It exits with 1."""
     failed = run(*args, "--bag", path)
     assert failed.exit_code == 1
-    assert "the recorder was paused from +10.000s to +320.000s" in failed.output
+    assert "paused from +10.000s to +320.000s" in failed.output
 
 
 def test_an_export_of_a_pause_is_refused(path: Path, tmp_path: Path) -> None:
@@ -150,9 +150,9 @@ def test_why_advises_what_to_look_at_in_the_file(tmp_path: Path) -> None:
         gone(ARM, 8.0),
     )
     lost = " ".join(run("why", "robot", "arm", "--bag", path).output.split())
-    assert "was lost at +8.000s: look just before (--at +7.000s)" in lost
+    assert "lost at +8.000s" in lost and "--at +7.000s" in lost
     apart = " ".join(run("why", "world", "arm", "--bag", path).output.split())
-    assert "nothing that joins 'world' and 'robot' was recorded" in apart
+    assert "joins 'world' and 'robot'" in apart
     unknown = " ".join(run("why", "world", "camera", "--bag", path).output.split())
     # A long path may be broken over lines.
     assert f"seewhichframeswererecorded:tfbusbaginfo-v{path}" in unknown.replace(" ", "")
@@ -176,5 +176,5 @@ def test_why_does_not_advise_to_wait_in_a_recording(tmp_path: Path) -> None:
         steadily(ARM, 5.0, 7.0, ("base", "arm")),
     )
     shown = " ".join(run("why", "world", "arm", "--bag", path).output.split())
-    assert "they have no common time" in shown
+    assert "no common time" in shown
     assert "wait" not in shown and "cache_time_s" not in shown

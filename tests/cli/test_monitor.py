@@ -88,7 +88,7 @@ def test_one_frame_is_no_pair(bus: Bus) -> None:
     """A single frame is a usage error."""
     done = bus.run("monitor", "world")
     assert done.returncode == 2
-    assert "give two frames, as in: tfbus monitor world FRAME; or none" in done.stderr
+    assert "tfbus monitor world FRAME" in done.stderr
 
 
 def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
@@ -96,7 +96,7 @@ def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
     done = robot.run("monitor", "world", "left arm")
     assert done.stderr.endswith("(see: tfbus why world 'left arm')\n")
     done = robot.run("monitor", "left arm")
-    assert "as in: tfbus monitor 'left arm' FRAME; or none" in done.stderr
+    assert "monitor 'left arm' FRAME" in done.stderr
 
 
 def test_stamps_ahead_are_named(bus: Bus) -> None:
@@ -104,9 +104,10 @@ def test_stamps_ahead_are_named(bus: Bus) -> None:
     keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
     out = bus.run("monitor", "--once", "-p", "2").stdout
     assert re.search("^base +arm AHEAD .* -5 min", out, re.MULTILINE)
-    assert "samples of 'base' are 5 min in the future: have /arm on " in " ".join(out.split())
+    shown = " ".join(out.split())
+    assert "'base' are 5 min in" in shown and "have /arm on " in shown
     pair = bus.run("monitor", "world", "base", "--once", "-p", "2").stdout
-    assert "samples of 'base' are 5 min in the future" in " ".join(pair.split())
+    assert "'base' are 5 min in" in " ".join(pair.split())
 
 
 def test_a_pipe_has_whole_names(bus: Bus) -> None:

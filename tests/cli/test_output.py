@@ -25,7 +25,7 @@ class TestTables:
             "topic         rate",
             "a/very/long…  62.500",
         ]
-        assert table(["topic", "rate"], rows)[1] == "a/very/long/name/of/a/topic  62.500"
+        assert table(["topic", "rate"], rows)[1] == "  ".join(rows[0])
 
     def test_names_are_cut_in_the_middle(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Where a column is of names: different ones stay different, with their ends if those tell

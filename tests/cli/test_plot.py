@@ -98,7 +98,7 @@ def test_a_frame_that_is_too_far_away_is_not_plotted(x: float) -> None:
     pytest.importorskip("matplotlib", reason="needs matplotlib")
     xyz, quat_xyzw = np.array([[x, 0.0, 0.0]] * 2), np.array([[0.0, 0.0, 0.0, 1.0]] * 2)
     track = of_checked("map", "far", np.arange(2) * 10**9, xyz, quat_xyzw)
-    with pytest.raises(TfbusError, match="'far' is farther than 1e15 m away"):
+    with pytest.raises(TfbusError, match="'far' is farther"):
         draw(track, PANELS)
 
 

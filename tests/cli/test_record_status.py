@@ -22,10 +22,14 @@ RATES = Rates(50.0, 2500.0, 250_000.0)
 
 def test_the_line_has_time_rates_size_disk_and_losses_in_80_columns() -> None:
     """How long the disk lasts follows from how fast the file grows."""
-    line = "  ".join(status_parts(LOOK, RATES, 725.9))
-    assert line == (
-        "rec 0:12:05  50 msg/s  2500 tf/s  1.5 MB +250 kB/s  free 60 GB, 3 days  dropped 0"
-    )
+    assert list(status_parts(LOOK, RATES, 725.9)) == [
+        "rec 0:12:05",
+        "50 msg/s",
+        "2500 tf/s",
+        "1.5 MB +250 kB/s",
+        "free 60 GB, 3 days",
+        "dropped 0",
+    ]
     assert len(" ".join(status_parts(LOOK, RATES, 725.9))) < 80
 
 
@@ -62,9 +66,14 @@ def test_rates_are_those_of_the_last_seconds() -> None:
 
 def test_the_log_says_the_same_in_words() -> None:
     """A line without abbreviations."""
-    assert log_text(LOOK, RATES) == (
-        "50 messages/s, 2500 transforms/s, 1.5 MB, 250 kB/s, 60 GB free for 3 days, 0 dropped"
-    )
+    assert log_text(LOOK, RATES).split(", ") == [
+        "50 messages/s",
+        "2500 transforms/s",
+        "1.5 MB",
+        "250 kB/s",
+        "60 GB free for 3 days",
+        "0 dropped",
+    ]
 
 
 def test_hours_and_days_go_on() -> None:
@@ -92,9 +101,9 @@ def test_a_file_with_a_space_is_named_as_a_shell_takes_it() -> None:
     nothing: Counter[str] = Counter()
     parts = [WrittenPart(Path(f"left arm{number}.mcap"), 1.0, 1_000) for number in ("", "_1")]
     one = summary(parts[:1], 0, 0, nothing, nothing, nothing)
-    assert one[-1] == "Look into it: tfbus bag info 'left arm.mcap'"
+    assert one[-1].endswith(" info 'left arm.mcap'")
     many = summary(parts * 2, 0, 0, nothing, nothing, nothing)
-    assert many[-1] == "Look into it: tfbus bag info 'left arm'*.mcap"
+    assert many[-1].endswith(" info 'left arm'*.mcap")
 
 
 def test_without_a_snapshot_there_is_nothing_to_sum_up() -> None:

@@ -59,7 +59,7 @@ def test_a_goal_is_called_with_its_type(bus: Bus) -> None:
     done = bus.run("call", "spawn", "turtlesim/srv/Spawn", "{name: leo}")
     assert (done.returncode, done.stdout) == (0, '{"name": "leo"}\n')
     done = bus.run("call", "spawn", "Kill", "{name: leo}")
-    assert (done.returncode, "'spawn' is of type Spawn, not Kill" in done.stderr) == (2, True)
+    assert (done.returncode, "type Spawn, not Kill" in done.stderr) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -187,9 +187,9 @@ def test_a_message_type_of_ros_that_tfbus_lacks_names_those_it_has() -> None:
     """It says that the type may be omitted, too, and what publishes transforms."""
     answer = usage_error("topic", "pub", "--once", "/x", "my_msgs/msg/Weight", "data: hi")
     assert "leave the type out" in answer
-    assert "available: Clock, Color, Imu, JointState" in answer
+    assert "available: Clock, Color, Imu" in answer
     answer = usage_error("topic", "pub", "--once", "/tf", "tf2_msgs/msg/TFMessage", "{}")
-    assert "publish one with `tfbus static`" in answer
+    assert "`tfbus static`" in answer
 
 
 def test_the_parameter_use_sim_time_says_how_simulated_time_is_set(bus: Bus) -> None:
@@ -198,7 +198,7 @@ def test_the_parameter_use_sim_time_says_how_simulated_time_is_set(bus: Bus) -> 
     for verb, *value in (("get",), ("set", "true"), ("describe",)):
         arguments = ("param", verb, "sim", "use_sim_time", *value)
         eventually(lambda given=arguments: bus.run(*given).returncode == 2)
-        assert "as in: tfbus simulator --sim-time" in bus.run(*arguments).stderr
+        assert "tfbus simulator --sim-time" in bus.run(*arguments).stderr
 
 
 def test_a_node_that_has_a_parameter_of_that_name_answers_it(bus: Bus) -> None:

@@ -29,7 +29,8 @@ class TestList:
         sim(bus)
         bus.node("other").create_subscription(Pose, "turtle1/pose", lambda pose: None)
         assert run(bus, "list") == (0, "turtle1/cmd_vel\nturtle1/pose\n", "")
-        assert run(bus, "list", "-t")[1] == "turtle1/cmd_vel [Twist]\nturtle1/pose [Pose]\n"
+        typed = run(bus, "list", "-t")[1].splitlines()
+        assert typed == ["turtle1/cmd_vel [Twist]", "turtle1/pose [Pose]"]
         assert run(bus, "list", "-c")[1] == "2\n"
         assert run(bus, "list", "-v")[1].splitlines() == [
             "Published topics:",
@@ -69,7 +70,8 @@ class TestList:
         """In a namespace its topics have no prefix, and topics outside are hidden."""
         sim(bus, "robot7")
         bus.node("other").create_publisher(Pose, "pose")
-        assert run(bus, "list", "--namespace", "robot7")[1] == "turtle1/cmd_vel\nturtle1/pose\n"
+        inside = run(bus, "list", "--namespace", "robot7")[1].splitlines()
+        assert inside == ["turtle1/cmd_vel", "turtle1/pose"]
         assert "robot7/turtle1/pose\n" in run(bus, "list")[1]
 
     def test_info_shows_both_ends(self, bus: Bus) -> None:
@@ -77,7 +79,7 @@ class TestList:
         sim(bus)
         code, out, err = run(bus, "info", "turtle1/pose")
         assert (code, err) == (0, "")
-        assert out == "Type: Pose\nPublisher count: 1\nSubscription count: 0\n"
+        assert out.splitlines() == ["Type: Pose", "Publisher count: 1", "Subscription count: 0"]
         _, out, _ = run(bus, "info", "turtle1/pose", "-v")
         assert out.splitlines()[2:4] == ["  Node name: /sim", "    Type: Pose"]
         assert json.loads(run(bus, "info", "turtle1/pose", "--json")[1])["types"] == ["Pose"]
@@ -90,13 +92,11 @@ class TestList:
         assert run(bus, "find", "turtlesim/msg/Pose", "--count") == (0, "1\n", "")
         code, out, err = run(bus, "find", "Poes")
         assert (code, out) == (1, "")
-        assert err == "Error: there is no topic of type 'Poes'; did you mean 'Pose'?\n"
+        assert "of type 'Poes'" in err and "mean 'Pose'" in err
 
     def test_an_unknown_topic_is_an_error_with_a_near_name(self, bus: Bus) -> None:
         """A misspelt topic fails with the one that is meant."""
-        assert run(bus, "info", "x")[2] == (
-            "Error: there is no topic 'x', nor any other: is a node running?\n"
-        )
+        assert "'x', nor any other" in run(bus, "info", "x")[2]
         sim(bus)
         assert run(bus, "info", "turtle1/poze") == (
             1,
@@ -156,7 +156,11 @@ class TestEcho:
             *("name: le...", "key: 01ff...", "---"),
         ]
         _, out, _ = run(bus, *echo, "--no-arr", "--no-str")
-        assert "cells: <list of 3>\nname: <text of 14>\nkey: <3 bytes>\n" in out
+        assert out.splitlines()[1:4] == [
+            "cells: <list of 3>",
+            "name: <text of 14>",
+            "key: <3 bytes>",
+        ]
         assert json.loads(run(bus, *echo, "--json")[1])["cells"] == [3.5, 3.25, 3.0]
 
     def test_transforms_are_printed(self, bus: Bus) -> None:
@@ -274,7 +278,7 @@ def test_the_type_may_be_named_as_in_ros(bus: Bus) -> None:
     code, out, _ = run(bus, "echo", "turtle1/pose", "turtlesim/msg/Pose", "--once", "--field", "x")
     assert (code, out) == (0, "5.5\n---\n")
     code, _, err = run(bus, "echo", "turtle1/pose", "Twist", "--once")
-    assert (code, "'turtle1/pose' is of type Pose, not Twist" in err) == (2, True)
+    assert (code, "type Pose, not Twist" in err) == (2, True)
 
 
 def test_the_fields_of_transforms_are_shown(bus: Bus) -> None:

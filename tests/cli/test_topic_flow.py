@@ -62,7 +62,7 @@ class TestMeasure:
         sim(bus)
         code, out, err = run(bus, "hz", "turtle1/pose", "--filter", "m.x < 5", "--timeout", "0.5")
         assert (code, out) == (1, "")
-        assert err == "Error: too few messages on 'turtle1/pose' after 0.5 s\n"
+        assert "too few messages" in err and "'turtle1/pose'" in err
 
     def test_silence_is_reported(self, bus: Bus) -> None:
         """If no messages come, or they stop, it prints so instead of a rate."""
@@ -150,7 +150,7 @@ class TestPub:
         """It prints what it waits for, and fails if N subscribers do not come in time."""
         code, out, err = run(bus, "pub", "--once", "nobody", "Twist", "--max-wait-time", "0.3")
         assert (code, out) == (1, "")
-        assert err == "Error: 'nobody' has fewer than 1 subscribers after 0.3 s\n"
+        assert "'nobody' has fewer than" in err
         pub = bus.start("topic", "pub", "--once", "-w", "2", "cmd_vel", "Twist")
         pub.wait_for_line("Waiting for 2 subscribers of 'cmd_vel'")
         assert heard == []
@@ -179,4 +179,4 @@ class TestPub:
         """A topic of transforms is refused; the error names `tfbus static`."""
         code, _, err = run(bus, "pub", "tf/sim", "{}")
         assert code == 2
-        assert "'tf/sim' carries transforms: publish one with `tfbus static`" in err
+        assert "'tf/sim' carries transforms" in err and "`tfbus static`" in err

@@ -59,7 +59,7 @@ def test_a_websocket_needs_the_cookie(access: Access) -> None:
 def test_a_wrong_token_is_said_and_limited(access: Access) -> None:
     """To the browser, and with its address to the log."""
     answer = access.answer("/?token=wrong", {}, "10.0.0.7")
-    assert answer is not None and "That is not the token" in answer.body
+    assert answer is not None and "not the token" in answer.body
     assert (answer.status, answer.reason) == (401, "a wrong token from 10.0.0.7")
     for _ in range(9):
         access.answer("/?token=wrong", {}, "10.0.0.7")

@@ -67,7 +67,7 @@ def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], 
 
     def tabs() -> tuple[str, ...]:
         page.step(at_once=True)
-        return tuple(page.panel._tabs._tab_labels)
+        return tuple(page.panel.tabs._tab_labels)
 
     yield tabs
     page.close()

@@ -152,9 +152,7 @@ def test_a_page_that_ends_waits_for_the_measuring(
 ) -> None:
     """No thread is in the midst of the index when Python ends."""
     measured = []
-    monkeypatch.setattr(
-        replay, "measure", lambda: (replay._ended.wait(60.0), measured.append(True))
-    )
+    monkeypatch.setattr(replay, "measure", lambda: (replay.wait(60.0), measured.append(True)))
     with replay.until_signal():
         replay.measure_meanwhile()
     assert measured

@@ -50,7 +50,7 @@ class Opened:
     def __post_init__(self) -> None:
         program = Program(self.buffer)
         self.page = Page(program, program, Serving(port=free_port()), self.robots)
-        self.page._cameras = Cameras(Server(self.camera))
+        self.page.cameras = Cameras(Server(self.camera))
 
     def send(self, parent: str, child: str, pose: Transform, *, static: bool = False) -> None:
         """Publish a frame, and look at it."""
@@ -63,7 +63,7 @@ class Opened:
 
     def sees_the_robot(self) -> bool:
         """Whether the whole robot is before the camera, and not much smaller than the picture."""
-        corners = self.page.robots.points(self.page._whole, self.page._frames)
+        corners = self.page.robots.points(self.page.whole, self.page.frames)
         ahead = self.camera.look_at - self.camera.position
         size_m = distance_m(self.camera)
         depths_m = (corners - self.camera.position) @ ahead / size_m
@@ -97,7 +97,7 @@ def test_a_robot_whose_joints_come_late_is_seen_whole(opened: Opened) -> None:
     assert opened.sees_the_robot()
     opened.send("base", "hand", TURNED)
     opened.step()
-    assert opened.page._choice.fixed_frame == "base"
+    assert opened.page.choice.fixed_frame == "base"
     assert opened.sees_the_robot()
 
 
@@ -111,7 +111,7 @@ def test_a_robot_of_a_file_is_followed_to_where_its_frames_are(opened: Opened) -
     opened.send("world", "base", Transform((50.0, 0.0, 0.0)))
     opened.send("base", "hand", TURNED)
     opened.step()
-    assert opened.page._choice.fixed_frame == "world"
+    assert opened.page.choice.fixed_frame == "world"
     assert opened.camera.look_at.tolist() == pytest.approx([25.0, 0.0, 0.0], abs=1.0)
     assert distance_m(opened.camera) > 25.0
 

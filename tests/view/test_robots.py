@@ -17,7 +17,8 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
-from tfbus.robot.model import JointLimits
+from tfbus.view import Page, Serving, View
+from tfbus.view.local import Program
 from tfbus.view.model.frames import Frames, Placed, frames_of, place
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.model.settings import ViewSettings
@@ -255,11 +256,11 @@ def test_a_slider_shows_where_its_joint_is(arm: Robot) -> None:
 @pytest.mark.parametrize("limits", [(0.5, 1.5), (0.5, 0.5), (0.0001, 0.0004), (1.0, np.inf)])
 def test_every_joint_gets_a_slider(server: Any, arm: Robot, limits: tuple[float, float]) -> None:
     """Also one that hardly moves; its ends are apart, and it begins between them."""
-    lift = replace(arm.joints["lift"], limits=JointLimits(*limits))
-    robot = ShownRobot(Robot(replace(arm._model, joints={"lift": lift}), arm.text))
+    ends = f'lower="{limits[0]}" upper="{limits[1]}"'
+    robot = ShownRobot(Robot.from_text(arm.text.replace('lower="0.5" upper="1.5"', ends)))
     scenes = RobotScenes(server.scene, GivenRobots([robot]), logging.getLogger("test_robots"))
     sliders = JointSliders(server.gui, robot, None, scenes)
-    handle = sliders._sliders[0].handle
+    handle = sliders.sliders[0].handle
     assert handle.min < handle.max
     assert handle.min <= handle.value <= handle.max
 
@@ -267,13 +268,12 @@ def test_every_joint_gets_a_slider(server: Any, arm: Robot, limits: tuple[float,
 @pytest.mark.real
 def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
     """Without any frame of its own; again it replaces the former."""
-    from tfbus.view import show
-
-    with show(Buffer(), port=free_port()) as view:
+    program, robots = Program(Buffer()), GivenRobots()
+    page = Page(program, program, Serving(port=free_port()), robots)
+    with View(page, program, robots) as view:
         view.add_robot(arm)
         view.add_robot(arm)
         view.add_robot(arm, prefix="left_")
-        scenes = view._page.robots
-        eventually(lambda: [each.title for each in scenes.robots] == ["arm", "left/arm"])
+        eventually(lambda: [each.title for each in page.robots.robots] == ["arm", "left/arm"])
         with pytest.raises(InvalidArgumentException):
             view.add_robot(arm, prefix="/left")

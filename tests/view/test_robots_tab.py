@@ -63,11 +63,16 @@ def robots() -> Robots:
 
 
 @pytest.fixture
-def page(robots: Robots) -> Iterator[Page]:
-    """A page with frame hand on base."""
+def program() -> Program:
+    """A program with frame hand on base."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "base", "hand", 1.0))
-    program = Program(buffer)
+    return Program(buffer)
+
+
+@pytest.fixture
+def page(program: Program, robots: Robots) -> Iterator[Page]:
+    """A page with its frames."""
     page = Page(program, program, Serving(port=free_port(), rate_hz=60.0), robots)
     yield page
     page.close()
@@ -80,8 +85,8 @@ def step(page: Page) -> None:
 
 def sliders(page: Page) -> Any:
     """Those of the robot that is chosen."""
-    panel: Any = page.panel
-    return next(each for each in vars(panel).values() if hasattr(each, "_sliders"))._sliders
+    assert page.panel.robots_panel is not None
+    return page.panel.robots_panel.sliders
 
 
 def described(text: str) -> ShownRobot:
@@ -99,8 +104,8 @@ def test_buttons_and_sliders_are_open_while_a_process_moves_the_joints(
         robots.arm.positions = {"lift": 0.5}
         step(page)
         shown = sliders(page)
-        assert shown._buttons.visible is is_heard
-        [slider] = shown._sliders
+        assert shown.buttons.visible is is_heard
+        [slider] = shown.sliders
         assert (slider.handle.disabled, slider.handle.value) == (not is_heard, 0.5)
 
 
@@ -110,7 +115,7 @@ def test_a_joint_does_not_undo_a_drag_that_nobody_was_told_of(page: Page, robots
     robots.arm.is_heard = True
     robots.arm.positions = {"lift": 0.5}
     step(page)
-    [slider] = sliders(page)._sliders
+    [slider] = sliders(page).sliders
     slider.handle._impl.value = 0.75  # as viser does when a browser says so
     step(page)
     assert slider.handle.value == 0.75
@@ -165,25 +170,25 @@ def test_a_slider_has_any_limits(page: Page, robots: Robots, limit: str) -> None
         robots.arm.positions = {"lift": position}
         robots.arm.is_heard = True
         step(page)
-    assert len(sliders(page)._sliders) == 1
+    assert len(sliders(page).sliders) == 1
     for button in ("Zero", "Random"):
-        sliders(page)._press(button)
+        sliders(page).press(button)
     assert len(robots.arm.sent) == 2
 
 
 def test_a_mistake_in_drawing_does_not_end_the_page(
-    page: Page, caplog: pytest.LogCaptureFixture
+    page: Page, program: Program, caplog: pytest.LogCaptureFixture
 ) -> None:
     """It is logged once with its traceback, and the page goes on."""
     steps = iter(range(5))
 
     def step() -> None:
         if next(steps) == 4:
-            page._node.end()
+            program.end()
         raise ValueError("no such colour")
 
     page.step = step
     page.run()
     [record] = caplog.records
-    assert "Could not bring the page up to date" in record.message
+    assert "bring the page up" in record.message
     assert record.exc_info

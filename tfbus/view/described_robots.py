@@ -81,7 +81,7 @@ class RobotsOnBus:
         if robot is not None:
             return
         within = f"**/{_TOPIC}" if fleet is not None else _TOPIC
-        self._subscription = declare_signed_subscriber(node.session, within, self._on_message)
+        self._subscription = declare_signed_subscriber(node.session, within, self.take)
 
     def robots(self) -> Sequence[ShownRobot]:
         """The described robots, by namespace."""
@@ -123,7 +123,8 @@ class RobotsOnBus:
 
     # Descriptions
 
-    def _on_message(self, key: str, payload: bytes, sender: str) -> None:
+    def take(self, key: str, payload: bytes, sender: str) -> None:
+        """Read a description that came on a key, later and on a thread of the node."""
         if is_of_ros(payload):
             return
         origin = key.removesuffix(_TOPIC).strip("/")

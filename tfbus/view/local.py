@@ -380,7 +380,7 @@ class View:
 
     def clear(self) -> None:
         """Remove all shapes."""
-        for name in self._page.drawn.names():
+        for name in self._page.drawn.shapes:
             self._page.drawn.remove(name)
 
     # Its life
@@ -426,7 +426,7 @@ class View:
 
     def _add(self, name: str, frame: str, make: Any) -> None:
         check_frame_id(frame, "frame")
-        scene = self._page.scene_api
+        scene = self._page.server.scene
         self._page.drawn.add(name, frame, lambda path: make(scene, path))
 
     def _run(self) -> None:

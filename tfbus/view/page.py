@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusView
@@ -85,7 +84,7 @@ class Serving:
 
 
 @dataclass(frozen=True)
-class _Choice:
+class Choice:
     """The frames to place, by these settings; those in `unseen` have no axes of their own."""
 
     settings: ViewSettings
@@ -98,7 +97,9 @@ class Page:
     """A server of the page, from its construction until `close`.
 
     It shows the moments of a bus, live or recorded. With a `replay`, which is host and bus then, it
-    also moves the recording. Raises ServeError if it cannot listen.
+    also moves the recording. `server` is viser's; `frames` are those of the last look, and `choice`
+    has the frames to place, which have their places in `whole`. Raises ServeError if it cannot
+    listen.
     """
 
     def __init__(
@@ -119,27 +120,27 @@ class Page:
         self._selections = Selections(serving.settings.selected)
         self._log_once = LogOnce(host.log)
         guard = Guard(serving.host, serving.access, serving.is_framed, self._on_refused)
-        self._server = serve(serving.host, serving.port, serving.title, guard)
-        self._frames = Frames()
-        self._choice = _Choice(serving.settings)
+        self.server = serve(serving.host, serving.port, serving.title, guard)
+        self.frames = Frames()
+        self.choice = Choice(serving.settings)
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
         # The frames that are drawn, and these with those that only need a place.
-        self._placed = self._whole = place(self._buffer, "", (), None)
+        self._placed = self.whole = place(self._buffer, "", (), None)
         self._seen_from = ""
-        self._cameras = Cameras(self._server)
-        self._names = Names(self._server, self._selections)
-        self._selected_marks = SelectedMarks(self._server, self._selections)
+        self.cameras = Cameras(self.server)
+        self._names = Names(self.server, self._selections)
+        self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
-            self._server.scene,
+            self.server.scene,
             robots or GivenRobots(),
             host.log,
             heeds_up_axis=serving.heeds_up_axis,
         )
-        self.drawn = Drawn(self._server.scene)
+        self.drawn = Drawn(self.server.scene)
         self.panel = Panel(
-            self._server,
+            self.server,
             self.view,
             self._selections,
             self,
@@ -151,7 +152,7 @@ class Page:
             self.robots,
             replay,
         )
-        self._scene = Scene(self._server.scene, self._select)
+        self._scene = Scene(self.server.scene, self._select)
 
     @property
     def address(self) -> str:
@@ -161,14 +162,14 @@ class Page:
     @property
     def port(self) -> int:
         """The port that it listens on."""
-        return self._server.get_port()
+        return self.server.get_port()
 
     @property
     def addresses(self) -> tuple[str, ...]:
         """The URLs that a browser can open: of this machine alone, or of others, too, by its host
         name and its address; with a token that was made for this run.
         """
-        host, access = self._server.get_host(), self._serving.access
+        host, access = self.server.get_host(), self._serving.access
         names = names_to_open(host) if access is None else names_to_open_elsewhere(host)
         scheme, query = ("http", "") if access is None else ("https", access.query)
         return tuple(
@@ -182,14 +183,9 @@ class Page:
         return self._serving.is_framed
 
     @property
-    def scene_api(self) -> viser.SceneApi:
-        """The scene that shapes are added to."""
-        return self._server.scene
-
-    @property
     def is_watched(self) -> bool:
         """Whether a browser has the page open."""
-        return bool(self._server.get_clients())
+        return bool(self.server.get_clients())
 
     def run(self) -> None:
         """Keep the page up to date until the node is shut down."""
@@ -203,7 +199,7 @@ class Page:
 
     def hold(self) -> None:
         """Let all browsers see everything that is there now, and leave the page so."""
-        self._cameras.refit(self._region_of_all())
+        self.cameras.refit(self._region_of_all())
         # The names of frames take their places when the cameras have.
         time.sleep(_NAMES_AFTER_S)
         self._is_held = True
@@ -231,28 +227,28 @@ class Page:
         if self.robots.look(settings) or (is_watched and self.robots.take_meshes()):
             is_due = True
         if is_due:
-            self._frames = self._look(settings)
-        if is_due or settings is not self._choice.settings:
-            self._choice = self._choose(settings)
+            self.frames = self._look(settings)
+        if is_due or settings is not self.choice.settings:
+            self.choice = self._choose(settings)
         if not is_watched and not is_due:
             return
-        choice, stamp_ns = self._choice, playback.stamp_ns
+        choice, stamp_ns = self.choice, playback.stamp_ns
         whole = place(self._buffer, choice.fixed_frame, choice.names, stamp_ns)
-        self._whole = whole
+        self.whole = whole
         self._placed = placed = whole.without(choice.unseen)
-        self._selections.keep(self._server.get_clients())
-        with self._server.atomic():
+        self._selections.keep(self.server.get_clients())
+        with self.server.atomic():
             self._draw(placed, whole, choice, stamp_ns)
             self._keep_sight(choice.fixed_frame, stamp_ns)
-            self._selected_marks.draw(self._frames, placed, self._scene.size_m)
+            self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
                 now_ns = self._bus.now_ns()
-                self.panel.refresh(self._frames, whole, choice.fixed_frame, self._buffer, now_ns)
-        shown = [self._frames[name] for name in placed.names] if is_due else None
+                self.panel.refresh(self.frames, whole, choice.fixed_frame, self._buffer, now_ns)
+        shown = [self.frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
         # Without this the end of a movement would wait for the next one.
-        self._server.flush()
+        self.server.flush()
         if is_due:
             end_s = time.monotonic()
             rest_s = _REFRESH_S if is_watched else _REFRESH_UNWATCHED_S
@@ -262,7 +258,7 @@ class Page:
         """Stop serving. Twice is fine."""
         self.robots.close()
         with silent_viser():
-            self._server.stop()
+            self.server.stop()
 
     def _on_refused(self, reason: str) -> None:
         self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))
@@ -272,11 +268,11 @@ class Page:
         return self._bus.buffer
 
     def _look(self, settings: ViewSettings) -> Frames:
-        before = settings.fixed_frame or self._frames.natural_fixed_frame()
+        before = settings.fixed_frame or self.frames.natural_fixed_frame()
         return frames_of(self._bus.moment(), self._buffer, before)
 
-    def _choose(self, settings: ViewSettings) -> _Choice:
-        frames = self._frames
+    def _choose(self, settings: ViewSettings) -> Choice:
+        frames = self.frames
         fixed_frame = settings.fixed_frame or frames.natural_fixed_frame()
         # Axes would hide the links of a robot; those that are selected or in conflict have some.
         covered = {
@@ -297,9 +293,9 @@ class Page:
             *(name for each in self._guests for name in each.frames),
         }
         unseen = frozenset(name for name in others - set(shown) if name in frames)
-        return _Choice(settings, fixed_frame, (*shown, *unseen), unseen)
+        return Choice(settings, fixed_frame, (*shown, *unseen), unseen)
 
-    def _draw(self, placed: Placed, whole: Placed, choice: _Choice, stamp_ns: int | None) -> None:
+    def _draw(self, placed: Placed, whole: Placed, choice: Choice, stamp_ns: int | None) -> None:
         settings, fixed_frame = choice.settings, choice.fixed_frame
         end_ns = self.panel.newest_ns if stamp_ns is None else stamp_ns
         trails: dict[str, Floats] = {}
@@ -308,16 +304,16 @@ class Page:
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
                     trails[name] = path
-        self.robots.draw(whole, self._frames)
+        self.robots.draw(whole, self.frames)
         self.drawn.draw(whole)
         for guest in self._guests:
             guest.draw(whole, fixed_frame)
         regions = [guest.region for guest in self._guests]
         around_m = max((region.radius_m for region in regions if region), default=0.0)
-        points = self.robots.points(whole, self._frames)
+        points = self.robots.points(whole, self.frames)
         if len(points):
             around_m = max(around_m, float(np.ptp(points, axis=0).max()))
-        self._scene.draw(self._frames, placed, trails, settings, around_m)
+        self._scene.draw(self.frames, placed, trails, settings, around_m)
 
     # The cameras
 
@@ -332,12 +328,12 @@ class Page:
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
             shown = region or later or with_robots or region_of(placed)
-            built = self.robots.built(whole, self._frames)
-            self._cameras.aim(shown, has_more, len(whole.names), built)
+            built = self.robots.built(whole, self.frames)
+            self.cameras.aim(shown, has_more, len(whole.names), built)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:
         """The ball around frames and robots; None without a robot that has a place."""
-        points = self.robots.points(whole, self._frames)
+        points = self.robots.points(whole, self.frames)
         if not len(points):
             return None
         return region_of_points(np.concatenate((placed.xyz, points)))
@@ -352,7 +348,7 @@ class Page:
             return None
         whole = now = region_of(placed)
         for buffer in self._replay.samples:
-            later = place(buffer, self._choice.fixed_frame, self._choice.names, None)
+            later = place(buffer, self.choice.fixed_frame, self.choice.names, None)
             if later.names:
                 whole = around(whole, region_of(later))
         return whole if whole.radius_m < _FARTHEST * now.radius_m else None
@@ -364,26 +360,26 @@ class Page:
         """Let browsers see what they saw, after a change of the fixed frame."""
         before = self._seen_from
         # A fixed frame that does not exist yet shows nothing.
-        if before == fixed_frame or not self._whole.names:
+        if before == fixed_frame or not self.whole.names:
             return
         self._seen_from = fixed_frame
         if not before:
             return
         found = place(self._buffer, fixed_frame, (before,), stamp_ns)
         if found.names:
-            self._cameras.carry(found.pose(0))
+            self.cameras.carry(found.pose(0))
         else:
-            self._cameras.refit(self._region_of_all())
+            self.cameras.refit(self._region_of_all())
 
     def show_all(self, client: int) -> None:
         """Let a browser see all that is drawn: frames, robots, and shapes of guests."""
-        self._cameras.show(client, self._region_of_all())
+        self.cameras.show(client, self._region_of_all())
 
     def _region_of_all(self) -> Region:
         region = self._guests_region()
         if region is not None and not (self._placed.names or self.robots.robots):
             return region
-        frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
+        frames = self._region_with_robots(self._placed, self.whole) or region_of(self._placed)
         return around(frames, region) if region else frames
 
     def focus(self, client: int) -> str:
@@ -391,11 +387,11 @@ class Page:
         name = self._selections.of(client)
         if not name:
             return "Click on a frame first, in the tree or in the scene."
-        fixed_frame, stamp_ns = self._choice.fixed_frame, self.view.playback.stamp_ns
+        fixed_frame, stamp_ns = self.choice.fixed_frame, self.view.playback.stamp_ns
         found = place(self._buffer, fixed_frame, (name,), stamp_ns)
         if not found.names:
             return f"{printable(name)} has no place: {printable(found.missing[name])}"
-        self._cameras.focus(client, Region(found.xyz[0], _FOCUS * self._scene.size_m))
+        self.cameras.focus(client, Region(found.xyz[0], _FOCUS * self._scene.size_m))
         return ""
 
     def _select(self, client: int, name: str) -> None:

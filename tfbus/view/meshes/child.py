@@ -42,7 +42,8 @@ def receive(pipe: IO[bytes]) -> dict[str, Any] | None:
     return values
 
 
-def _answer(values: dict[str, Any]) -> dict[str, Any]:
+def answer(values: dict[str, Any]) -> dict[str, Any]:
+    """The triangles of a request for a mesh, or `error` with a sentence."""
     from tfbus.view.meshes.read import References, read_mesh
 
     request = MeshRequest.from_map(values)
@@ -81,4 +82,4 @@ def main() -> None:
         import_module("tfbus.view.meshes.read")
     send(answers, {"ready": True})
     while (values := receive(sys.stdin.buffer)) is not None:
-        send(answers, _answer(values))
+        send(answers, answer(values))

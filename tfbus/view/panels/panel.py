@@ -151,7 +151,7 @@ class Panel:
         self._time = None if replay else TimePanel(gui, view, history_s, lambda: self.newest_ns)
         self._player = PlayerBar(gui, channel, replay) if replay else None
         add_camera_commands(gui, camera)
-        self._tabs = tabs = gui.add_tab_group()
+        self.tabs = tabs = gui.add_tab_group()
         with tabs.add_tab("Frames") as tab:
             self._tree = TreePanel(server, tab, view, selections, channel)
             self._mistakes = Html(gui.add_html(""))
@@ -164,7 +164,7 @@ class Panel:
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
         self._robots = robots
         self._robots_tab: viser.GuiTabHandle | None = None
-        self._robots_panel: RobotsPanel | None = None
+        self.robots_panel: RobotsPanel | None = None
 
     def refresh(
         self, frames: Frames, placed: Placed, fixed_frame: str, buffer: Buffer, now_ns: int
@@ -206,12 +206,12 @@ class Panel:
         if not self._robots.robots:
             if self._robots_tab is not None:
                 self._robots_tab.remove()
-            self._robots_tab = self._robots_panel = None
+            self._robots_tab = self.robots_panel = None
             return
-        if self._robots_panel is None or self._robots_tab is None:
-            self._robots_tab = self._tabs.add_tab(RobotsPanel.title)
+        if self.robots_panel is None or self._robots_tab is None:
+            self._robots_tab = self.tabs.add_tab(RobotsPanel.title)
             with self._robots_tab:
-                self._robots_panel = RobotsPanel(
+                self.robots_panel = RobotsPanel(
                     self._server.gui,
                     self._view,
                     self._channel,
@@ -220,7 +220,7 @@ class Panel:
                 )
         # Its sliders come and go with the robots.
         with self._robots_tab:
-            self._robots_panel.refresh(frames)
+            self.robots_panel.refresh(frames)
 
     def _refresh_guest(self, guest: Guest) -> None:
         """Show the guest's tab, the last one, while the guest is present."""
@@ -229,7 +229,7 @@ class Panel:
                 tab.remove()
             return
         if guest not in self._tab_of:
-            self._tab_of[guest] = tab = self._tabs.add_tab(guest.title)
+            self._tab_of[guest] = tab = self.tabs.add_tab(guest.title)
             with tab:
                 guest.add_controls(self._server.gui, self._channel)
         guest.refresh()

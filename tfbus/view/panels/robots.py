@@ -55,7 +55,9 @@ def slider_joints(robot: ShownRobot) -> list[Joint]:
 
 
 @dataclass(eq=False)
-class _Slider:
+class Slider:
+    """A slider of viser, the `handle`, and the joint that it moves and follows."""
+
     joint: Joint
     handle: Any
     # The last value that came from a drag or from the joint. With any other, a drag has just
@@ -80,7 +82,8 @@ class _Slider:
 class JointSliders:
     """The sliders of one robot.
 
-    A drag sends the target of that joint; a slider that is not dragged follows the joint.
+    A drag sends the target of that joint; a slider that is not dragged follows the joint. `buttons`
+    are None without a joint that moves.
     """
 
     def __init__(
@@ -93,14 +96,14 @@ class JointSliders:
         self._joints = joints
         self._scenes = scenes
         self._note = Html(gui.add_html(""))
-        self._sliders: list[_Slider] = []
-        self._buttons: Any = None
+        self.sliders: list[Slider] = []
+        self.buttons: Any = None
         movable = slider_joints(robot)
         if not movable:
             self._note.show('<div class="tf tf-dim">It has no joints that move.</div>')
             return
-        self._buttons = gui.add_button_group("Joints", ("Zero", "Random"), visible=False)
-        self._buttons.on_click(lambda event: self._press(self._buttons.value))
+        self.buttons = gui.add_button_group("Joints", ("Zero", "Random"), visible=False)
+        self.buttons.on_click(lambda event: self.press(self.buttons.value))
         for joint in movable[:_MOST_SLIDERS]:
             self._add(gui, joint)
         if len(movable) > _MOST_SLIDERS:
@@ -122,8 +125,8 @@ class JointSliders:
             # `refresh` enables it: nobody may be there yet whom a drag would reach.
             disabled=True,
         )
-        slider = _Slider(joint, handle, float(handle.value))
-        self._sliders.append(slider)
+        slider = Slider(joint, handle, float(handle.value))
+        self.sliders.append(slider)
 
         # On viser's own thread, at once: until another one comes to it, the joint may have moved
         # the slider back.
@@ -138,13 +141,13 @@ class JointSliders:
 
     def refresh(self, is_still: bool) -> None:
         """Follow the joints, unless the robot stands by itself."""
-        if self._buttons is None:
+        if self.buttons is None:
             return
         is_open = is_still or (self._joints is not None and self._joints.is_heard)
         # viser disables no group of buttons.
-        if self._buttons.visible != is_open:
-            self._buttons.visible = is_open
-        for slider in self._sliders:
+        if self.buttons.visible != is_open:
+            self.buttons.visible = is_open
+        for slider in self.sliders:
             if slider.handle.disabled == is_open:
                 slider.handle.disabled = not is_open
         note = _STANDS_STILL if is_still else "" if is_open else _FOLLOWS_ONLY
@@ -152,24 +155,25 @@ class JointSliders:
         if is_still or self._joints is None:
             return
         positions = self._joints.positions
-        for slider in self._sliders:
+        for slider in self.sliders:
             position = positions.get(slider.joint.name)
             if position is not None:
                 slider.follow(position)
 
-    def _press(self, button: str) -> None:
+    def press(self, button: str) -> None:
+        """Move all joints, as the button Zero or Random does."""
         if button == "Zero":
             targets = {
-                slider: shown_position(slider.joint, slider.joint.zero) for slider in self._sliders
+                slider: shown_position(slider.joint, slider.joint.zero) for slider in self.sliders
             }
         else:
-            targets = {slider: uniform(*slider.joint.reach) for slider in self._sliders}
+            targets = {slider: uniform(*slider.joint.reach) for slider in self.sliders}
         for slider, value in targets.items():
             slider.hold(round(value, 3))
             slider.handle.value = slider.known
         self._send(targets)
 
-    def _send(self, targets: Mapping[_Slider, float]) -> None:
+    def _send(self, targets: Mapping[Slider, float]) -> None:
         positions = {slider.joint.name: value for slider, value in targets.items()}
         self._scenes.move(positions)
         if self._joints is not None:
@@ -197,7 +201,7 @@ class RobotsPanel:
         self._chosen = ""
         self._shown: ShownRobot | None = None
         self._folder: Any = None
-        self._sliders: JointSliders | None = None
+        self.sliders: JointSliders | None = None
         channel.on(
             "show robot",
             lambda e: view.tick("hidden_robots", str(e.get("robot", "")), not e.get("on")),
@@ -239,8 +243,8 @@ class RobotsPanel:
             self._choice.show(titles, "" if shown is robots[0] else shown.title, first)
         if shown is not self._shown:
             self._replace(shown)
-        if self._sliders is not None and shown is not None:
-            self._sliders.refresh(self._scenes.is_still(shown, frames))
+        if self.sliders is not None and shown is not None:
+            self.sliders.refresh(self._scenes.is_still(shown, frames))
 
     def _choose(self, title: str) -> None:
         self._chosen = title
@@ -248,7 +252,7 @@ class RobotsPanel:
     def _replace(self, robot: ShownRobot | None) -> None:
         if self._folder is not None:
             self._folder.remove()
-        self._shown, self._folder, self._sliders = robot, None, None
+        self._shown, self._folder, self.sliders = robot, None, None
         if robot is None:
             return
         joints = self._scenes.source.joints(robot)
@@ -256,7 +260,7 @@ class RobotsPanel:
             return
         self._folder = self._gui.add_folder("Joints")
         with self._folder:
-            self._sliders = JointSliders(self._gui, robot, joints, self._scenes)
+            self.sliders = JointSliders(self._gui, robot, joints, self._scenes)
 
     def _row(self, robot: ShownRobot, frames: Frames) -> str:
         title = escape(printable(robot.title))

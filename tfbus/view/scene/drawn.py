@@ -22,7 +22,7 @@ _MOST_COLOR = 255
 
 
 @dataclass(eq=False)
-class _Shape:
+class Shape:
     """A shape below `node`, which is where the frame is."""
 
     frame: str
@@ -39,7 +39,7 @@ class Drawn:
     def __init__(self, scene: "viser.SceneApi") -> None:
         self._scene = scene
         self._lock = threading.Lock()
-        self._shapes: dict[str, _Shape] = {}
+        self._shapes: dict[str, Shape] = {}
         self._count = 0
 
     @property
@@ -69,7 +69,7 @@ class Drawn:
                 raise
             if former is not None and former.frame != frame:
                 node.visible = False
-            self._shapes[name] = _Shape(frame, node, handle)
+            self._shapes[name] = Shape(frame, node, handle)
 
     def remove(self, name: str) -> bool:
         """Remove a shape; whether there was one."""
@@ -80,10 +80,11 @@ class Drawn:
                 shape.node.remove()
         return shape is not None
 
-    def names(self) -> list[str]:
-        """The names of all shapes."""
+    @property
+    def shapes(self) -> dict[str, Shape]:
+        """All shapes as they are now, by name."""
         with self._lock:
-            return list(self._shapes)
+            return dict(self._shapes)
 
     def draw(self, placed: Placed) -> None:
         """Move the shapes to their frames."""

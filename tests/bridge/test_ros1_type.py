@@ -3,7 +3,6 @@
 import pytest
 
 from tfbus import TfbusError
-from tfbus.bridge.legs.ros1_type import ros1_type
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS, fitted
 from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
@@ -16,6 +15,7 @@ from tfbus.ros.definitions import (
     TWIST,
     Definition,
 )
+from tfbus.ros.ros1 import ros1_type
 from tfbus.ros.schema import MessageCodec
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests import needs
-from tfbus.recording.foreign.files import opened
+from tfbus.recording.foreign_files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import TopicItem, TransformItem
 

@@ -25,8 +25,8 @@ from tests.recording.foreign_files import (
     write_rosbag2,
 )
 from tfbus.errors import DecodeError
-from tfbus.recording.foreign import files
-from tfbus.recording.foreign.files import opened
+from tfbus.recording import foreign_files
+from tfbus.recording.foreign_files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
@@ -377,8 +377,8 @@ def test_what_unpacks_to_gigabytes_is_refused(
     tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks of .bag and messages of rosbag2 unpack to 256 MiB at the most; here to less."""
-    assert files.MOST_CHUNK_BYTES == 256 * 2**20
-    monkeypatch.setattr(files, "MOST_CHUNK_BYTES", MOST)
+    assert foreign_files.MOST_CHUNK_BYTES == 256 * 2**20
+    monkeypatch.setattr(foreign_files, "MOST_CHUNK_BYTES", MOST)
     if "sized" in kind:
         path = write_rosbag2(tmp_path / "run", SENT, storage="SQLITE3", packed="MESSAGE")
         replaced(next(path.glob("*.db3")), zstd_of_zeros(is_sized=kind == "sized"))
@@ -521,8 +521,10 @@ def test_the_metadata_of_a_folder_is_read_once(
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
     (tmp_path / "a_0.mcap").touch()
     reads: list[str] = []
-    load = files.yaml.safe_load
-    monkeypatch.setattr(files.yaml, "safe_load", lambda text: (reads.append(text), load(text))[1])
+    load = foreign_files.yaml.safe_load
+    monkeypatch.setattr(
+        foreign_files.yaml, "safe_load", lambda text: (reads.append(text), load(text))[1]
+    )
     with pytest.raises(DecodeError), opened(tmp_path):
         pass
     assert len(reads) == 1

@@ -12,7 +12,7 @@ from tests.tf2 import recorded
 from tests.tf2.steps import Insert, Lookup, Step
 from tests.tf2.versus import CACHE_TIME_S, Oracle, as_tf2_takes
 from tfbus import Buffer, Recording
-from tfbus.recording.foreign.files import opened
+from tfbus.recording.foreign_files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import TransformItem
 from tfbus.recording.writer import RecordingWriter

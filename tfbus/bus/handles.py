@@ -6,7 +6,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.zenoh_library import as_bus_error
 from tfbus.errors import BusError
@@ -26,7 +26,7 @@ class Declaration:
 
     def __init__(self, declared: Any):
         self._declared = declared
-        forks.holders.add(self, "_declared")
+        zenoh_library.holders.add(self, "_declared")
 
     def close(self) -> None:
         """End it; twice is fine. In a forked child it does nothing."""
@@ -64,13 +64,13 @@ class _MatchWatch:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a counterpart, at most `timeout_s` (None: for ever); whether there is one."""
-        forks.check()
+        zenoh_library.check_not_forked()
         return self._matched.wait(timeout_s)
 
     @contextmanager
     def waking(self, wake: Callable[[], object]) -> Iterator[None]:
         """Until the end of its `with`, call `wake()` once there is a counterpart, on any thread."""
-        forks.check()
+        zenoh_library.check_not_forked()
         self._wakes[id(wake)] = wake
         try:
             if self._matched.is_set():
@@ -142,7 +142,7 @@ class BytesPublisher(Declaration):
     def close(self) -> None:
         """End it; twice is fine, and so are other threads that send by it."""
         declared = self._declared
-        if forks.is_lost() or isinstance(declared, _Ended):
+        if zenoh_library.is_lost_by_fork() or isinstance(declared, _Ended):
             return
         # First, so that no further message begins: Zenoh ends no publisher that is sending.
         self._declared = _Ended()
@@ -187,7 +187,7 @@ class PublishersWithin:
         self.priority = priority
         self._watch = watch
         self._limits = limits
-        forks.holders.add(self, "session")
+        zenoh_library.holders.add(self, "session")
 
     @property
     def heard(self) -> bool:

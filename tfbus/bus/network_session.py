@@ -14,7 +14,7 @@ from typing import Self
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import Declaration, LivelinessToken
 from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads, first_sentence
@@ -35,7 +35,7 @@ class NetworkSession:
 
     def __init__(self, log: logging.Logger, callbacks: Callbacks, node: str = "") -> None:
         """Prepare it. Raises BusError in a fork of a process that had joined a bus."""
-        forks.begin()
+        zenoh_library.begin_use()
         configure_zenoh_threads()
         zenoh.try_init_log_from_env()
         self.callbacks = callbacks
@@ -63,7 +63,7 @@ class NetworkSession:
                 opened.close()
                 break
             self.zenoh, self._is_open = opened, True
-            forks.holders.add(self, "zenoh")
+            zenoh_library.holders.add(self, "zenoh")
             return
         raise BusError("the session is closed")
 
@@ -80,7 +80,7 @@ class NetworkSession:
     def _close_with_python(self) -> None:
         # Zenoh's threads that return into an interpreter that shuts down abort the process. A
         # child of a fork has none of them, and nothing to close.
-        if not forks.is_lost():
+        if not zenoh_library.is_lost_by_fork():
             _end_at_a_signal()
             self.close()
 
@@ -96,7 +96,7 @@ class NetworkSession:
         If Zenoh does not close in that time, the log says so. In a callback of Zenoh's it
         returns before that is done. In a forked child it does nothing.
         """
-        if self._closing.is_set() or forks.is_lost():
+        if self._closing.is_set() or zenoh_library.is_lost_by_fork():
             return
         self._closing.set()
         self.callbacks.mute()

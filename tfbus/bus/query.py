@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import zenoh_library
 from tfbus.bus.zenoh_library import bus_errors
 from tfbus.errors import BusError, TfbusError
 from tfbus.runtime import scheduler
@@ -64,7 +64,7 @@ class Query:
 
     def __init__(self, query: zenoh.Query, limits: Limits = DEFAULT_LIMITS):
         self._query = query
-        forks.holders.add(self, "_query")
+        zenoh_library.holders.add(self, "_query")
         self._limits = limits
         self.key = str(query.key_expr)
 
@@ -116,7 +116,7 @@ class Query:
 
     def close(self) -> None:
         """End the answers: the asker waits for no further ones."""
-        if not forks.is_lost():
+        if not zenoh_library.is_lost_by_fork():
             self._query.drop()
 
 

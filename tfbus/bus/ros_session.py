@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from tfbus.bus import forks
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import Declaration, HeardWatch
 from tfbus.bus.network_session import RETRY_S, NetworkSession
@@ -206,7 +206,7 @@ class RosSession(NetworkSession):
 
     def _refresh(self) -> None:
         with self._lock:
-            if not self._closing.is_set() and not forks.is_lost():
+            if not self._closing.is_set() and not zenoh_library.is_lost_by_fork():
                 for part in self._parts:
                     with suppress(BusError):
                         part.refresh()
@@ -251,7 +251,7 @@ class RosSession(NetworkSession):
 
     def _add(self, part: P) -> P:
         """Declare a part now, or as soon as it opens."""
-        forks.check()
+        zenoh_library.check_not_forked()
         with self._lock:
             if self._closing.is_set():
                 raise BusError("the session in ROS is closed")
@@ -307,7 +307,7 @@ class Publication(_Part):
         self._publisher: Any = None
         self._watch: HeardWatch | None = None
         self._ended = False
-        forks.holders.add(self, "_publisher")
+        zenoh_library.holders.add(self, "_publisher")
 
     def declare(self) -> None:
         """Declare it in the open session."""
@@ -357,7 +357,7 @@ class Publication(_Part):
         with self._lock:
             publisher, self._publisher = self._publisher, None
             self._ended = True
-        if publisher is not None and not forks.is_lost():
+        if publisher is not None and not zenoh_library.is_lost_by_fork():
             with suppress(zenoh.ZError):
                 publisher.undeclare()
         if self._watch is not None:

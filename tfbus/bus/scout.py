@@ -5,7 +5,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.bus import forks, zenoh_library
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
@@ -26,7 +26,7 @@ def scout(
     """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
     of one. Raises BusError if this host cannot ask.
     """
-    forks.begin()
+    zenoh_library.begin_use()
     configure_zenoh_threads()
     found: Hellos = {}
     is_found = scheduler.Event()

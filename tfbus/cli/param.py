@@ -306,7 +306,7 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
     A file without names of nodes is for any node. Raises click.BadParameter if it is not a map, or
     has nothing for this node.
     """
-    from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
+    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
 
     content = read_value(file.read())
     if not isinstance(content, dict) or not content:

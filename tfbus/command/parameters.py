@@ -85,7 +85,7 @@ def parameters_from_file(path: Path, node: str) -> dict[str, Any]:
     number of them. A parameter within a map is named with a dot: `arm.speed`. Raises YamlFileError
     if it is not YAML, SettingsError if it has nothing for this node.
     """
-    from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
+    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
 
     read_yaml_file(path, "a map of parameters")  # for its errors, which have a line
     content = read_value(path.read_text(encoding="utf-8"))

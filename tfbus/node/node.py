@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tfbus.bus import forks
+from tfbus.bus import zenoh_library
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, SettingsError, TfbusError
@@ -256,7 +256,7 @@ class Node:
         Ctrl-C ends. `create_timer` keeps a rate. Seconds are those of the node's clock, unless
         another is given.
         """
-        forks.check()
+        zenoh_library.check_not_forked()
         clock = clock or self.clock
         timeout_s = seconds_to_wait(timeout_s)
         if timeout_s is None or not clock.is_simulated:
@@ -269,7 +269,7 @@ class Node:
 
         In a forked child it does nothing: the node is its parent's.
         """
-        if not self._closed and not forks.is_lost():
+        if not self._closed and not zenoh_library.is_lost_by_fork():
             self._closed = True
             atexit.unregister(self.close)
             self.shutdown()
@@ -475,7 +475,7 @@ class Node:
         out. Seconds are those of the node's clock, unless another is given. Raises ValueError for a
         period of 0 or less.
         """
-        forks.check()
+        zenoh_library.check_not_forked()
         call = "create_timer(period_s, callback)"
         check_seconds(call, period_s)
         check_callback(call, callback)

@@ -198,7 +198,7 @@ class Parameters:
 
 def _read_text(text: str) -> object:
     # YAML, only where a value comes as text
-    from tfbus.wire.yaml_values import read_strangers_value
+    from tfbus.runtime.yaml_file import read_strangers_value
 
     return read_strangers_value(text)
 

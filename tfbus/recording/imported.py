@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, Protocol
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError, InvalidNameError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.foreign import foxglove
-from tfbus.recording.foreign.foxglove import ns_of
+from tfbus.recording import foxglove_frames
+from tfbus.recording.foxglove_frames import ns_of
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.counterparts import counterpart_of_ros
@@ -112,11 +112,11 @@ def transforms_decoder(channel: ForeignChannel) -> TransformsDecoder | None:
         return decode_ros1_tf_message
     if name in _FOXGLOVE_ROS:
         values = values_decoder(channel)
-        return lambda data: foxglove.of_values(values(data)[0])
+        return lambda data: foxglove_frames.of_values(values(data)[0])
     if name in _FOXGLOVE and channel.encoding == "json":
-        return foxglove.of_json
+        return foxglove_frames.of_json
     if name in _FOXGLOVE and channel.encoding == "protobuf":
-        return partial(foxglove.of_protobuf, many=name == _FOXGLOVE[1])
+        return partial(foxglove_frames.of_protobuf, many=name == _FOXGLOVE[1])
     if name in (*_TF_MESSAGES, *_FOXGLOVE):
         raise DecodeError(f"transforms in {channel.encoding or 'an unknown encoding'} are not read")
     return None
@@ -125,7 +125,7 @@ def transforms_decoder(channel: ForeignChannel) -> TransformsDecoder | None:
 def values_decoder(channel: ForeignChannel) -> ValuesDecoder:
     """The reader of the messages of a channel into maps. Raises DecodeError if nothing can."""
     if channel.encoding == "json":
-        return lambda data: (foxglove.json_map(data), None)
+        return lambda data: (foxglove_frames.json_map(data), None)
     if channel.encoding == "ros1" and channel.definition_format == "ros1msg":
         return _ros1_values(channel)
     if channel.encoding == "cdr" and channel.definition_format == "ros2msg":

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
-from tfbus.bridge.legs.ros1_type import Ros1Type, ros1_type
 from tfbus.errors import DecodeError, SettingsError, TfbusError
-from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State
+from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State, Ros1Type, ros1_type
 from tfbus.runtime.log import LogOnce
 
 # Where Debian has it, and ROS Noetic.

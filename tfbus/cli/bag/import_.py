@@ -24,7 +24,7 @@ from tfbus.recording.writer import Compression
 from tfbus.wording import counted, did_you_mean, listed, printable
 
 if TYPE_CHECKING:
-    from tfbus.recording.foreign.files import ForeignFiles
+    from tfbus.recording.foreign_files import ForeignFiles
 
 # Of the topics that were left out, as many are named, each with its reason.
 _NAMED = 12
@@ -99,7 +99,7 @@ def command(
     counts = Imported()
     try:
         with needing("bags"):
-            from tfbus.recording.foreign.files import opened
+            from tfbus.recording.foreign_files import opened
 
             with opened(*files) as sources:
                 for source in sources.files:

@@ -211,7 +211,7 @@ def _completed(expected: object, default: object, value: Any) -> Any:
 
 def read_map(text: str) -> dict[str, Any] | None:
     """The YAML map in a text; None for anything else."""
-    from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
+    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
 
     value = read_value(text)
     return value if isinstance(value, dict) else None

@@ -197,7 +197,7 @@ class RclpyParameters:
         return name in self._node.settings.parameters
 
     def _given(self, name: str) -> Any:
-        from tfbus.wire.yaml_values import read_value
+        from tfbus.runtime.yaml_file import read_value
 
         return read_value(self._node.settings.parameters[name])
 

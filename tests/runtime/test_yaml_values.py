@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.wire.yaml_values import read_strangers_value, read_value
+from tfbus.runtime.yaml_file import read_strangers_value, read_value
 
 
 @pytest.mark.parametrize(

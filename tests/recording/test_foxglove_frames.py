@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests import needs
 from tfbus import Transform, TransformStamped
 from tfbus.errors import DecodeError
-from tfbus.recording.foreign.foxglove import of_json, of_protobuf
+from tfbus.recording.foxglove_frames import of_json, of_protobuf
 
 STAMP_NS = 1_700_000_000_123_456_789
 LASER = TransformStamped(STAMP_NS, "base", "laser", Transform((1, 2, 0), (0, 0, 0.6, 0.8)))

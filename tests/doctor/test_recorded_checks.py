@@ -18,7 +18,7 @@ from tests.recordings import (
 from tfbus import NodeSettings
 from tfbus.doctor.checks import OF_A_BUS, examined
 from tfbus.doctor.examination import Finding
-from tfbus.doctor.examine import examine_recorded
+from tfbus.doctor.recorded import examine_recorded
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.reader import RecordingReader

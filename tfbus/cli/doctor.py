@@ -198,7 +198,7 @@ def _check_recording(
     as_json: bool,
 ) -> dict[str, Finding]:
     from tfbus.cli.recorded import span_lines
-    from tfbus.doctor.examine import examine_recorded
+    from tfbus.doctor.recorded import examine_recorded
     from tfbus.frames.recorded_poses import frames_of
 
     with bag.opened() as recording:

@@ -1,4 +1,4 @@
-"""Gathers all that the checks need: from a bus, once or again and again, or from a recording."""
+"""Looks at a bus: gathers all that the checks need, once or again and again."""
 
 import math
 from collections.abc import Callable, Generator
@@ -7,15 +7,12 @@ from dataclasses import replace
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
 from tfbus.discover.out_of_reach import bus_out_of_reach
-from tfbus.doctor.examination import PASSING, Examination, PassingProblem, RecordedSpan
+from tfbus.doctor.examination import Examination
 from tfbus.doctor.host import RosWatch, examine_host
 from tfbus.errors import DecodeError
-from tfbus.frames.changes import Ongoing, Ticks
 from tfbus.frames.command_listener import Listening, answers_of_nodes, wait_for_clock
-from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.snapshot import Problem, ProblemKind
 from tfbus.listen.listener import TransformListener
-from tfbus.monitor.meter import SpanMeter, TransformMeter, measure
+from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -77,79 +74,3 @@ def _listen(node: Node, listen_s: float) -> float:
     if not node.wait(listen_s, clock=SYSTEM_CLOCK):
         raise KeyboardInterrupt
     return scheduler.monotonic() - start_s
-
-
-# A recording of a bus where streams come and go all the time has many changes: the tree is looked
-# at no more often than this.
-_MOST_LOOKS = 2000
-
-# How often a tree with such a problem is looked at again, to see whether it is over.
-_LOOK_EVERY_NS = 500_000_000
-
-
-def examine_recorded(
-    frames: RecordedFrames, settings: NodeSettings, from_ns: int, to_ns: int
-) -> Examination:
-    """Look at a span of a recording."""
-    meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
-    lost = 0
-    every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
-    ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.look_again(frames, log_ns))
-    for event in measure(frames, meter, ticks.before):
-        lost += event.dropped
-        if event.kind in ("stream", "stream gone"):
-            passing.look(frames, event.log_ns)
-    passing.look(frames, to_ns)
-    restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
-    span = RecordedSpan(
-        start_ns=frames.start_ns,
-        is_complete=frames.source.is_complete,
-        restarts={name: times for name, times in restarts.items() if times},
-        samples=meter.samples(),
-        passing=passing.found(),
-        lost=lost,
-        paused=len(meter.pauses),
-        damage=tuple(each.text(frames.start_ns) for each in frames.source.damage),
-    )
-    return Examination(
-        replace(settings, sim_time=frames.is_simulated),
-        frames.moment(),
-        tuple(meter.edges()),
-        listened_s=(to_ns - from_ns) / 1e9,
-        span=span,
-    )
-
-
-class _Passing:
-    """The problems that come and go, and when."""
-
-    def __init__(self) -> None:
-        self._ongoing: Ongoing[tuple[ProblemKind, tuple[str, ...]], Problem] = Ongoing()
-        self._from_ns: dict[tuple[ProblemKind, tuple[str, ...]], int] = {}
-        self._closed: list[PassingProblem] = []
-        self._looks = 0
-
-    def look(self, frames: RecordedFrames, log_ns: int) -> None:
-        """Look at the tree now."""
-        self._looks += 1
-        if self._looks > _MOST_LOOKS:
-            return
-        problems = frames.tree().problems()
-        begun, ended = self._ongoing.update(
-            {(each.kind, each.frames): each for each in problems if each.kind in PASSING}
-        )
-        self._from_ns |= dict.fromkeys(begun, log_ns)
-        for key, problem in ended.items():
-            self._closed.append(PassingProblem(problem, self._from_ns.pop(key), log_ns))
-
-    def look_again(self, frames: RecordedFrames, log_ns: int) -> None:
-        """Look whether a problem is over."""
-        if self._from_ns:
-            self._looks -= 1
-            self.look(frames, log_ns)
-
-    def found(self) -> tuple[PassingProblem, ...]:
-        """All, in the order in which they began."""
-        ongoing = self._ongoing.items.items()
-        every = [PassingProblem(each, self._from_ns[key]) for key, each in ongoing] + self._closed
-        return tuple(sorted(every, key=lambda each: (each.from_ns, each.problem.frames)))

@@ -12,15 +12,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from tfbus.errors import DecodeError
-from tfbus.frames.changes import Ticks
 from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded_moments import Ticks
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
 from tfbus.monitor.flow import Edge, EdgeFlow, Spread, StreamFlow, Window, spread_of
 from tfbus.monitor.report import PairWatch, Report, make_report
 from tfbus.names import mistake_in
-from tfbus.node.node import Node
 from tfbus.recording.items import EventItem, TransformItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.runtime import scheduler
@@ -32,6 +31,8 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from tfbus.node.node import Node  # Zenoh, which a recording does not need
 
     Ints = NDArray[np.int64]
 else:
@@ -76,7 +77,7 @@ class TransformMeter:
 
     def __init__(
         self,
-        node: Node,
+        node: "Node",
         fleet: Fleet | None = None,
         *,
         recent_s: float = RECENT_S,

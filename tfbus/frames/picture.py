@@ -1,5 +1,7 @@
 """Pictures drawn by matplotlib: the tree of frames, and the poses of a frame over time."""
 
+from __future__ import annotations
+
 import textwrap
 import warnings
 from collections.abc import Iterator
@@ -7,10 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, get_args
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from tfbus.errors import TfbusError
 from tfbus.frames.moment import State, facts, state
@@ -19,6 +18,12 @@ from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, se
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wording import columns, counted, cut
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ _HEAD = """\
 All commands and their options, generated from the commands themselves by `make docs-api`.
 `tfbus COMMAND --help` prints the same with examples, `--help-all` the options of every node. It
 exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. Commands that [join
-the bus](#options-of-every-command-that-joins-the-bus) have a leading `...`; after *Also* stand
-options that [several commands share](#options-that-several-commands-share).
+the bus](#options-of-every-command-that-joins-the-bus) have `[NODE_OPTIONS]`; after *Also*
+stand options that [several commands share](#options-that-several-commands-share).
 """
 
 _OF_NODES = """\
@@ -122,7 +122,7 @@ def _sections(
 
 def _usage(command: click.Command, context: click.Context, is_node: bool) -> list[str]:
     pieces = command.collect_usage_pieces(context)
-    return ["...", *pieces] if is_node else pieces
+    return ["[NODE_OPTIONS]", *pieces] if is_node else pieces
 
 
 def _rows(parameters: Sequence[click.Parameter]) -> list[Row]:

@@ -64,7 +64,8 @@ class TfbusError(Exception):
     @property
     def fact(self) -> str:
         """The message without the advice."""
-        return super().__str__()
+        # An OSError with an `errno` would begin its text with that.
+        return str(self.args[0]) if self.args else ""
 
     def __str__(self) -> str:
         return "; ".join(filter(None, (self.fact, self.advice)))
@@ -351,11 +352,6 @@ class UrdfError(TfbusError, ValueError):
 
 class FileError(TfbusError, OSError):
     """A file of a recording cannot be opened: `errno`, `strerror` and `filename` say why."""
-
-    @property
-    def fact(self) -> str:
-        """The message: an OSError with an `errno` would begin it with that."""
-        return str(self.args[0]) if self.args else ""
 
 
 class MissingFileError(FileError, FileNotFoundError):

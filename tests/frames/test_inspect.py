@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually, keep_sending, send_static
+from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
 from tests.needs import module
+from tests.processes.sim_time import follower, start_clock
 from tests.recordings import at, described, gone, node, publisher, statics, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import InvalidArgumentException, Node
@@ -147,6 +148,17 @@ def test_the_changes_of_a_bus_come_as_they_happen(bus: Bus) -> None:
                 break
     assert kinds(seen)[0] == ("node came", "/sim")
     assert all(each.text for each in seen)
+
+
+def test_a_watch_by_the_simulated_clock_finds_no_other_time(bus: Bus) -> None:
+    """Its node follows the clock as the publishers do."""
+    start_clock(bus)
+    keep_sending(follower(bus, "odometry"), "world", "base")
+    node = follower(bus, "watching")
+    node.wait_for_clock(DEADLINE_S)
+    with Watch(node) as watch:
+        moment = eventually(lambda: "/clock" in (now := watch.now()).node_names and now)
+    assert moment.problems == ()
 
 
 def test_a_frame_has_its_rate_age_and_delay(bus: Bus) -> None:

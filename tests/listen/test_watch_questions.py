@@ -167,6 +167,23 @@ def test_a_description_from_before_the_token_was_back_is_not_the_new_process(
     assert (questions.is_alive(), questions.epoch_ns()) == (True, 9)
 
 
+def test_the_end_of_a_process_that_is_told_late_is_not_that_of_the_next(
+    questions: Questions,
+) -> None:
+    """Two threads of Zenoh bring the news of a token, and the later one may be the first to get
+    its turn: the stream stays alive.
+    """
+    came_s = questions.now_s
+    questions.now_s = came_s + 0.04
+    questions.token(KEY, True)
+    questions.run(questions.now_s)
+    questions.now_s = came_s
+    questions.token(KEY, False)
+    questions.run(1.5)
+    assert questions.is_alive()
+    assert questions.watch.has_token(KEY)
+
+
 @pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])
 def test_a_stream_that_is_back_has_time_to_describe_itself(
     questions: Questions, takes_s: float, least_s: float, most_s: float

@@ -25,6 +25,8 @@ from tfbus.wording import stamp_text
 
 # Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
+# News of a token that change places come within a moment: of so many the order is known.
+_MOST_NEWS = 1000
 
 # A token may come before its publisher can answer, or has anything to describe.
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
@@ -92,6 +94,8 @@ class StreamWatch:
         self._returning: dict[str, float] = {}
         # The tokens that are there.
         self._living: set[str] = set()
+        # When the latest news of a token came.
+        self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -225,6 +229,11 @@ class StreamWatch:
         return allowed
 
     def _note_token(self, key: str, alive: bool, came_s: float) -> None:
+        # The end of a process and the begin of the next come on two threads of Zenoh, of which the
+        # former may be the last to get here.
+        if came_s < self._news_s.get(key, came_s):
+            return
+        self._news_s[key] = came_s
         (self._living.add if alive else self._living.discard)(key)
         self._take_token(key, alive, came_s)
 

@@ -1,7 +1,5 @@
 """Why a process finds nothing: an endpoint that is silent, a closed bus, or another namespace."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from tfbus.bus.links import why_unreachable

@@ -1,24 +1,27 @@
 """Presence: nodes start, are listed and described, and end."""
 
 import logging
+from functools import partial
 
 import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus import BusError, Node, NodeSettings
+from tfbus import BusError, DecodeError, Node, NodeSettings
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
     GraphWatch,
     NodeWatch,
     describe_nodes,
+    describe_present,
+    describe_streams,
     key_beside,
     list_nodes,
 )
 from tfbus.runtime.executor import Executor
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name, stream_key
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -215,3 +218,27 @@ def test_a_watch_passes_over_a_node_that_it_cannot_read(
     assert [node.name for node in watch.nodes()] == ["/sim"]
     assert sum("odd" in line for line in caplog.messages) == 1
     declared.close()
+
+
+def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
+    """The node and the stream it comes from are not said to be silent as well, whatever others are
+    called.
+    """
+
+    def answer(query: Query, key: str) -> None:
+        with query.answering("description"):
+            query.answer(key, b"odd")
+
+    session, other = look(bus), bus.node("sim").session
+    keys = [node_key("odd"), stream_key("odd")]
+    declared = [other.queryable(key, partial(answer, key=key)) for key in keys]
+    tokens = [other.token(key) for key in (*keys, node_key("od"))]
+    errors: list[DecodeError] = []
+    eventually(lambda: describe_present(session, errors.append)[1] == ["/od"] and errors)
+    assert "'/odd'" in str(errors[0])
+    errors.clear()
+    eventually(lambda: session.living(stream_key("odd")))
+    assert describe_streams(session, errors.append) == ({}, [])
+    assert "'odd'" in str(errors[0])
+    for each in (*declared, *tokens):
+        each.close()

@@ -238,6 +238,16 @@ def test_a_simulated_time_that_is_not_ours_is_not_ahead() -> None:
     assert [problem.kind for problem in tree.problems()] == ["clock"]
 
 
+def test_a_simulated_time_that_the_tool_follows_is_no_problem() -> None:
+    """Also once the nodes have said that they follow it."""
+    simulated = SimulatedTime(("/clock",), frozenset(["/arm"]), 1)
+    buffer = buffer_of()
+    buffer.clock = SimulatedClock()
+    tree = frame_tree(buffer, [ARM], NOW_NS, simulated)
+    assert list(tree.problems()) == []
+    assert said_by_frames(tree) == ()
+
+
 def test_a_root_is_a_root() -> None:
     """A frame without a parent is not a fault, whichever stream lists it."""
     above = [replace(stream, frames=(("odom", "map", False),)) for stream in (ARM, LEFT)]

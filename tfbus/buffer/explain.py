@@ -143,10 +143,8 @@ def without_timeout(error: TransformException, *, many: bool = False) -> Transfo
     if isinstance(error, ExtrapolationException) and error.retry_after_s is not None:
         error.waiting, error.waiting_by = f"ask again in about {error.retry_after_s:.3g} s", ""
         if many:
-            error.advice, error.advice_by = (
-                "only for stamps that are known",
-                ("lookup_known_transforms"),
-            )
+            error.advice = "only for stamps that are known"
+            error.advice_by = "lookup_known_transforms"
     return error
 
 

@@ -1,4 +1,14 @@
-"""`tfbus completion`: the script that completes tfbus in a shell."""
+"""`tfbus completion`: completion in bash, zsh and fish, by a script of each, and its answers.
+
+click 8 has scripts too, which fall short. bash: no candidates after `:` or `=` (names of frames,
+`name:=value` of a launch), and a name with a blank becomes two words. zsh: a space after `name:=`.
+fish: messages and help texts end at their first comma.
+
+Our scripts send the line up to the cursor, since bash splits words at `:` and `=`. They get a line
+per candidate: its kind (`plain`, `file`, `dir`, or `map`, a message to fill in), the candidate, and
+its help, separated by tabs. No space follows a candidate that ends with `=`. Importing this
+module makes click use them.
+"""
 
 import os
 import re

@@ -264,10 +264,9 @@ def in_ros_words(error: TransformException) -> TransformException:
             error.advice, error.advice_by = timeout.advice, timeout.advice_by
         waited = f" ({timeout.fact})"
     error.args = (_BEGINNINGS.get(type(error), "") + error.fact,)
-    if error.waiting_by:
-        error.waiting, error.waiting_by = f"{error.waiting}{_IN_ROS[error.waiting_by]}", ""
-    if error.advice_by:
-        error.advice, error.advice_by = f"{error.advice}{_IN_ROS[error.advice_by]}", ""
+    error.waiting += _IN_ROS.get(error.waiting_by, "")
+    error.advice += _IN_ROS.get(error.advice_by, "")
+    error.waiting_by = error.advice_by = ""
     if error.advice:
         error.advice += waited
     else:

@@ -1,4 +1,8 @@
-"""The tree of frames, and single transforms, written out as text, JSON, CSV, YAML or a graph."""
+"""The tree of frames, and single transforms, written out as text, JSON, CSV, YAML or a graph.
+
+A transform is text as tf2_echo prints it, JSON or CSV, without a final line break. Lengths are in
+metres, angles in radians unless a label says degrees; quaternions are x, y, z, w.
+"""
 
 import csv
 import io

@@ -1,4 +1,14 @@
-"""Where the links of a robot are: the positions of its joints, and the poses that follow."""
+"""The poses of a robot's links, by the positions of its joints.
+
+Each joint moves its child by a motion in the joint's frame: a revolute or continuous one turns
+about its axis, a prismatic one slides along it; a planar one moves in the plane across its axis,
+whose x and y come from those of the joint's frame by the shortest turn of z onto the axis; a
+floating one moves freely. KDL and urdfdom have the same, if they have these joints.
+In many configurations at once a rotation is a column of the quaternion's x y z w, a configuration
+each. The effect that the origins of joints do to them is the same in all, so that it is a matrix,
+and one product takes all: to turn by a fixed quaternion is linear in the quaternion, to turn a
+fixed vector is linear in the ten products of its components.
+"""
 
 from __future__ import annotations
 

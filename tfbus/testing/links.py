@@ -303,7 +303,13 @@ _ANY = ("::", "0.0.0.0")
 
 
 class Meeting:
-    """Says how two sessions find each other, on the paths of a network."""
+    """Says how two sessions find each other, on the paths of a network.
+
+    A peer links to all peers and routers that it finds, a client to one router at a time, a router
+    to those that `connect` names. A peer finds others by multicast, or introduced by a session that
+    both have a link to; each introduces two others once. Links to clients of peers are not
+    simulated.
+    """
 
     def __init__(self, paths: "Paths") -> None:
         self._paths = paths

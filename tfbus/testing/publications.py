@@ -241,7 +241,9 @@ _QUERY_S = 10.0
 
 
 class AdvancedPublisher(Publisher):
-    """A publisher with a cache and a heartbeat."""
+    """A publisher with a cache and a heartbeat: it keeps its last samples, numbers what it sends,
+    and says half a second after a message which number was the last.
+    """
 
     def __init__(
         self, session: ZenohSession, key: str, cache: int, options: dict[str, Any]

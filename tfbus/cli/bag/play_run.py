@@ -108,7 +108,6 @@ def play(settings: NodeSettings, plan: Plan) -> None:
 
 
 def _play(settings: NodeSettings, reader: RecordingReader, plan: Plan) -> None:
-
     start_ns, end_ns = _span(reader, plan)
     clocks = () if plan.clock_hz is None else tuple(filter(None, (clock_topic_of(reader),)))
     selection = replace(plan.selection, always=clocks)
@@ -226,7 +225,6 @@ def _go_on(
     node: Node, plan: Plan, player: Player, replay: Republisher, run: _Run, line: PlayLine
 ) -> None:
     """Show how far it is and follow keys, to the end, Ctrl-C, or the service `stop`."""
-
     shows = is_terminal() and not plan.is_quiet
     logged_s, was_paused = time.monotonic(), plan.is_paused
     with typed_keys(_LOOK_EVERY_S, wanted=plan.has_keys) as read_keys:

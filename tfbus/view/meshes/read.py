@@ -308,7 +308,8 @@ _SHARP_DEG = 35.0
 def with_creases(
     vertices: NDArray[np.float32], faces: NDArray[np.uint32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """The same triangles, with vertices shared along smooth edges and no others.
+    """The same triangles, with vertices shared along smooth edges and no others: a browser shades
+    each vertex by the mean of its triangles, so that a box of 8 vertices looks like a ball.
 
     Takes vertices (V, 3), of which several may be at one place, and faces (F, 3). Triangles without
     an area are left out.

@@ -64,8 +64,8 @@ A page of a buffer or a recording, with what a program draws; it needs the extra
 guide](../guide/view.md).
 """
 
-# Methods that only other parts of tfbus call, by their class: a listener, the clock's waits, the
-# simulated network, the completion of a shell.
+# Methods and constructors that only other parts of tfbus call, by their class: a listener, the
+# waits of the clock, the simulated network, the completion of a shell.
 _INNER = {
     "Buffer": "ask_again count_sent_by expect_no_more expect_past forget interrupt mark_gone"
     " remove_sent senders_of sent_by tell waiting watch_questions",
@@ -73,7 +73,9 @@ _INNER = {
     "Node": "describe describers",
     "NodeSettings": "check_right named_by_default renamed",
     "Limits": "mistake_in of",
-    "Parameter": "checked describe",
+    "Parameter": "__init__ checked describe",
+    "GoalHandle": "__init__",
+    "Robot": "__init__",
     "TransformListener": "where_to_look",
     "Fleet": "names",
     "SimulatedClock": "call_at call_when_running cancel limit",
@@ -191,7 +193,8 @@ def _entry(name: str, value: object, *, made: bool = True) -> str:
     if bases:
         parts.append(f"A {' and '.join(f'`{base}`' for base in bases)}.\n")
     parts.append(_paragraphs(_docstring(value)))
-    if made and not issubclass(value, Exception) and (signature := _constructor(value)):
+    made = made and not issubclass(value, Exception)
+    if made and "__init__" not in _INNER.get(name, "") and (signature := _constructor(value)):
         parts.append(f"- `{name}({signature})`\n")
     for nested in vars(value).values():
         if inspect.isclass(nested) and nested.__qualname__ == f"{value.__name__}.{nested.__name__}":

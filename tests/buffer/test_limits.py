@@ -1,5 +1,6 @@
 """What a buffer keeps has limits: samples of a frame, paths, and nothing recursive."""
 
+import logging
 import subprocess
 import sys
 
@@ -7,7 +8,6 @@ import pytest
 
 from tests.builders import S, moved, store_of
 from tests.fakes import Lines
-from tfbus.buffer import store
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
@@ -21,7 +21,7 @@ def stamps_of(buffer: Buffer) -> list[int]:
 
 def test_of_one_frame_only_so_many_samples_are_kept() -> None:
     """The oldest gives way; it is counted, logged once, and the answers are those of the rest."""
-    log = Lines(store._log)
+    log = Lines(logging.getLogger("tfbus"))
     buffer = Buffer(max_samples=10)
     for stamp in range(100):
         assert buffer.set_transform(moved(stamp, "world", "robot", float(stamp)))

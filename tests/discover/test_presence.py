@@ -1,7 +1,6 @@
 """Presence: nodes start, are listed and described, and end."""
 
 import logging
-from functools import partial
 
 import pytest
 
@@ -15,13 +14,12 @@ from tfbus.discover.presence import (
     NodeWatch,
     describe_nodes,
     describe_present,
-    describe_streams,
     key_beside,
     list_nodes,
 )
 from tfbus.runtime.executor import Executor
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name, stream_key
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -221,24 +219,17 @@ def test_a_watch_passes_over_a_node_that_it_cannot_read(
 
 
 def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
-    """The node and the stream it comes from are not said to be silent as well, whatever others are
-    called.
-    """
+    """The node it comes from is not said to be silent as well, whatever others are called."""
 
-    def answer(query: Query, key: str) -> None:
+    def answer(query: Query) -> None:
         with query.answering("description"):
-            query.answer(key, b"odd")
+            query.answer(node_key("odd"), b"odd")
 
     session, other = look(bus), bus.node("sim").session
-    keys = [node_key("odd"), stream_key("odd")]
-    declared = [other.queryable(key, partial(answer, key=key)) for key in keys]
-    tokens = [other.token(key) for key in (*keys, node_key("od"))]
+    declared = other.queryable(node_key("odd"), answer)
+    tokens = [other.token(node_key(name)) for name in ("odd", "od")]
     errors: list[DecodeError] = []
     eventually(lambda: describe_present(session, errors.append)[1] == ["/od"] and errors)
     assert "'/odd'" in str(errors[0])
-    errors.clear()
-    eventually(lambda: session.living(stream_key("odd")))
-    assert describe_streams(session, errors.append) == ({}, [])
-    assert "'odd'" in str(errors[0])
-    for each in (*declared, *tokens):
+    for each in (declared, *tokens):
         each.close()

@@ -12,7 +12,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.out_of_reach import frames_in_other_namespaces
+from tfbus.discover.namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
@@ -63,9 +63,7 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.out_of_reach import (
-        bus_out_of_reach,
-    )  # Zenoh, which a recording does not need
+    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh: no recording needs it
     from tfbus.frames.command_listener import listening
 
     with listening(

@@ -1,13 +1,10 @@
-"""Why a process finds nothing: an endpoint that is silent, a closed bus, or another namespace."""
-
-from collections.abc import Collection
+"""Why a process finds nothing: an endpoint that is silent, or a closed bus."""
 
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.scout import scout
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import has_scouting
-from tfbus.errors import BusError, DecodeError
-from tfbus.wire.keys import namespace_of
+from tfbus.errors import BusError
 from tfbus.wording import printable
 
 # Others answer at once, and are asked again after 1 s.
@@ -68,44 +65,3 @@ def _what(endpoints: tuple[str, ...], is_closed: bool) -> str:
             "its authority"
         )
     return f"a closed bus is here ({at}): join it by --secure DIR"
-
-
-# At most this many namespaces are named.
-_NAMED = 3
-
-
-def frames_in_other_namespaces(session: Session) -> set[tuple[str, str]]:
-    """Namespace and name of each frame in the descriptions of streams in namespaces below."""
-
-    def pass_over(error: DecodeError) -> None:
-        """A stream of another namespace is not ours to warn of."""
-
-    from tfbus.discover.presence import describe_streams  # Zenoh, which a recording does not need
-
-    streams, _ = describe_streams(session, pass_over)
-    return {
-        (namespace, frame)
-        for key, stream in streams.items()
-        if (namespace := namespace_of(key))
-        for parent, child, _ in stream.frames
-        for frame in (parent, child)
-    }
-
-
-def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame: str = "") -> str:
-    """A hint which namespaces have this frame, or any frame, and how to look there; "" for none.
-
-    The frame goes by its own name, or by that in a fleet: `robot7/base_link`.
-    """
-    having = {
-        namespace
-        for namespace, name in frames_in_other_namespaces
-        if not frame or frame in (name, f"{namespace}/{name}")
-    }
-    if not having:
-        return ""
-    known = f"{frame!r} is" if frame else "frames are"
-    if "" in having:
-        return f"{known} known outside of this namespace: look without --namespace"
-    named = " or ".join(sorted(having)[:_NAMED])
-    return f"{known} known in other namespaces: look with --namespace {named}, or with --fleet"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
+from tfbus.discover.namespaces import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.clocks import (
     NOT_SIMULATED,
@@ -500,9 +501,6 @@ class RecordedFrames:
         if not frame and first_ns and min(first_ns.values()) > self._at_ns:
             later_s = (min(first_ns.values()) - self._source.start_ns) / S
             return f"the first frames come at +{later_s:.3f}s"
-        # Beside it is what asks a bus: Zenoh, which a recording does not need.
-        from tfbus.discover.out_of_reach import where_to_look
-
         return where_to_look(elsewhere, frame)
 
 

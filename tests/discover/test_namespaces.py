@@ -2,7 +2,7 @@
 
 import re
 
-from tfbus.discover.out_of_reach import where_to_look
+from tfbus.discover.namespaces import where_to_look
 
 
 def test_namespaces_that_have_a_frame_are_named() -> None:

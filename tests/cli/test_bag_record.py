@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import select
 import signal
 import sys
 import termios
@@ -360,24 +361,36 @@ class TestMistakes:
         assert "No transforms" in process.out
 
 
+# SIGHUP of a terminal that goes away is for the first process in it.
+_FIRST = "import os, sys; os.login_tty(0); os.execv(sys.argv[1], sys.argv[1:])"
+_SECOND = """
+import os, signal, subprocess, sys
+os.login_tty(0)
+signal.signal(signal.SIGHUP, lambda *_: None)
+sys.exit(subprocess.call(sys.argv[1:]))
+"""
+
+
 class Terminal:
     """A terminal of 80 columns with `tfbus bag record` in it."""
 
-    def __init__(self, bus: Bus, *arguments: str) -> None:
+    def __init__(self, bus: Bus, *arguments: str, wrapper: str = _FIRST) -> None:
         self._master, slave = os.openpty()
         termios.tcsetwinsize(slave, (24, 80))
-        wrapper = "import os, sys; os.login_tty(0); os.execv(sys.argv[1], sys.argv[1:])"
         command = [sys.executable, "-m", "tfbus", "bag", "record", *arguments]
         env = {name: text for name, text in bus.env.items() if name != "COLUMNS"}
         self.process = Popen([sys.executable, "-c", wrapper, *command], stdin=slave, env=env)
         os.close(slave)
         self._shown = b""
-        Thread(target=self._read, daemon=True).start()
+        self._is_up = True
+        self._reader = Thread(target=self._read, daemon=True)
+        self._reader.start()
 
     def _read(self) -> None:
-        with suppress(OSError):  # it was closed
-            while data := os.read(self._master, 4096):
-                self._shown += data
+        with suppress(OSError):  # the process has ended
+            while self._is_up:
+                if select.select([self._master], [], [], 0.1)[0]:
+                    self._shown += os.read(self._master, 4096)
 
     @property
     def text(self) -> str:
@@ -387,12 +400,16 @@ class Terminal:
         os.write(self._master, keys.encode())
 
     def hang_up(self) -> None:
-        os.close(self._master)
+        if self._is_up:
+            self._is_up = False
+            self._reader.join()
+            os.close(self._master)
 
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(DEADLINE_S)
+        self.hang_up()
 
 
 @pytest.mark.real
@@ -419,15 +436,19 @@ class TestTerminal:
         kinds = [kind for kind, _ in events(items_of(path)) if kind in PAUSES]
         assert kinds == ["paused", "resumed"]
 
+    @pytest.mark.parametrize("wrapper", [_FIRST, _SECOND], ids=["signal", "no signal"])
     def test_a_terminal_that_goes_away_leaves_a_whole_file(
-        self, terminal: Terminal, path: Path
+        self, bus: Bus, path: Path, wrapper: str
     ) -> None:
-        """As when ssh loses its connection."""
+        """As when ssh loses its connection; also where SIGHUP goes to another process, or late."""
+        keep_sending(bus.node("robot"), "odom", "base")
+        terminal = Terminal(bus, "-o", str(path), wrapper=wrapper)
         eventually_in(path, transforms)
         terminal.hang_up()
         assert terminal.process.wait(DEADLINE_S) == 0
         with RecordingReader(path) as reader:
             assert reader.is_complete
+        terminal.close()
 
     def test_ctrl_c_ends_it(self, terminal: Terminal, path: Path) -> None:
         """The usual end exits with 0, and prints what was recorded."""

@@ -57,7 +57,9 @@ class RawTerminal:
 
     def __exit__(self, *_: object) -> None:
         for number, previous in self._previous.items():
-            signal.signal(number, previous)
+            # One that others have set meanwhile stays.
+            if signal.getsignal(number) in (self._leave, self._resume):
+                signal.signal(number, previous)
         self._restore()
         atexit.unregister(self._restore)
 

@@ -26,12 +26,13 @@ def typed_keys(within_s: float, *, wanted: bool = True) -> Iterator[Callable[[],
             yield None
         return
     reader = KeyReader()
-    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up():
+    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up() as hang_up:
 
         def read() -> list[str]:
             try:
                 data = terminal.read(within_s)
             except NoTerminalError:
+                hang_up()  # before its signal, or without one: that goes to the session's leader
                 return [QUIT]
             return reader.feed(data) if data else reader.flush()
 
@@ -48,19 +49,27 @@ def _is_own_terminal() -> bool:
 
 
 @contextmanager
-def _hanging_up() -> Iterator[None]:
+def _hanging_up() -> Iterator[Callable[[], None]]:
+    """Inside the `with` SIGHUP ends it as Ctrl-C does; the function given does its first half.
+
+    From then on nothing is printed, and a SIGHUP does nothing: it may come late, while what was
+    written is made whole.
+    """
+
+    def hang_up() -> None:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):
+            os.dup2(nothing, stream)
+        os.close(nothing)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
     def end(number: int, frame: object) -> None:
-        _print_nothing_further()
+        hang_up()
         raise KeyboardInterrupt
 
     previous = signal.signal(signal.SIGHUP, end)
     try:
-        yield
+        yield hang_up
     finally:
-        signal.signal(signal.SIGHUP, previous)
-
-
-def _print_nothing_further() -> None:
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nothing, stream)
+        if signal.getsignal(signal.SIGHUP) is end:
+            signal.signal(signal.SIGHUP, previous)

@@ -100,6 +100,19 @@ def test_a_healthy_recording_has_no_finding(tmp_path: Path) -> None:
     assert verdicts["gaps"] == verdicts["complete"] == "ok"
 
 
+def test_a_span_has_the_messages_at_both_of_its_ends(tmp_path: Path) -> None:
+    """A message exactly at the beginning is counted, one before it is not."""
+    times = [0.0, 1.0, 2.0, 3.0]
+    sent_then = [sent(SIM, each, ("world", "base", 0.0), stamp_ns=at(each)) for each in times]
+    path = write(tmp_path / "run.mcap", described(SIM, 0.0, ("world", "base", False)), sent_then)
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        seen = examine_recorded(frames, NodeSettings("doctor"), at(1.0), at(2.0))
+    assert seen.span is not None
+    [samples] = seen.span.samples.values()
+    assert samples.log_ns.tolist() == [at(1.0), at(2.0)]
+
+
 def test_the_counts_of_nodes_are_not_recorded(tmp_path: Path) -> None:
     """Nothing is said of who reads a stream: a recording has what nodes said when they came."""
     found = findings(tmp_path, HEALTHY)

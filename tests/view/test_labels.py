@@ -15,7 +15,7 @@ from tfbus.frames.moment import State
 from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.scene.camera import Window, overview
-from tfbus.view.scene.labels import MOST, readable
+from tfbus.view.scene.scene import MOST_NAMES, readable
 
 # Looks down on the origin from 10 m above, x to the right: a metre is 50 pixels on the ground.
 ABOVE = Window(
@@ -86,7 +86,7 @@ def test_no_name_lies_over_another(places: list[tuple[float, float]], size: floa
     frames = [frame(f"frame{at}") for at in range(len(places))]
     xyz = np.array([(x, y, 0.0) for x, y in places]).reshape(-1, 3)
     written = readable(frames, xyz, ViewSettings(), size, ABOVE)
-    assert len(written) <= MOST
+    assert len(written) <= MOST_NAMES
     rows = [int(name.removeprefix("frame")) for name in written]
     # A name is written above its frame, by 0.35 of an axis.
     pixels, _ = ABOVE.project(xyz[rows] + (0.0, 0.0, 0.35 * size))

@@ -18,10 +18,9 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tests.buses import eventually
 from tfbus import InvalidNameError
 from tfbus.testing.network import Network
-from tfbus.view.meshes import child
 from tfbus.view.meshes.loader import FairTurns, MeshLoader, MeshReader, MeshSource, ReadMesh
 from tfbus.view.meshes.mesh import MeshError, MeshRequest, Part, bounds_of
-from tfbus.view.meshes.read import References, read_mesh, with_creases
+from tfbus.view.meshes.read import References, answer, read_mesh, with_creases
 
 # A corner of a box: a triangle 1 m wide and 2 m high.
 TRIANGLE = b"""solid corner
@@ -294,7 +293,7 @@ class ReadsHere(MeshReader):
         return None
 
     def _answer(self, process: Any, request: MeshRequest | None, within_s: float) -> Any:
-        return child.answer(request.as_map()) if request else {"ready": True}
+        return answer(request.as_map()) if request else {"ready": True}
 
 
 @pytest.fixture

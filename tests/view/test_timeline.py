@@ -221,8 +221,7 @@ def test_the_gaps_are_those_that_the_doctor_finds(
     gaps = [mark for mark in marks if mark.kind == "gap"]
     with RecordingReader(path) as reader:
         frames = RecordedFrames(reader)
-        # From before the first message, which is one of the span then.
-        span = reader.start_ns - 1, reader.end_ns
+        span = reader.start_ns, reader.end_ns
         [flow] = examine_recorded(frames, NodeSettings("doctor"), *span).flows
     assert len(gaps) == flow.gaps
     longest = max(gaps, key=lambda mark: mark.end_ns - mark.start_ns, default=None)

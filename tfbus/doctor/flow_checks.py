@@ -268,12 +268,17 @@ def _jumps(samples: "EdgeSamples") -> Iterator[tuple[int, float]]:
     """When the delays of an edge jumped and stayed so, and by how much, in s."""
     bins = (samples.log_ns - samples.log_ns[0]) // _BIN_NS
     _, first = np.unique(bins, return_index=True)
-    least = np.minimum.reduceat(samples.now_ns - samples.stamps_ns, first) / 1e9
+    delays = (samples.now_ns - samples.stamps_ns) / 1e9
+    least = np.minimum.reduceat(delays, first)
     before, after, later = least[:-2], least[1:-1], least[2:]
     jumped = (np.abs(after - before) > _JUMP_S) & (np.abs(later - before) > _JUMP_S)
     jumped &= np.abs(later - after) < _JUMP_S
     for at in np.nonzero(jumped)[0].tolist():
-        yield int(samples.log_ns[first[at + 1]]), float(after[at] - before[at])
+        # A jump is in the middle of a bin, or of the one before: right after its last former delay.
+        middle = (before[at] + after[at]) / 2
+        is_former = (delays[first[at] : first[at + 2]] < middle) == (before[at] < middle)
+        row = int(first[at] + np.nonzero(is_former)[0][-1] + 1)
+        yield int(samples.log_ns[row]), float(after[at] - before[at])
 
 
 def check_order(seen: Examination) -> Finding:

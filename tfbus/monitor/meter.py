@@ -329,10 +329,10 @@ def measure(
     meter: SpanMeter,
     before: Callable[[int], object] = lambda log_ns: None,
 ) -> Iterator[EventItem]:
-    """Measure the span of a meter: go through it with `frames`. Yields each event in it; calls
-    `before` as `RecordedFrames.play`.
+    """Measure the span of a meter, both ends included: go through it with `frames`. Yields each
+    event in it; calls `before` as `RecordedFrames.play`.
     """
-    frames.seek(meter.from_ns)
+    frames.seek(meter.from_ns - 1)
     frames.count_from_now()
     for item in frames.play(meter.to_ns, before):
         if isinstance(item, TransformItem) and not item.static:

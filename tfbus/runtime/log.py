@@ -1,7 +1,7 @@
 """A node's log: one line for each event on stderr, `[INFO] [1670400305.709085308] [sim]: text`.
 
-The parts of a line on others (names, errors, values) comes from the bus. So no record has a control
-character: each is escaped before any handler sees it. A line that could repeat without end is
+Names, errors and values in a line may come from the bus. So no record has a control character: each
+is escaped before any handler sees it. A line that could repeat without end is
 logged once, and counted.
 """
 

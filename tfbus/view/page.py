@@ -23,9 +23,8 @@ from tfbus.view.replay import Replay
 from tfbus.view.scene.axes import SelectedMarks
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
-from tfbus.view.scene.labels import Names
 from tfbus.view.scene.robots import RobotScenes
-from tfbus.view.scene.scene import Scene
+from tfbus.view.scene.scene import Names, Scene
 from tfbus.view.server import Access, Guard, serve, silent_viser
 from tfbus.wording import printable
 

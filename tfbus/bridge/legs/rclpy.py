@@ -76,7 +76,7 @@ class _OwnMessages:
         self._waiting: Bounded[int, int] = Bounded(_MOST_OWN)
 
     def add(self, key: int) -> None:
-        """An is sent, whose bytes have this hash."""
+        """A message is sent whose bytes have this hash."""
         with self._lock:
             self._waiting[key] = self._waiting.get(key, 0) + 1
 

@@ -14,8 +14,16 @@ from typing import Any, Generic, TypeVar
 
 from tfbus.errors import TfbusError
 from tfbus.runtime.limited_process import command_of
-from tfbus.view.meshes.child import receive, send
-from tfbus.view.meshes.mesh import KINDS, LONGEST_S, MOST_BYTES, MeshError, MeshRequest, Part
+from tfbus.view.meshes.mesh import (
+    KINDS,
+    LONGEST_S,
+    MOST_BYTES,
+    MeshError,
+    MeshRequest,
+    Part,
+    receive,
+    send,
+)
 
 T = TypeVar("T")
 
@@ -151,7 +159,7 @@ class MeshReader:
             if self._process is not None:
                 return self._process
             process = self._process = subprocess.Popen(
-                command_of("tfbus.view.meshes.child"),
+                command_of("tfbus.view.meshes.read"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

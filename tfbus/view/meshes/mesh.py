@@ -1,13 +1,17 @@
-"""A mesh file: the request for it, its parts, their limits, and the checks before it is read."""
+"""A mesh file: the request for it, its parts, their limits, and the checks before it is read.
+
+Requests and parts go through pipes, to a process that reads files and back.
+"""
 
 import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from xml.parsers import expat
 
+import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
@@ -248,3 +252,27 @@ def small_picture(picture: Any) -> Any:
     # The format in which trimesh writes it: PNG takes ten times as long.
     picture.format = "PNG" if picture.mode == "RGBA" else "JPEG"
     return picture
+
+
+_HEADER = struct.Struct(">I")
+
+
+def send(pipe: IO[bytes], values: dict[str, Any]) -> None:
+    """Write a message: its length in 4 bytes, and msgpack."""
+    payload = msgpack.packb(values)
+    pipe.write(_HEADER.pack(len(payload)))
+    pipe.write(payload)
+    pipe.flush()
+
+
+def receive(pipe: IO[bytes]) -> dict[str, Any] | None:
+    """Read a message; None at the end."""
+    header = pipe.read(_HEADER.size)
+    if len(header) < _HEADER.size:
+        return None
+    (length,) = _HEADER.unpack(header)
+    payload = pipe.read(length)
+    if len(payload) < length:
+        return None
+    values: dict[str, Any] = msgpack.unpackb(payload, strict_map_key=False)
+    return values

@@ -1,8 +1,15 @@
-"""Reads the bytes of a mesh file, with trimesh, and the files of its package that it names."""
+"""Reads the bytes of a mesh file, with trimesh, and the files of its package that it names.
+
+`main` does so in a process of its own: a file of a stranger can make a reader take all memory, or
+for ever, which ends that process, and not the page. It also leaves the page's own thread free.
+Requests come on standard input, answers go to standard output.
+"""
 
 import io
 import logging
+import os
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -15,14 +22,19 @@ from trimesh.resolvers import Resolver
 
 from tfbus.robot.mesh_files import BESIDE
 from tfbus.runtime.installation import install_command
+from tfbus.runtime.limited_process import limit_this_process
 from tfbus.view.meshes.mesh import (
     KINDS,
     MOST_BYTES,
+    MOST_MEMORY,
     MOST_TRIANGLES,
     Color,
     MeshError,
+    MeshRequest,
     Part,
     check,
+    receive,
+    send,
     small_picture,
 )
 
@@ -386,3 +398,42 @@ def _least_joined(
         label = label[label]
         if np.array_equal(label, former):
             return label
+
+
+def answer(values: dict[str, Any]) -> dict[str, Any]:
+    """The triangles of a request for a mesh, or `error` with a sentence."""
+    request = MeshRequest.from_map(values)
+    try:
+        folder = None if request.path is None else request.path.parent
+        references = References(folder, request.root, request.beside)
+        data = request.data if request.path is None else _content(request.path)
+        parts = read_mesh(request.kind, data, references, request.texture, request.heeds_up_axis)
+    except (MeshError, OSError) as error:
+        return {"error": str(error)}
+    except MemoryError:
+        return {"error": "it needs too much memory"}
+    # Mesh readers raise all kinds of errors, ImportError among them.
+    except Exception as error:
+        return {
+            "error": f"it is not a valid .{request.kind} file ({error or type(error).__name__})"
+        }
+    return {"parts": [part.as_map() for part in parts], "refused": references.refused}
+
+
+def _content(path: Path) -> bytes:
+    if not path.is_file():
+        raise MeshError("no such file")
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise MeshError(f"it has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} are read")
+    return path.read_bytes()
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    # Readers may print; that must not be taken for an answer.
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    limit_this_process(memory_bytes=MOST_MEMORY)
+    send(answers, {"ready": True})
+    while (values := receive(sys.stdin.buffer)) is not None:
+        send(answers, answer(values))

@@ -21,8 +21,6 @@ from tfbus.view.panels.controls import (
 )
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.player import PlayerBar
-from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
-from tfbus.view.panels.player_markup import STYLE as PLAYER_STYLE
 from tfbus.view.panels.robots import RobotsPanel, progress_text
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import TreePanel
@@ -140,7 +138,7 @@ class Panel:
         gui = server.gui
         self._channel = channel = Channel()
         self._replay = replay
-        player = (PLAYER_STYLE, PLAYER_SCRIPT) if replay else ("", "")
+        player = (PlayerBar.style(), PlayerBar.script()) if replay else ("", "")
         style = player[0] + "".join(guest.style for guest in self._guests)
         script = TREE_SCRIPT + player[1] + "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from html import escape
+from importlib.resources import files
 from typing import Any
 
 import viser
@@ -33,12 +34,24 @@ _MOST_MARKS = 1000
 # The speeds to choose from; a program may set any.
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 
+_markup = files("tfbus.view.panels")
+
 # How far the keys J and L jump.
 _JUMP_S = 5.0
 
 
 class PlayerBar:
     """Moves the playhead of a recording as browsers ask, and shows them where it is."""
+
+    @staticmethod
+    def style() -> str:
+        """The bar's CSS."""
+        return _markup.joinpath("player.css").read_text("utf-8")
+
+    @staticmethod
+    def script() -> str:
+        """The bar's JavaScript: it makes the bar, and keeps it below the scene."""
+        return _markup.joinpath("player.js").read_text("utf-8")
 
     def __init__(self, gui: viser.GuiApi, channel: Channel, replay: Replay) -> None:
         self._replay = replay

@@ -1,82 +1,10 @@
-"""The bar below the scene that plays a recording, as CSS and JavaScript.
+// The bar below the scene that plays a recording. It is no part of viser's panel, since it is as
+// wide as the scene. This makes it when the first state comes, moves it with the scene, and lets its
+// cursor run between two states. Texts come as JSON and are set as text, never as HTML.
 
-It is no part of viser's panel, since it is as wide as the scene. The script makes it when the first
-state comes, moves it with the scene, and lets its cursor run between two states. Texts come as JSON
-and are set as text, never as HTML.
-"""
-
-STYLE = """
-div:has(> .tfbus-player-state) { display: none; }
-#tfbus-player { position: fixed; z-index: 90; box-sizing: border-box; padding: 0.45em 0.7em 0.3em;
-  border-radius: 8px; font-size: 0.8125rem; line-height: 1.3; user-select: none;
-  color: var(--mantine-color-text); background: light-dark(#fffffff2, #242424f2);
-  box-shadow: 0 1px 6px light-dark(#0000002e, #000000a0); }
-#tfbus-player[hidden], #tfbus-player [hidden] { display: none; }
-#tfbus-player button { all: unset; box-sizing: border-box; cursor: pointer; display: flex;
-  align-items: center; justify-content: center; height: 1.9rem; min-width: 1.9rem;
-  border-radius: 5px; }
-#tfbus-player button svg { width: 1.1rem; height: 1.1rem; fill: currentColor; }
-#tfbus-player button:hover { background: light-dark(#0000000f, #ffffff1a); }
-#tfbus-player button:focus-visible, #tfbus-player select:focus-visible,
-#tfbus-player .tfp-track:focus-visible { outline: 2px solid #228be6; }
-#tfbus-player .tfp-play { background: #228be6; color: white; border-radius: 50%; }
-#tfbus-player .tfp-play:hover { background: #1c7ed6; }
-#tfbus-player .tfp-loop[aria-pressed=true] { color: light-dark(#1971c2, #74c0fc);
-  background: light-dark(#228be626, #228be64d); }
-#tfbus-player select { font: inherit; color: inherit; height: 1.9rem; padding: 0 0.2em;
-  border-radius: 5px; border: 1px solid light-dark(#ced4da, #4c4c4c); cursor: pointer;
-  background: light-dark(#ffffff, #2e2e2e); }
-.tfp-row { display: flex; align-items: center; gap: 0.25em; flex-wrap: wrap; }
-.tfp-times { margin: 0 0.6em; white-space: nowrap; font-variant-numeric: tabular-nums; }
-.tfp-times span { color: var(--mantine-color-dimmed); }
-.tfp-times b { font-weight: 600; }
-.tfp-room { flex: 1; }
-.tfp-legend { display: flex; flex-wrap: wrap; gap: 0 0.15em; }
-#tfbus-player .tfp-legend button { height: 1.6rem; padding: 0 0.4em; gap: 0.3em; }
-.tfp-legend i { font-style: normal; }
-.tfp-sign { width: 1em; text-align: center; flex: none; }
-.tfp-gone { color: light-dark(#b3261e, #ff8a80); fill: light-dark(#b3261e, #ff8a80); }
-.tfp-back { color: light-dark(#2b8a3e, #69db7c); fill: light-dark(#2b8a3e, #69db7c); }
-.tfp-restart { color: light-dark(#1864ab, #74c0fc); fill: light-dark(#1864ab, #74c0fc); }
-.tfp-conflict { color: light-dark(#a61e9c, #f783ff); fill: light-dark(#a61e9c, #f783ff); }
-.tfp-gap { color: light-dark(#a85f00, #ffc078); fill: light-dark(#e8890c, #ffc078); }
-.tfp-paused { color: light-dark(#5c636a, #adb5bd); fill: light-dark(#868e96, #868e96); }
-.tfp-dropped { color: light-dark(#846200, #ffe066); fill: light-dark(#d9a300, #ffe066); }
-.tfp-track { position: relative; height: 2.6rem; margin: 0.2em 0.5em 0; cursor: pointer;
-  touch-action: none; outline-offset: 3px; border-radius: 3px; }
-.tfp-track svg { position: absolute; inset: 0; width: 100%; height: 100%; overflow: visible; }
-.tfp-activity { fill: light-dark(#228be640, #4dabf759); }
-.tfp-rail { fill: light-dark(#dee2e6, #454545); }
-.tfp-played { fill: light-dark(#4dabf7, #1c7ed6); }
-.tfp-band { opacity: 0.85; }
-.tfp-tick { position: absolute; bottom: -1.05rem; transform: translateX(-50%); font-size: 0.68rem;
-  color: var(--mantine-color-dimmed); white-space: nowrap; font-variant-numeric: tabular-nums;
-  pointer-events: none; }
-.tfp-head { position: absolute; top: 0; bottom: -2px; width: 2px; margin-left: -1px;
-  background: light-dark(#212529, #ffffff); pointer-events: none; }
-.tfp-head::after { content: ''; position: absolute; bottom: -1px; left: -5px; width: 12px;
-  height: 12px; border-radius: 50%; background: light-dark(#212529, #ffffff);
-  box-shadow: 0 0 0 2px light-dark(#ffffff, #242424); }
-.tfp-axis { height: 1.1rem; }
-.tfp-tip { position: absolute; bottom: calc(100% + 0.35em); transform: translateX(-50%);
-  pointer-events: none; max-width: 26em; width: max-content; padding: 0.25em 0.55em;
-  border-radius: 5px; background: light-dark(#212529, #f1f3f5); color: light-dark(white, #212529);
-  font-size: 0.75rem; z-index: 1; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
-.tfp-tip .tfp-sign { display: inline-block; margin-right: 0.3em; }
-.tfp-tip .tfp-sign { color: inherit; }
-.tfp-list { max-height: min(40vh, 20rem); overflow-y: auto; scrollbar-width: thin;
-  margin: 0 0 0.4em; border-bottom: 1px solid light-dark(#dee2e6, #454545); }
-#tfbus-player .tfp-list button { display: grid; width: 100%; height: auto; padding: 0.2em 0.4em;
-  grid-template-columns: 1.2em max-content 1fr; gap: 0 0.6em; justify-items: start;
-  align-items: baseline; }
-#tfbus-player .tfp-list button.tfp-now { background: light-dark(#228be626, #228be64d); }
-.tfp-list .tfp-at { color: var(--mantine-color-dimmed); font-variant-numeric: tabular-nums; }
-.tfp-list .tfp-what { overflow-wrap: anywhere; }
-.tfp-narrow .tfp-legend i, .tfp-narrow .tfp-date, .tfp-narrow .tfp-wide { display: none; }
-"""
-
-# The shapes of the buttons, in a box of 24 by 24.
-_ICONS = """
+// viser mounts its panel again when the theme changes: the bar stays.
+window.tfbusTimeline || (() => {
+// The shapes of the buttons, in a box of 24 by 24.
 const icons = {
   start: 'M6 5h2.5v14H6zM20 5v14L9.5 12z',
   back: 'M15.5 5v14L6 12zM17 5h2.5v14H17z',
@@ -85,13 +13,7 @@ const icons = {
   step: 'M8.5 5v14L18 12zM4.5 5H7v14H4.5z',
   loop: 'M7 7h10v3l4-4-4-4v3H5v6h2zM17 17H7v-3l-4 4 4 4v-3h12v-6h-2z',
 };
-"""
 
-SCRIPT = (
-    # viser mounts its panel again when the theme changes: the bar stays.
-    "window.tfbusTimeline || (() => {"
-    + _ICONS
-    + """
 const signs = {gone: '✖', back: '●', restart: '↻', conflict: '▲', gap: '◐', paused: '‖',
   dropped: '!'};
 const svgNs = 'http://www.w3.org/2000/svg';
@@ -354,7 +276,7 @@ const paint = () => {
   parts.axis.dataset.of = '';
 };
 const choice = (speed) => {
-  const option = element('option', '', speed + '\u00d7');
+  const option = element('option', '', speed + '×');
   option.value = speed;
   return option;
 };
@@ -441,5 +363,3 @@ window.tfbusCursor = (given) => {
 for (const [call, given] of window.tfbusEarly || []) window[call](given);
 window.tfbusEarly = [];
 })();
-"""
-)

@@ -103,6 +103,31 @@ def test_each_pair_is_reported_once() -> None:
     assert claims.news("a", claims.update("a", described("robot", epoch=3))) == []
 
 
+def test_which_frames_others_list_is_found_again_only_when_that_changes() -> None:
+    """Not at each description of any stream, and not at one that repeats what was known."""
+    claims = Claims("latest")
+    claims.update("a", described("robot"))
+    asked = frozenset({"robot", "lamp"})
+    first = claims.of_others("b", asked)
+    assert first == {"robot"}
+    for stream, listed in (
+        ("c", ["arm"]),
+        ("a", ["robot"]),
+        ("b", ["lamp"]),
+        ("a", ["robot", "x"]),
+    ):
+        claims.update(stream, described(*listed, epoch=2))
+        assert claims.outdated == set()
+        assert claims.of_others("b", asked) is first
+    claims.update("c", described("lamp"))
+    assert claims.outdated == {"b"}
+    assert claims.of_others("b", asked) == {"robot", "lamp"}
+    claims.update("a", None)
+    assert claims.of_others("b", asked) == {"lamp"}
+    claims.update("b", None)
+    assert claims.outdated == {"b"}
+
+
 def test_an_unknown_rule_is_refused() -> None:
     """There are three rules."""
     with pytest.raises(InvalidArgumentException, match="latest, first, priority"):

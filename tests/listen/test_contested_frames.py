@@ -29,9 +29,9 @@ class Deciding(Listening):
 
 
 class Received:
-    """The streams "a" and "b" in one buffer; "a" was started first."""
+    """The streams "a" and "b", or others, in one buffer; "a" was started first."""
 
-    def __init__(self, rule: Rule, buffer: Buffer | None = None) -> None:
+    def __init__(self, rule: Rule, buffer: Buffer | None = None, names: str = "ab") -> None:
         self.buffer = Buffer() if buffer is None else buffer
         log = logging.getLogger("test")
         self.streams = {
@@ -43,9 +43,9 @@ class Received:
                 TransformReader(),
                 around=Deciding(self),
             )
-            for name in "ab"
+            for name in names
         }
-        self.epochs = {"a": 1, "b": 2}
+        self.epochs = {name: number for number, name in enumerate(names, 1)}
         self.conflicts = Conflicts(rule, self.buffer, self.streams.get, log)
         self._sent = 0
 
@@ -234,21 +234,64 @@ def test_a_frame_that_is_listed_while_it_is_sent_is_not_lost(rule: Rule) -> None
 
 
 def test_a_list_has_nothing_judged_again_that_was_not_sent_since_the_last() -> None:
-    """A list of another stream takes the permit of one that sent a frame which it does not list;
-    the lists that come before its next message do not.
+    """A list of another stream takes the permit of one that sent a frame of the list which it does
+    not list; the lists that come before its next message do not.
     """
     received = Received("first")
     facts = received.streams["b"].facts
     received.send("b", lamp=1.0)
     before = facts.permit
-    received.describe("a", "camera")
+    received.describe("a", "lamp")
     after = facts.permit
-    received.describe("a", "camera", "chair")
+    received.describe("a", "camera")
     assert not before.is_valid
     assert facts.permit is after
     received.send("b", lamp=2.0)
-    received.describe("a", "camera")
+    received.describe("a", "lamp")
     assert not after.is_valid
+
+
+def test_a_list_has_only_streams_judged_again_that_sent_its_frames() -> None:
+    """When many streams come back at once, and send before they are described, the list of each
+    costs the others nothing; that of a frame which some sent concerns these, and for a frame of any
+    earlier message too.
+    """
+    names = "abcdefghijklmnopqrstuvwxyz"
+    received = Received("latest", names=names)
+    streams = received.streams
+
+    def judged_again(stream: str, *children: str) -> list[str]:
+        before = {name: streams[name].facts.permit for name in names}
+        received.describe(stream, *children)
+        return [name for name in names if not before[name].is_valid]
+
+    for name in names:
+        for other in names:
+            received.send(other, **{f"{other}_robot": 1.0})
+        assert judged_again(name, f"{name}_robot") == []
+    received.send("b", lamp=1.0)
+    received.send("c", lamp=1.0)
+    received.send("c", bolt=1.0)
+    assert judged_again("a", "a_robot", "lamp") == ["b", "c"]
+    assert judged_again("a", "a_robot", "lamp") == []
+
+
+def test_a_list_after_questions_without_end_has_all_judged_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beyond a bound it is not remembered which stream asked for which frame: nothing is missed."""
+    monkeypatch.setattr("tfbus.listen.conflicts._MOST_ASKED", 3)
+    received = Received("latest", names="abc")
+    for number in range(5):
+        received.send("b", **{f"b{number}": 1.0})
+    received.send("c", lamp=1.0)
+    before = {name: received.streams[name].facts.permit for name in "bc"}
+    received.describe("a", "b0")
+    assert not before["b"].is_valid
+    received.send("b", b0=2.0)
+    assert received.buffer.frame("b0").authority == "b"
+    received.send_static("a", b0=3.0)
+    assert received.held("b0")[:2] == (3.0, "a")
 
 
 @pytest.mark.parametrize("rule", ["latest", "first", "priority"])

@@ -26,6 +26,9 @@ Rule = Literal["latest", "first", "priority"]
 # Names come from the bus: at most this many reported pairs are remembered.
 _MOST_REPORTED = 10_000
 
+# Of so many pairs of a stream and a frame that it asked for is it known which lists concern them.
+_MOST_ASKED = 100_000
+
 # And of one frame at most this many pairs are reported at once.
 _MOST_OTHERS = 100
 
@@ -75,6 +78,78 @@ class Conflict(NamedTuple):
     frames: tuple[str, ...]
 
 
+class _Answer:
+    """Which of these frames other streams list; None until that has been found."""
+
+    __slots__ = ("children", "of_others")
+
+    def __init__(self, children: frozenset[str]) -> None:
+        self.children = children
+        self.of_others: frozenset[str] | None = None
+
+
+class _Answers:
+    """The last answer to each stream, and which streams have asked for a frame. Safe from several
+    threads at once.
+
+    The frames of all questions of a stream count until one of them changes: messages of its former
+    questions may still be under way. Where they are too many, the next change concerns all streams.
+    """
+
+    def __init__(self) -> None:
+        self._lock = scheduler.Lock()
+        self._last: dict[str, _Answer] = {}
+        self._frames: dict[str, set[str]] = {}
+        self._streams: dict[str, set[str]] = {}
+        self._count = 0
+        self._of_any_frame: set[str] = set()
+
+    def last(self, stream: str) -> _Answer | None:
+        """The last answer to a stream, if no change has concerned it since."""
+        return self._last.get(stream)
+
+    def begin(self, stream: str, children: frozenset[str]) -> _Answer:
+        """The answer to be found for a stream. A change from now on is told by `end`."""
+        answer = _Answer(children)
+        with self._lock:
+            self._last[stream] = answer
+            frames = self._frames.setdefault(stream, set())
+            new = children - frames
+            frames |= new
+            for child in new:
+                self._streams.setdefault(child, set()).add(stream)
+            self._count += len(new)
+            if self._count > _MOST_ASKED:
+                self._of_any_frame.update(self._frames)
+                self._frames.clear()
+                self._streams.clear()
+                self._count = 0
+        return answer
+
+    def end(self, stream: str, changed: frozenset[str], is_gone: bool) -> set[str]:
+        """The streams whose answers no longer hold, since this one lists other frames."""
+        with self._lock:
+            ended = {stream} & self._frames.keys() if is_gone else set()
+            if changed:
+                ended.update(self._of_any_frame, *(self._streams.get(each, ()) for each in changed))
+            if not is_gone:
+                ended.discard(stream)
+            for each in ended:
+                self._forget(each)
+        return ended
+
+    def _forget(self, stream: str) -> None:
+        self._of_any_frame.discard(stream)
+        self._last.pop(stream, None)
+        frames = self._frames.pop(stream, set())
+        self._count -= len(frames)
+        for child in frames:
+            streams = self._streams[child]
+            streams.discard(stream)
+            if not streams:
+                del self._streams[child]
+
+
 class Claims:
     """The claims to frames, by the descriptions of live streams: the same in every listener.
 
@@ -97,9 +172,9 @@ class Claims:
         self._firsts: dict[str, str] = {}
         self._displaced: dict[str, str] = {}
         self._reported: set[frozenset[str]] = set()
-        # By stream the frames that were last asked for, and which of them others claim; begun anew
-        # by each update.
-        self._asked: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
+        self._answers = _Answers()
+        # The streams of which the last update has changed what `of_others` says.
+        self.outdated: set[str] = set()
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
         """Take the frames that a stream lists now, None if it is gone.
@@ -107,7 +182,8 @@ class Claims:
         Returns the frames among its former and present ones that another stream claims too.
         """
         claimed = listed_children(description)
-        touched = self._children.get(stream, frozenset()) | claimed
+        former = self._children.get(stream, frozenset())
+        touched = former | claimed
         former_rank = self._ranks.pop(stream, None)
         if description is not None:
             self._ranks[stream] = self._rank(stream, description)
@@ -132,7 +208,7 @@ class Claims:
         else:
             self._children.pop(stream, None)
         # After all else: an answer that was found meanwhile is kept nowhere.
-        self._asked = {}
+        self.outdated = self._answers.end(stream, former ^ claimed, description is None)
         return contested
 
     def _choose_first(self, child: str, stream: str, former_rank: "Rank | None") -> None:
@@ -152,13 +228,14 @@ class Claims:
 
         A stream that asks for the very same set again has its answer at once.
         """
-        asked = self._asked
-        last = asked.get(stream)
-        if last is not None and last[0] is children:
-            return last[1]
+        answer = self._answers.last(stream)
+        if answer is not None and answer.children is children and answer.of_others is not None:
+            return answer.of_others
+        # Before the look at the claims: what changes from then on ends the answer.
+        answer = self._answers.begin(stream, children)
         claims = [(child, self._claims.get(child, ())) for child in children]
         of_others = frozenset(child for child, by in claims if len(by) > (stream in by))
-        asked[stream] = children, of_others
+        answer.of_others = of_others
         return of_others
 
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
@@ -271,16 +348,12 @@ class Conflicts:
         self._buffer = buffer
         self._reception = reception
         self._lines = lines_of(log)
-        # Streams that may have frames under way which they do not list: others that list one have
-        # them.
-        self._senders_of_unlisted: set[str] = set()
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
         """Take the frames that a stream lists now; None if its publisher is gone."""
         contested = self._claims.update(name, description)
         frames = listed_children(description)
-        if frames:
-            self._revoke_permits(self._senders_of_unlisted - {name})
+        self._revoke_permits(self._claims.outdated)
         self._take_back(name, frames)
         if not contested:
             return
@@ -302,13 +375,9 @@ class Conflicts:
         return [reception for reception in receptions if reception is not None]
 
     def _revoke_permits(self, senders: set[str]) -> None:
-        """What these streams have under way was judged before some frames were listed."""
-        for sender in sorted(senders):
-            # Before the permit goes: what comes from then on has looked at the claims as they are,
-            # and adds its sender again.
-            self._senders_of_unlisted.discard(sender)
-            if (reception := self._reception(sender)) is not None:
-                reception.revoke_permit()
+        """What these streams have under way was judged by what others listed before."""
+        for reception in self._known(sorted(senders)):
+            reception.revoke_permit()
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
         """Take the frames that a stream lists from those that do not list them."""
@@ -324,8 +393,6 @@ class Conflicts:
         """Which of these frames, which the stream sends and does not list, other live streams list.
         Safe from any thread.
         """
-        # Before the look at the claims: what changes from then on takes its permit back.
-        self._senders_of_unlisted.add(name)
         return self._claims.of_others(name, children)
 
     def restore(self, name: str, frames: frozenset[str]) -> None:

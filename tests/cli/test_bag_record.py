@@ -372,7 +372,7 @@ sys.exit(subprocess.call(sys.argv[1:]))
 
 
 class Terminal:
-    """A terminal of 80 columns with `tfbus bag record` in it."""
+    """A terminal of 80 columns with `tfbus bag record` in it, once that records."""
 
     def __init__(self, bus: Bus, *arguments: str, wrapper: str = _FIRST) -> None:
         self._master, slave = os.openpty()
@@ -385,6 +385,7 @@ class Terminal:
         self._is_up = True
         self._reader = Thread(target=self._read, daemon=True)
         self._reader.start()
+        eventually(lambda: "space pauses, s begins a new file, q ends" in self.text)
 
     def _read(self) -> None:
         with suppress(OSError):  # the process has ended
@@ -419,7 +420,6 @@ class TestTerminal:
         """A recording in a terminal."""
         keep_sending(bus.node("robot"), "odom", "base")
         terminal = Terminal(bus, "-o", str(path))
-        eventually(lambda: "space pauses, s begins a new file, q ends" in terminal.text)
         yield terminal
         terminal.close()
 

@@ -7,13 +7,16 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, quote
 
 from tfbus.errors import TfbusError
-from tfbus.foxglove.server import Server
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.secure.server_access import AccessToken, Gate, ServerTls, machine_names
+
+if TYPE_CHECKING:
+    from tfbus.foxglove.server import Server  # websockets, which `tfbus foxglove --help` may lack
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Front:
     def __init__(
         self,
         serving: Serving,
-        server: Server,
+        server: "Server",
         on_refused: Callable[[str], object],
     ) -> None:
         self.clients = 0

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tests.simulation.stages import Stage
+from tests.simulation.stages import Part, Stage
 
 SCENARIOS: dict[str, Callable[[Stage], None]] = {}
 
@@ -18,6 +18,17 @@ def _pair(stage: Stage, **options: str):
     b.expect("links", gives=[a.id()])
     a.expect("links", gives=[b.id()])
     return a, b
+
+
+def _let_arrive(a: Part, b: Part) -> None:
+    """Wait until all that `a` has sent is with `b`, or dropped there: a new publisher sends until
+    it knows who listens, and a subscriber of `b` that comes meanwhile gets it.
+    """
+    b.subscriber("mark", "mark")
+    a.publisher("mark")
+    a.expect("heard", "mark", gives=True)
+    a.put("mark", "past")
+    b.expects("mark", "mark=past")
 
 
 # Publications
@@ -89,14 +100,9 @@ def two_stars_stand_for_any_chunks_but_hidden_ones(stage: Stage) -> None:
 @scenario
 def a_late_subscriber_misses_what_was_sent_before(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("mark", "mark")
-    a.publisher("mark")
     a.publisher("k")
-    a.expect("heard", "mark", gives=True)
     a.put("k", "early")
-    # What is under way may still come: a new publisher sends until it knows who listens.
-    a.put("mark", "past")
-    b.expects("mark", "mark=past")
+    _let_arrive(a, b)
     b.subscriber("in", "k")
     a.expect("heard", "k", gives=True)
     a.put("k", "late")
@@ -176,6 +182,7 @@ def a_late_subscriber_gets_only_the_last_retained_message(stage: Stage) -> None:
     a.retained_publisher("k")
     a.put("k", "1")
     a.put("k", "2")
+    _let_arrive(a, b)
     b.retained_subscriber("in", "k")
     b.expects("in", "k=2")
 
@@ -207,6 +214,7 @@ def a_plain_subscriber_misses_the_retained_message(stage: Stage) -> None:
     a, b = _pair(stage)
     a.retained_publisher("k")
     a.put("k", "1")
+    _let_arrive(a, b)
     b.subscriber("in", "k")
     a.expect("heard", "k", gives=True)
     a.put("k", "2")

@@ -251,6 +251,7 @@ def test_it_waits_for_the_router_and_for_its_return(
     assert hearing.warnings() == []
     ros.router.stop()
     eventually(lambda: hearing.warnings() == [missing])
+    eventually(lambda: sending.warnings() == [missing])
     eventually(lambda: hearing.publishers("/tf_static") == [])
     sender.send(b"while it was gone")
     ros.router.start()

@@ -1,32 +1,54 @@
-"""`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live."""
+"""`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live.
+
+A column of its tables is a function and an entry in `EDGES` or `STREAMS`.
+"""
 
 import itertools
 import shlex
+import textwrap
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 import click
 
+from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running, warn_of_unanswered
-from tfbus.cli.monitor_report import as_lines
-from tfbus.cli.output import json_option, print_json, print_lines, screen
+from tfbus.cli.output import (
+    json_option,
+    longest_line,
+    paint,
+    paint_state,
+    print_json,
+    print_lines,
+    screen,
+    table,
+)
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, Number, own_name
-from tfbus.frames.moment import BusView
-from tfbus.monitor.report import PairWatch, Report, as_map, make_report
+from tfbus.frames.clocks import is_another_time, whose_clock
+from tfbus.frames.moment import BusView, faults, state
+from tfbus.listen.info import StreamInfo
+from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import stamp_text
+from tfbus.wording import counted, cut_middle, duration, listed, stamp_text
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
 
+T = TypeVar("T")
+
 # How often a pair is looked up: its answer ages between two samples.
 _LOOK_EVERY_S = 0.05
+# Between two frames of a chain.
+_TO = " -> "
+# The most letters that stand beside a name in a line: `Held back by: `, and some.
+_BESIDE_NAME = 20
 
 
 @click.command(
@@ -161,3 +183,219 @@ def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> boo
         if pair is not None:
             pair.look(heard, time.monotonic())
     return True
+
+
+@dataclass(frozen=True)
+class Column(Generic[T]):
+    """A column of a table: its heading, and its text for a row of the report. A column that is
+    `rare` is shown only if a row has text in it: 80 columns have no room for all. `needs` is "now"
+    for numbers that go stale with the span, "span" for times of a recording.
+    """
+
+    heading: str
+    text: Callable[[Report, T], str]
+    rare: bool = False
+    needs: Literal["report", "now", "span"] = "report"
+
+    def has_needs(self, report: Report) -> bool:
+        """Whether the report has the numbers of this column."""
+        return self.needs == "report" or (report.span is None) == (self.needs == "now")
+
+
+def as_lines(report: Report, hint: str = "") -> list[str]:
+    """The report as tables; `hint` is where to look if there is no transform."""
+    lines = _pair_lines(report.pair) if report.pair else []
+    if report.pair and report.pair.failure:
+        return lines
+    rows = report.rows()
+    if not rows:
+        return [f"No transform yet: {hint}" if hint else "No transform yet"]
+    streams = list(report.tree.streams.values())
+    lines += [*_table(report, EDGES, rows, names=2), "", *_table(report, STREAMS, streams, names=3)]
+    return [*lines, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
+
+
+def _table(
+    report: Report, columns: Sequence[Column[T]], rows: Sequence[T], names: int
+) -> list[str]:
+    """A table whose first columns are names."""
+    told = [each for each in columns if each.has_needs(report)]
+    texts = {column: [column.text(report, row) for row in rows] for column in told}
+    shown = [each for each in told if not each.rare or any(texts[each])]
+    cells = zip(*(texts[each] for each in shown), strict=True)
+    headings = [each.heading for each in shown]
+    return table(headings, cells, right=range(names, len(shown)), names=range(2))
+
+
+def _frame(report: Report, row: MeasuredEdge) -> str:
+    return paint_state(row.frame.name, state(report.tree, _now(report, row)))
+
+
+def _publisher(report: Report, row: MeasuredEdge) -> str:
+    now = _now(report, row)
+    wrong = faults(report.tree, now)
+    by = row.frame.authority
+    return paint_state(f"{by} {', '.join(wrong).upper()}", state(report.tree, now)) if wrong else by
+
+
+def _now(report: Report, row: MeasuredEdge) -> FrameInfo:
+    """The frame of an edge as it is in the tree: another publisher's sample may be the last."""
+    return report.tree.frames.get(row.frame.name, row.frame)
+
+
+def _rate(report: Report, row: MeasuredEdge) -> str:
+    if row.frame.static:
+        return "static"
+    return "" if row.flow.rate_hz is None else f"{row.flow.rate_hz:.1f}"
+
+
+def _jitter(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.jitter_s is None else duration(row.flow.jitter_s)
+
+
+def _median_delay(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p50)
+
+
+def _longest_delay(report: Report, row: MeasuredEdge) -> str:
+    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p99)
+
+
+def _age(report: Report, row: MeasuredEdge) -> str:
+    age_s = report.tree.age_s(row.frame)
+    return "" if age_s is None else duration(age_s)
+
+
+def _disordered(report: Report, row: MeasuredEdge) -> str:
+    return str(row.flow.out_of_order) if row.flow.out_of_order else ""
+
+
+def _longest_gap(report: Report, row: MeasuredEdge) -> str:
+    if row.flow.gap_from_ns is None:
+        return ""
+    at_s = (row.flow.gap_from_ns - report.moment.start_ns) / 1e9
+    return paint(f"{duration(row.flow.longest_gap_s)} at +{at_s:.1f}s", "warning")
+
+
+EDGES = (
+    Column("frame", _frame),
+    Column("by", _publisher),
+    Column("Hz", _rate),
+    Column("jitter", _jitter),
+    Column("delay p50", _median_delay),
+    Column("p99", _longest_delay),
+    Column("age", _age, needs="now"),
+    Column("disordered", _disordered, rare=True),
+    Column("longest gap", _longest_gap, needs="span"),
+)
+
+
+def _stream(report: Report, stream: StreamInfo) -> str:
+    return stream.name
+
+
+def _node(report: Report, stream: StreamInfo) -> str:
+    return stream.node if stream.alive else paint(f"{stream.node} GONE", "bad")
+
+
+def _host(report: Report, stream: StreamInfo) -> str:
+    return stream.host
+
+
+def _messages(report: Report, stream: StreamInfo) -> str:
+    return f"{report.meter.stream(stream.name).messages_hz:.1f}"
+
+
+def _kilobytes(report: Report, stream: StreamInfo) -> str:
+    load = report.meter.stream(stream.name).bytes_per_s
+    return "" if load is None else f"{load / 1e3:.1f}"
+
+
+def _missed(report: Report, stream: StreamInfo) -> str:
+    return str(stream.missed)
+
+
+def _restarts(report: Report, stream: StreamInfo) -> str:
+    restarts = report.meter.stream(stream.name).restarts
+    return str(restarts) if restarts else ""
+
+
+def _clock(report: Report, stream: StreamInfo) -> str:
+    offset_s = stream.clock_offset_s
+    return "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}"
+
+
+STREAMS = (
+    Column("stream", _stream),
+    Column("node", _node),
+    Column("host", _host),
+    Column("Hz", _messages),
+    Column("kB/s", _kilobytes, rare=True),
+    Column("missed", _missed),
+    Column("restarts", _restarts, rare=True),
+    Column("clock", _clock, rare=True),
+)
+
+
+def _pair_lines(pair: Pair) -> list[str]:
+    both = (longest_line() - len(_TO)) // 2
+    lines = [
+        paint(f"{cut_middle(pair.target, both)}{_TO}{cut_middle(pair.source, both)}", "heading")
+    ]
+    if pair.failure:
+        return [*lines, *(paint(line, "bad") for line in _wrapped(f"No transform: {pair.failure}"))]
+    lines += _wrapped(f"Chain: {_TO.join(map(_cut, pair.chain))}")
+    if pair.net_delay_s:
+        delay = pair.net_delay_s
+        lines.append(
+            f"Net delay: p50 {duration(delay.p50)}, p95 {duration(delay.p95)}, "
+            f"p99 {duration(delay.p99)}, max {duration(delay.max)}"
+        )
+    if pair.held_back_by is None:
+        lines.append("Held back by: nothing, all edges are static")
+    else:
+        lines.append(f"Held back by: {_cut(pair.held_back_by)}")
+    return [*lines, ""]
+
+
+def _cut(name: str) -> str:
+    """A name that fits into a line of its own, with some words beside it."""
+    return cut_middle(name, max(longest_line() - _BESIDE_NAME, 1))
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _clock_lines(report: Report) -> list[str]:
+    """A line that names the frames with ages that are none."""
+    odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
+    if not odd:
+        return []
+    frames = listed([repr(_cut(name)) for name in odd])
+    question = whose_clock(is_simulated=report.tree.is_simulated)
+    said = _wrapped(f"The stamps of {frames} are of another clock: {question}")
+    return ["", *(paint(line, "bad") for line in said)]
+
+
+def _ahead_lines(report: Report) -> list[str]:
+    """The remedy for frames whose stamps are in the future."""
+    shown = {frame.name for frame in report.edges()}
+    problems = [
+        _wrapped(problem.text)
+        for problem in report.tree.problems()
+        if problem.kind == "ahead"
+        and shown.intersection(problem.frames)
+        and not any(
+            is_another_time(report.tree.age_s(report.tree.frames[name])) for name in problem.frames
+        )
+    ]
+    lines = list(itertools.chain.from_iterable(problems))
+    return ["", *(paint(line, "bad") for line in lines)] if lines else []
+
+
+def _dropped_lines(report: Report) -> list[str]:
+    if not report.moment.dropped:
+        return []
+    text = f"Dropped {counted(report.moment.dropped, 'message')}: transforms come on too many keys"
+    return ["", paint(text, "bad")]

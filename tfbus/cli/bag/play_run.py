@@ -16,9 +16,9 @@ from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import StatusLine
-from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, paint, width
 from tfbus.command.recordings import open_recording, wall
+from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node

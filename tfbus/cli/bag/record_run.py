@@ -34,9 +34,9 @@ from tfbus.cli.bag.record_status import (
     status_parts,
     summary,
 )
-from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.bus import is_running
 from tfbus.cli.output import is_terminal, print_lines, warn
+from tfbus.command.terminal import typed_keys
 from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException, RightsError, ServiceError

@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     TRANSFORMS_TYPES,
     Reader,
     bare,
@@ -21,9 +21,9 @@ from tfbus.cli.messages.message import (
     reader_of,
     supplied_names,
 )
-from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, say, warn, yaml_text
+from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.topic.source import (
     SAY_AFTER_S,
     full_topic,

@@ -11,9 +11,9 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import reader_of
-from tfbus.cli.messages.view import MessageFilter
+from tfbus.cli.message import reader_of
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
+from tfbus.cli.topic.message_view import MessageFilter
 from tfbus.cli.topic.source import SAY_AFTER_S, full_topic, subscribe, type_of, visiting, why_silent
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options

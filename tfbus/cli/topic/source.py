@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import transforms_map
+from tfbus.cli.message import transforms_map
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, get_args, get_type_hints
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.cli.messages.fields import is_called, prototype, request_of
+from tfbus.cli.message_fields import is_called, prototype, request_of
 from tfbus.command.types import absolute, matching, names_at
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError

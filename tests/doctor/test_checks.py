@@ -16,7 +16,7 @@ from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Host
-from tfbus.doctor.host import is_stopped
+from tfbus.doctor.examine import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo

@@ -29,6 +29,8 @@ from tfbus.launch.read.reader import read_arguments, read_description, read_laun
 from tfbus.launch.run.child import Program, Timeouts, check_startable, dry_run_line, program_of
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence
+from tfbus.runtime.log import open_log
+from tfbus.runtime.signals import StopSignals
 
 
 def complete_file(
@@ -264,8 +266,6 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
     """
     from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
     from tfbus.discover.presence import NodeWatch
-    from tfbus.runtime.log import open_log
-    from tfbus.runtime.signals import StopSignals
 
     log = open_log("/launch", "launch", settings.log_level)
     signals = StopSignals()

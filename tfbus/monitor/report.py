@@ -1,18 +1,14 @@
-"""The report of `tfbus monitor` and `tfbus top` show at one moment: edges, streams, and a pair of
-frames.
-"""
+"""The report of `tfbus monitor` and `tfbus top` at one moment: edges, streams, a pair of frames."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
 from tfbus.monitor.flow import EdgeFlow, Meter, Spread, Window, spread_of
-
-if TYPE_CHECKING:
-    from tfbus.recording.pauses import Pause
+from tfbus.recording.pauses import Pause
 
 _MOST_SAMPLES = 1_000
 

@@ -28,6 +28,7 @@ from tfbus.cli.topic.source import (
     SAY_AFTER_S,
     full_topic,
     may_be_retained,
+    messages_of,
     subscribe,
     type_of,
     visiting,
@@ -304,8 +305,6 @@ def echo_command(
 def _echo_recorded(
     bag: BagChoice, topic: str, form: _Form, wanted: MessageFilter | None, *, once: bool
 ) -> None:
-    from tfbus.cli.topic.source import messages_of
-
     with bag.opened() as recording:
         printed = 0
         for message in messages_of(recording, topic):

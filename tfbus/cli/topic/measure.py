@@ -14,21 +14,32 @@ from tfbus.cli.bus import look
 from tfbus.cli.message import reader_of
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
 from tfbus.cli.topic.message_view import MessageFilter
-from tfbus.cli.topic.source import SAY_AFTER_S, full_topic, subscribe, type_of, visiting, why_silent
+from tfbus.cli.topic.source import (
+    SAY_AFTER_S,
+    RecordedMessage,
+    full_topic,
+    reading_of,
+    stamp_in,
+    subscribe,
+    type_of,
+    visiting,
+    why_silent,
+)
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
+from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.monitor.flow import Reading, Spread, Window, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative
+from tfbus.wire.transforms import decode_transforms
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
-    from tfbus.cli.topic.source import RecordedMessage
     from tfbus.node.node import Node
 
 
@@ -305,7 +316,7 @@ def hz_command(
     wanted = MessageFilter(expression) if expression else None
     if bag is not None:
 
-        def counted(message: "RecordedMessage") -> float | None:
+        def counted(message: RecordedMessage) -> float | None:
             return 0.0 if wanted is None or wanted.takes(message.values) else None
 
         _run_recorded(settings, topics, bag, RATE, counted, how["as_json"])
@@ -382,11 +393,9 @@ def _run_recorded(
     topics: tuple[str, ...],
     bag: BagChoice,
     report: Report,
-    number_of: Callable[["RecordedMessage"], float | None],
+    number_of: Callable[[RecordedMessage], float | None],
     as_json: bool,
 ) -> None:
-    from tfbus.cli.topic.source import reading_of
-
     measured = {}
     for topic in topics:
         reading = reading_of(bag, full_topic(topic, settings), number_of)
@@ -399,7 +408,7 @@ def _run_recorded(
     print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
 
 
-def _age_s(message: "RecordedMessage") -> float:
+def _age_s(message: RecordedMessage) -> float:
     if message.stamp_ns is None:
         raise _no_stamp(message.topic)
     return (message.received_ns - message.stamp_ns) / 1e9
@@ -415,8 +424,6 @@ class _Age:
         self._has_warned = False
 
     def __call__(self, payload: bytes) -> float:
-        from tfbus.frames.clocks import is_another_time, whose_clock  # for `delay` only
-
         age_s = (self._node.now_ns() - self._stamp_of(payload)) / 1e9
         clock = self._node.clock
         if is_another_time(age_s) and clock.is_running and not self._has_warned:
@@ -427,14 +434,10 @@ class _Age:
 
 
 def _newest_stamp(payload: bytes) -> int:
-    from tfbus.wire.transforms import decode_transforms  # which other messages do not need
-
     return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
 
 
 def _stamp(topic: str, payload: bytes) -> int:
-    from tfbus.cli.topic.source import stamp_in
-
     stamp_ns = stamp_in(decode_map(payload))
     if stamp_ns is None:
         raise _no_stamp(topic)

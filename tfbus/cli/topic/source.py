@@ -22,6 +22,7 @@ from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
+    RecordingReader,
     topic_of_stream,
     topics_of,
 )
@@ -33,7 +34,6 @@ from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
-    from tfbus.recording.reader import RecordingReader
 
 
 # After this long without a message, the tools print what they wait for.
@@ -191,7 +191,7 @@ def _message_of(item: TransformItem) -> TransformMessage:
     return TransformMessage(item.rows, item.stream.epoch_ns, item.seq)
 
 
-def recorded_topic(reader: "RecordingReader", name: str) -> RecordedTopic:
+def recorded_topic(reader: RecordingReader, name: str) -> RecordedTopic:
     """The topic of this name, `tf` and `tf_static` for all streams. Raises BusError for none."""
     topics = topics_of(reader)
     if name in (TRANSFORMS, STATIC_TRANSFORMS):

@@ -26,7 +26,13 @@ from tfbus.launch.read.find import (
     packages_with_nodes,
 )
 from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
-from tfbus.launch.run.child import Program, Timeouts, check_startable, dry_run_line, program_of
+from tfbus.launch.run.child import (
+    LaunchProgram,
+    Timeouts,
+    check_startable,
+    dry_run_line,
+    program_of,
+)
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence
 from tfbus.runtime.log import open_log
@@ -246,7 +252,7 @@ def _node_names() -> set[str]:
 
 
 def _run(
-    programs: Sequence[Program],
+    programs: Sequence[LaunchProgram],
     settings: NodeSettings,
     timeouts: Timeouts,
     longest_s: float | None,

@@ -21,7 +21,7 @@ from tfbus.wording import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class LaunchProgram:
     """A command line, its name, and what to do when it ends.
 
     `changes` are the environment variables that differ from those of launch itself; None unsets.
@@ -51,7 +51,7 @@ class Program:
         return shlex.join(self.argv)
 
 
-def program_of(process: Process, settings: NodeSettings) -> Program:
+def program_of(process: Process, settings: NodeSettings) -> LaunchProgram:
     """The program of a process in a launch with these settings.
 
     A tfbus node gets the settings of the bus as options, any other program as environment
@@ -59,7 +59,7 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
     listen at an address.
     """
     argv = _node_argv(process, settings) if process.node else (*process.command, *process.arguments)
-    return Program(
+    return LaunchProgram(
         name=process.label,
         argv=argv,
         changes=_changes(process, settings),
@@ -72,7 +72,7 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
     )
 
 
-def dry_run_line(program: Program) -> str:
+def dry_run_line(program: LaunchProgram) -> str:
     """A line for `--dry-run`: the name, and a shell command that does the same."""
     changes = [f"{name}={value}" for name, value in program.changes.items() if value is not None]
     environment = shlex.join(["env", *changes]) + " " if changes else ""
@@ -154,7 +154,7 @@ class Child:
     `exit_code` is None while it runs, and -N if signal N ended it.
     """
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: LaunchProgram) -> None:
         """Start the program. Raises OSError or ValueError if that fails."""
         self.program = program
         self.exit_code: int | None = None

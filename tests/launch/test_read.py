@@ -628,6 +628,33 @@ def test_a_command_learns_about_the_bus_from_its_environment(
     }
 
 
+def test_options_of_launch_win_over_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A variable of launch's environment does not reach a node if an option of launch differs."""
+    for name in [name for name in os.environ if name.startswith("TFBUS")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("TFBUS_LOG_LEVEL", "debug")
+    monkeypatch.setenv("TFBUS_NAMESPACE", "robot7")
+    monkeypatch.setenv("TFBUS_MODE", "client")
+    [plain, own] = read(
+        tmp_path,
+        """
+        nodes:
+          - node: simulator
+          - {node: clock, environment: {TFBUS_LOG_LEVEL: warning}}
+        """,
+    )
+    settings = NodeSettings("launch", namespace="", log_level="info")
+    program = program_of(plain, settings)
+    assert {k: v for k, v in program.environment.items() if k.startswith("TFBUS")} == {
+        "TFBUS_LOG_LEVEL": "info",
+        "TFBUS_MODE": "client",
+    }
+    assert "env -u TFBUS_NAMESPACE PYTHONUNBUFFERED=1 " in dry_run_line(program)
+    assert program_of(own, settings).environment["TFBUS_LOG_LEVEL"] == "warning"
+
+
 def test_a_file_may_say_that_time_is_simulated(tmp_path: Path) -> None:
     """`sim_time` of a file holds for all its nodes and those of its includes."""
     (tmp_path / "inner.yaml").write_text("nodes:\n  - {node: simulator, name: sim}\n")

@@ -231,7 +231,8 @@ def _as_click_errors() -> Iterator[None]:
 def _settings(bus: Mapping[str, Any]) -> NodeSettings:
     """The settings from the options, completed from the environment."""
     try:
-        return NodeSettings(name="launch", **{name: value for name, value in bus.items() if value})
+        given = {name: value for name, value in bus.items() if value not in (None, (), False)}
+        return NodeSettings(name="launch", **given)
     except TfbusError as error:
         raise click.UsageError(str(error)) from error
 

@@ -55,8 +55,8 @@ def program_of(process: Process, settings: NodeSettings) -> LaunchProgram:
     """The program of a process in a launch with these settings.
 
     A tfbus node gets the settings of the bus as options, any other program as environment
-    variables, which tfbus nodes inside it read. `listen` is not passed on: only one process can
-    listen at an address.
+    variables, which tfbus nodes inside it read; variables of launch's own environment that say
+    otherwise do not count. `listen` is not passed on: only one process can listen at an address.
     """
     argv = _node_argv(process, settings) if process.node else (*process.command, *process.arguments)
     return LaunchProgram(
@@ -74,7 +74,9 @@ def program_of(process: Process, settings: NodeSettings) -> LaunchProgram:
 
 def dry_run_line(program: LaunchProgram) -> str:
     """A line for `--dry-run`: the name, and a shell command that does the same."""
-    changes = [f"{name}={value}" for name, value in program.changes.items() if value is not None]
+    unset = (name for name, value in program.changes.items() if value is None)
+    changes = [word for name in unset if name in os.environ for word in ("-u", name)]
+    changes += [f"{name}={value}" for name, value in program.changes.items() if value is not None]
     environment = shlex.join(["env", *changes]) + " " if changes else ""
     folder = (
         "" if program.directory == Path.cwd() else f"cd {shlex.quote(str(program.directory))} && "
@@ -130,19 +132,22 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
 
 
 def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
+    told = {
+        "TFBUS_NAMESPACE": process.namespace or None,
+        "TFBUS_MODE": settings.mode or None,
+        "TFBUS_CONNECT": " ".join(settings.connect) or None,
+        "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
+        "TFBUS_SECURE": process.secure or settings.secure or None,
+        "TFBUS_LOG_LEVEL": settings.log_level,
+        "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
+    }
+    if process.node:
+        # Its options omit defaults: a variable of launch's own environment would count in place of
+        # one that an option of launch has set back to the default.
+        told = {name: value for name, value in told.items() if name in os.environ}
     # Python buffers a pipe: without this, lines come late or never.
     changes: dict[str, str | None] = {"PYTHONUNBUFFERED": "1", "TFBUS_LISTEN": None}
-    if not process.node:
-        changes |= {
-            "TFBUS_NAMESPACE": process.namespace or None,
-            "TFBUS_MODE": settings.mode or None,
-            "TFBUS_CONNECT": " ".join(settings.connect) or None,
-            "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
-            "TFBUS_SECURE": process.secure or settings.secure or None,
-            "TFBUS_LOG_LEVEL": settings.log_level,
-            "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
-        }
-    return changes | dict(process.environment)
+    return changes | told | dict(process.environment)
 
 
 T = TypeVar("T")

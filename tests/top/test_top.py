@@ -13,12 +13,19 @@ from tests import buses, live_bus, needs
 from tests.buses import keep_sending
 from tests.simulated_bus import Bus
 from tfbus import (
+    Buffer,
     StaticTransformBroadcaster,
     Transform,
     TransformStamped,
 )
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import Empty
-from tfbus.top.rows import Cell, Row, Table, chosen, fitting, nodes_table
+from tfbus.monitor.columns import EDGES
+from tfbus.monitor.flow import EdgeFlow
+from tfbus.monitor.meter import SpanMeter
+from tfbus.monitor.report import Report
+from tfbus.top.rows import Cell, Row, Table, chosen, fitting, frames_table, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
 pytest.importorskip("textual", reason="needs textual: the extra top")
@@ -192,6 +199,24 @@ def test_a_node_that_loses_ticks_names_the_callback() -> None:
     assert table.headings[-1] == "lost"
     assert [row.cells[-1].text for row in table.rows] == ["72 by topic scan", ""]
     assert [row.cells[-1].value for row in table.rows] == [72, float("inf")]
+
+
+def test_numbers_of_a_frame_are_those_of_the_monitor() -> None:
+    """Each number that the monitor has of an edge on a bus is a column; a root has none."""
+    buffer = Buffer()
+    buffer.set_transform(TransformStamped(10**18, "base", "hand", Transform()), authority="arm")
+    flow = EdgeFlow("arm", "base", "hand", rate_hz=9.5, out_of_order=3)
+    moment = BusMoment(at_ns=10**18, tree=frame_tree(buffer, (), 2 * 10**9 + 10**18))
+    report = Report(moment, {("arm", "hand"): flow}, SpanMeter(0, 1), None)
+    table = frames_table(report)
+    numbers = [each for each in EDGES if each.has_needs(report)]
+    assert [each.heading for each in numbers] == list(table.headings[3:-1])
+    rows = {row.key: dict(zip(table.headings, row.cells, strict=True)) for row in table.rows}
+    hand = {name: cell.text for name, cell in rows["hand"].items() if cell.text}
+    names = {"frame": "hand", "parent": "base", "stream": "arm"}
+    assert hand == {**names, "Hz": "9.5", "age": "2.0 s", "disordered": "3"}
+    assert {name for name, cell in rows["base"].items() if cell.text} == {"frame", "state"}
+    assert set(table.least_useful) == {*table.headings} - {"frame", "Hz", "state"}
 
 
 # A signal in the midst of Textual's code, wherever that is.

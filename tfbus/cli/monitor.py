@@ -1,16 +1,12 @@
-"""`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live.
-
-A column of its tables is a function and an entry in `EDGES` or `STREAMS`.
-"""
+"""`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live."""
 
 import itertools
 import shlex
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -33,6 +29,7 @@ from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusView, faults, state
 from tfbus.listen.info import StreamInfo
+from tfbus.monitor.columns import EDGES, STREAMS, Column
 from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
@@ -185,23 +182,6 @@ def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> boo
     return True
 
 
-@dataclass(frozen=True)
-class Column(Generic[T]):
-    """A column of a table: its heading, and its text for a row of the report. A column that is
-    `rare` is shown only if a row has text in it: 80 columns have no room for all. `needs` is "now"
-    for numbers that go stale with the span, "span" for times of a recording.
-    """
-
-    heading: str
-    text: Callable[[Report, T], str]
-    rare: bool = False
-    needs: Literal["report", "now", "span"] = "report"
-
-    def has_needs(self, report: Report) -> bool:
-        """Whether the report has the numbers of this column."""
-        return self.needs == "report" or (report.span is None) == (self.needs == "now")
-
-
 def as_lines(report: Report, hint: str = "") -> list[str]:
     """The report as tables; `hint` is where to look if there is no transform."""
     lines = _pair_lines(report.pair) if report.pair else []
@@ -211,20 +191,50 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
     if not rows:
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
     streams = list(report.tree.streams.values())
-    lines += [*_table(report, EDGES, rows, names=2), "", *_table(report, STREAMS, streams, names=3)]
+    lines += _table(
+        report,
+        {
+            "frame": [_frame(report, each) for each in rows],
+            "by": [_publisher(report, each) for each in rows],
+        },
+        EDGES,
+        rows,
+    )
+    lines.append("")
+    lines += _table(
+        report,
+        {
+            "stream": [each.name for each in streams],
+            "node": [_node(each) for each in streams],
+            "host": [each.host for each in streams],
+        },
+        STREAMS,
+        streams,
+    )
     return [*lines, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
 
 
 def _table(
-    report: Report, columns: Sequence[Column[T]], rows: Sequence[T], names: int
+    report: Report,
+    names: Mapping[str, Sequence[str]],
+    columns: Sequence[Column[T]],
+    rows: Sequence[T],
 ) -> list[str]:
-    """A table whose first columns are names."""
-    told = [each for each in columns if each.has_needs(report)]
-    texts = {column: [column.text(report, row) for row in rows] for column in told}
-    shown = [each for each in told if not each.rare or any(texts[each])]
-    cells = zip(*(texts[each] for each in shown), strict=True)
-    headings = [each.heading for each in shown]
-    return table(headings, cells, right=range(names, len(shown)), names=range(2))
+    """A table of these columns of names, with their headings, and of columns of numbers."""
+    told = {
+        each: [each.text(each.value(report, row)) for row in rows]
+        for each in columns
+        if each.has_needs(report)
+    }
+    shown = {each: texts for each, texts in told.items() if not each.rare or any(texts)}
+    cells = zip(*names.values(), *map(_painted, shown, shown.values()), strict=True)
+    headings = [*names, *(each.heading for each in shown)]
+    return table(headings, cells, right=range(len(names), len(headings)), names=range(2))
+
+
+def _painted(column: Column[T], texts: list[str]) -> list[str]:
+    """The times of gaps are warnings."""
+    return [paint(each, "warning") for each in texts] if column.needs == "span" else texts
 
 
 def _frame(report: Report, row: MeasuredEdge) -> str:
@@ -243,98 +253,8 @@ def _now(report: Report, row: MeasuredEdge) -> FrameInfo:
     return report.tree.frames.get(row.frame.name, row.frame)
 
 
-def _rate(report: Report, row: MeasuredEdge) -> str:
-    if row.frame.static:
-        return "static"
-    return "" if row.flow.rate_hz is None else f"{row.flow.rate_hz:.1f}"
-
-
-def _jitter(report: Report, row: MeasuredEdge) -> str:
-    return "" if row.flow.jitter_s is None else duration(row.flow.jitter_s)
-
-
-def _median_delay(report: Report, row: MeasuredEdge) -> str:
-    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p50)
-
-
-def _longest_delay(report: Report, row: MeasuredEdge) -> str:
-    return "" if row.flow.delays_s is None else duration(row.flow.delays_s.p99)
-
-
-def _age(report: Report, row: MeasuredEdge) -> str:
-    age_s = report.tree.age_s(row.frame)
-    return "" if age_s is None else duration(age_s)
-
-
-def _disordered(report: Report, row: MeasuredEdge) -> str:
-    return str(row.flow.out_of_order) if row.flow.out_of_order else ""
-
-
-def _longest_gap(report: Report, row: MeasuredEdge) -> str:
-    if row.flow.gap_from_ns is None:
-        return ""
-    at_s = (row.flow.gap_from_ns - report.moment.start_ns) / 1e9
-    return paint(f"{duration(row.flow.longest_gap_s)} at +{at_s:.1f}s", "warning")
-
-
-EDGES = (
-    Column("frame", _frame),
-    Column("by", _publisher),
-    Column("Hz", _rate),
-    Column("jitter", _jitter),
-    Column("delay p50", _median_delay),
-    Column("p99", _longest_delay),
-    Column("age", _age, needs="now"),
-    Column("disordered", _disordered, rare=True),
-    Column("longest gap", _longest_gap, needs="span"),
-)
-
-
-def _stream(report: Report, stream: StreamInfo) -> str:
-    return stream.name
-
-
-def _node(report: Report, stream: StreamInfo) -> str:
+def _node(stream: StreamInfo) -> str:
     return stream.node if stream.alive else paint(f"{stream.node} GONE", "bad")
-
-
-def _host(report: Report, stream: StreamInfo) -> str:
-    return stream.host
-
-
-def _messages(report: Report, stream: StreamInfo) -> str:
-    return f"{report.meter.stream(stream.name).messages_hz:.1f}"
-
-
-def _kilobytes(report: Report, stream: StreamInfo) -> str:
-    load = report.meter.stream(stream.name).bytes_per_s
-    return "" if load is None else f"{load / 1e3:.1f}"
-
-
-def _missed(report: Report, stream: StreamInfo) -> str:
-    return str(stream.missed)
-
-
-def _restarts(report: Report, stream: StreamInfo) -> str:
-    restarts = report.meter.stream(stream.name).restarts
-    return str(restarts) if restarts else ""
-
-
-def _clock(report: Report, stream: StreamInfo) -> str:
-    offset_s = stream.clock_offset_s
-    return "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}"
-
-
-STREAMS = (
-    Column("stream", _stream),
-    Column("node", _node),
-    Column("host", _host),
-    Column("Hz", _messages),
-    Column("kB/s", _kilobytes, rare=True),
-    Column("missed", _missed),
-    Column("restarts", _restarts, rare=True),
-    Column("clock", _clock, rare=True),
-)
 
 
 def _pair_lines(pair: Pair) -> list[str]:

@@ -13,9 +13,10 @@ from tfbus.errors import TransformException
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
 from tfbus.frames.moment import State, faults, state
+from tfbus.monitor.columns import EDGES, STREAMS, Column, Value
 from tfbus.monitor.flow import Window
 from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import Report, make_report
+from tfbus.monitor.report import MeasuredEdge, Report, make_report
 from tfbus.node.node import Node
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import cut, duration, printable
@@ -77,54 +78,51 @@ class Table:
 
 def frames_table(report: Report) -> Table:
     """Each frame: its parent, its stream, and how it comes."""
+    numbers = [each for each in EDGES if each.has_needs(report)]
     rows = []
     for frame in report.tree.frames.values():
         its_state = state(report.tree, frame)
-        if frame.parent is None:
-            cells = (
-                _text(frame.name),
-                *[_text("")] * 2,
-                *[Cell.of(None, "")] * 4,
-                _text(its_state),
-            )
-            rows.append(Row(frame.name, cells, its_state))
-            continue
-        flow = report.flow(frame)
+        row = MeasuredEdge(frame, report.flow(frame))
+        names = (frame.name, frame.parent or "", frame.authority if frame.parent else "")
+        wrong = ", ".join(faults(report.tree, frame)) if frame.parent else its_state
         cells = (
-            _text(frame.name),
-            _text(frame.parent),
-            _text(frame.authority),
-            Cell.of(flow.rate_hz, ".1f") if not frame.static else _text("static"),
-            Cell.of_time(report.tree.age_s(frame)),
-            Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
-            Cell.of_time(flow.jitter_s),
-            _text(", ".join(faults(report.tree, frame))),
+            *map(_text, names),
+            *(_number(each, each.value(report, row) if frame.parent else None) for each in numbers),
+            _text(wrong),
         )
         rows.append(Row(frame.name, cells, its_state))
-    headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")
-    return Table("frames", headings, tuple(rows), ("jitter", "delay", "stream", "parent", "age"))
+    headings = [each.heading for each in numbers]
+    least_useful = _in_order(headings, "jitter", "delay p50", "stream", "parent", "age")
+    return Table(
+        "frames", ("frame", "parent", "stream", *headings, "state"), tuple(rows), least_useful
+    )
 
 
 def streams_table(report: Report) -> Table:
     """Each stream: its publisher and its load."""
     rows = []
     for stream in report.tree.streams.values():
-        flow = report.meter.stream(stream.name)
         cells = (
-            _text(stream.name),
-            _text(stream.node),
-            _text(stream.host),
-            Cell.of(flow.messages_hz, ".1f"),
-            Cell.of(None if flow.bytes_per_s is None else flow.bytes_per_s / 1e3, ".1f"),
+            *map(_text, (stream.name, stream.node, stream.host)),
+            *(_number(each, each.value(report, stream)) for each in STREAMS),
             Cell.of(len(stream.frames), "d"),
-            Cell.of(stream.missed, "d"),
-            Cell.of_time(stream.clock_offset_s),
             _text("" if stream.alive else "gone"),
         )
         rows.append(Row(stream.name, cells, "dynamic" if stream.alive else "gone"))
-    headings = ("stream", "node", "host", "Hz", "kB/s", "frames", "missed", "clock", "state")
-    least_useful = ("kB/s", "clock", "frames", "host", "missed", "node")
+    numbers = [each.heading for each in STREAMS]
+    least_useful = _in_order(numbers, "kB/s", "clock", "frames", "host", "missed", "node")
+    headings = ("stream", "node", "host", *numbers, "frames", "state")
     return Table("streams", headings, tuple(rows), least_useful)
+
+
+def _number(column: Column[Any], value: Value) -> Cell:
+    text = column.text(value)
+    return _text(text) if isinstance(value, str) else Cell(text, _last(value))
+
+
+def _in_order(numbers: Sequence[str], *known: str) -> tuple[str, ...]:
+    """The columns that a narrow screen gives up: first of all numbers that are not `known`."""
+    return (*(each for each in numbers if each not in (*known, "Hz")), *known)
 
 
 def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> Table:

@@ -14,11 +14,9 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.message import (
     TRANSFORMS_TYPES,
-    Reader,
     bare,
     find_type,
     is_of_type,
-    reader_of,
     supplied_names,
 )
 from tfbus.cli.output import as_json as json_line
@@ -26,9 +24,11 @@ from tfbus.cli.output import is_terminal, json_option, paint, print_text, say, w
 from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.topic.source import (
     SAY_AFTER_S,
+    Reader,
     full_topic,
     may_be_retained,
     messages_of,
+    reader_of,
     subscribe,
     type_of,
     visiting,

@@ -11,13 +11,13 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.message import reader_of
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
 from tfbus.cli.topic.message_view import MessageFilter
 from tfbus.cli.topic.source import (
     SAY_AFTER_S,
     RecordedMessage,
     full_topic,
+    reader_of,
     reading_of,
     stamp_in,
     subscribe,

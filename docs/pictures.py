@@ -29,7 +29,7 @@ from tfbus import NodeSettings
 from tfbus.frames.command_listener import listening
 from tfbus.runtime.signals import StopSignals
 from tfbus.top.app import TopApp
-from tfbus.top.rows import Source
+from tfbus.top.rows import TopSource
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, find_browser
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def top() -> None:
 async def _photograph_top() -> None:
     signals = StopSignals()
     with listening(NodeSettings("_top"), None, goes_on=True) as heard:
-        app = TopApp(Source(heard), signals)
+        app = TopApp(TopSource(heard), signals)
         async with app.run_test(size=(104, 22)) as pilot:
             await pilot.pause(4.0)
             drawn = app.export_screenshot()

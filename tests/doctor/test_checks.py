@@ -15,7 +15,7 @@ import pytest
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, Host
+from tfbus.doctor.examination import Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
@@ -39,7 +39,7 @@ VERSIONS = {
 }
 ETH0 = Interface("eth0", is_up=True, has_multicast=True, is_loopback=False)
 DOWN = Interface("eth0", is_up=False, has_multicast=True, is_loopback=False)
-HOST = Host(VERSIONS, is_compiled=True, interfaces=(ETH0,), scouted=True, routers=1)
+HOST = ExaminedHost(VERSIONS, is_compiled=True, interfaces=(ETH0,), scouted=True, routers=1)
 SIM = NodeDescription(
     "/sim",
     "robot",

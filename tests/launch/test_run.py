@@ -29,7 +29,7 @@ from tfbus.launch.description import Respawn
 from tfbus.launch.run.child import LaunchProgram, Timeouts
 from tfbus.launch.run.console import Console, Lines, OutputStream, safe_line
 from tfbus.launch.run.run import Debounce, adopting_orphans
-from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
+from tfbus.launch.run.supervisor import GroupGuard, Presence, Supervisor
 
 pytestmark = pytest.mark.real
 
@@ -94,7 +94,7 @@ class Launch(Output):
         programs: Sequence[LaunchProgram],
         timeouts: Timeouts = LONG,
         presence: Presence | None = None,
-        guard: Guard | None = None,
+        guard: GroupGuard | None = None,
     ) -> None:
         super().__init__()
         (out, self._out), (err, self._err) = os.pipe(), os.pipe()

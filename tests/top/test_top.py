@@ -25,15 +25,15 @@ from tfbus.monitor.columns import EDGES
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import SpanMeter
 from tfbus.monitor.report import Report
-from tfbus.top.rows import Cell, Row, Table, chosen, fitting, frames_table, nodes_table
+from tfbus.top.rows import Cell, Row, ScreenTable, chosen, fitting, frames_table, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
 pytest.importorskip("textual", reason="needs textual: the extra top")
 
 
-def table(*frames: tuple[str, float | None]) -> Table:
+def table(*frames: tuple[str, float | None]) -> ScreenTable:
     rows = [Row(name, (Cell(name, name), Cell.of(rate, ".1f"))) for name, rate in frames]
-    return Table("frames", ("frame", "Hz"), tuple(rows))
+    return ScreenTable("frames", ("frame", "Hz"), tuple(rows))
 
 
 def names(rows: list[Row]) -> list[str]:
@@ -54,7 +54,7 @@ class TestRows:
             *table(("drone", 60.0)).rows,
             Row("fixed", (Cell("fixed", "fixed"), Cell("static", "static"))),
         )
-        both = Table("frames", ("frame", "Hz"), rows)
+        both = ScreenTable("frames", ("frame", "Hz"), rows)
         assert names(chosen(both, "", 1, False)) == ["drone", "fixed"]
 
     def test_they_are_filtered_by_words(self) -> None:
@@ -67,7 +67,7 @@ class TestRows:
 def test_a_narrow_screen_gives_up_the_least_useful_columns() -> None:
     """The other columns keep their whole width, and one comes back only with room to spare."""
     cells = tuple(Cell(text, text) for text in ("base", "world", "odometry", "20.0"))
-    bus = Table(
+    bus = ScreenTable(
         "frames", ("frame", "parent", "stream", "Hz"), (Row("base", cells),), ("stream", "parent")
     )
     all_of_them = 4 * 2 + len("frame") + len("parent") + len("odometry") + len("20.0") + 2 * 2
@@ -184,7 +184,7 @@ def test_without_a_terminal_it_says_what_to_use(bus: Bus) -> None:
 def test_two_rows_of_one_key_are_one() -> None:
     """A node that answers twice, from whatever fault, is one row, as it said last."""
     rows = tuple(Row("/sim 1", (Cell(text, text),)) for text in ("first", "second"))
-    table = Table("nodes", ("node",), rows)
+    table = ScreenTable("nodes", ("node",), rows)
     assert [row.cells[0].text for row in table.rows] == ["second"]
 
 

@@ -344,7 +344,7 @@ class MomentType(click.ParamType[Moment]):
             self.fail(str(error), param, ctx)
 
 
-class Size(click.ParamType[int]):
+class ByteSize(click.ParamType[int]):
     """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number.
 
     `zero` says what to write in place of a 0.

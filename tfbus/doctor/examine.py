@@ -30,7 +30,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.discover.out_of_reach import bus_out_of_reach
-from tfbus.doctor.examination import Examination, Host, Participant, RosAround
+from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
 from tfbus.errors import BusError, DecodeError, SettingsError
 from tfbus.frames.command_listener import Listening, answers_of_nodes, wait_for_clock
 from tfbus.listen.listener import TransformListener
@@ -105,10 +105,10 @@ _PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _SCOUT_S = 1.5
 
 
-def examine_host(settings: NodeSettings, routers: int) -> Host:
+def examine_host(settings: NodeSettings, routers: int) -> ExaminedHost:
     """Look at this host; the trial of scouting takes 1 to 2 s."""
     scouts = local_scouts()
-    return Host(
+    return ExaminedHost(
         versions={
             "Python": platform.python_version(),
             "tfbus": version_and_origin(),

@@ -24,7 +24,7 @@ from textual.widgets import (
 from tfbus.frames.moment import State
 from tfbus.monitor.columns import EDGES, STREAMS, Column
 from tfbus.runtime.signals import StopSignals
-from tfbus.top.rows import Row, Source, Table, chosen, fitting, is_service
+from tfbus.top.rows import Row, ScreenTable, TopSource, chosen, fitting, is_service
 from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
@@ -56,7 +56,7 @@ class FrameScreen(ModalScreen[None]):
     FrameScreen Sparkline { height: 3; margin-bottom: 1; }
     """
 
-    def __init__(self, source: Source, frame: str):
+    def __init__(self, source: TopSource, frame: str):
         super().__init__()
         self._source = source
         self._frame = frame
@@ -167,11 +167,11 @@ class TopApp(App[None]):
         Binding("escape", "clear", "Clear", show=False),
     ]
 
-    def __init__(self, source: Source, signals: StopSignals):
+    def __init__(self, source: TopSource, signals: StopSignals):
         super().__init__()
         self._source = source
         self._signals = signals
-        self._tables: dict[str, Table] = {}
+        self._tables: dict[str, ScreenTable] = {}
         self._column = dict.fromkeys(_NAMES, 0)
         self._descending = dict.fromkeys(_NAMES, False)
         # The numbers of the columns that the screen is wide enough for.
@@ -362,7 +362,7 @@ def _fill(table: "DataTable[Text]", rows: list[Row], columns: list[int]) -> None
     table.move_cursor(row=found[0] if found else min(at, max(len(rows) - 1, 0)))
 
 
-def show(source: Source) -> None:
+def show(source: TopSource) -> None:
     """Show the screen until the user leaves it, or a signal comes.
 
     A KeyboardInterrupt in the midst of Textual would leave its threads running, and the terminal

@@ -14,7 +14,7 @@ from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
 from tfbus.frames.moment import State, faults, state
 from tfbus.monitor.columns import EDGES, STREAMS, Column, Value
-from tfbus.monitor.flow import Window
+from tfbus.monitor.flow import MessageWindow
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import MeasuredEdge, Report, make_report
 from tfbus.node.node import Node
@@ -59,7 +59,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class ScreenTable:
     """A table: its name, headings and rows; of several rows with one key, the last.
 
     A node that answers twice, or two names that look the same, would be two such rows. A narrow
@@ -76,7 +76,7 @@ class Table:
         object.__setattr__(self, "rows", tuple(rows.values()))
 
 
-def frames_table(report: Report) -> Table:
+def frames_table(report: Report) -> ScreenTable:
     """Each frame: its parent, its stream, and how it comes."""
     numbers = [each for each in EDGES if each.has_needs(report)]
     rows = []
@@ -93,12 +93,12 @@ def frames_table(report: Report) -> Table:
         rows.append(Row(frame.name, cells, its_state))
     headings = [each.heading for each in numbers]
     least_useful = _in_order(headings, "jitter", "delay p50", "stream", "parent", "age")
-    return Table(
+    return ScreenTable(
         "frames", ("frame", "parent", "stream", *headings, "state"), tuple(rows), least_useful
     )
 
 
-def streams_table(report: Report) -> Table:
+def streams_table(report: Report) -> ScreenTable:
     """Each stream: its publisher and its load."""
     rows = []
     for stream in report.tree.streams.values():
@@ -112,7 +112,7 @@ def streams_table(report: Report) -> Table:
     numbers = [each.heading for each in STREAMS]
     least_useful = _in_order(numbers, "kB/s", "clock", "frames", "host", "missed", "node")
     headings = ("stream", "node", "host", *numbers, "frames", "state")
-    return Table("streams", headings, tuple(rows), least_useful)
+    return ScreenTable("streams", headings, tuple(rows), least_useful)
 
 
 def _number(column: Column[Any], value: Value) -> Cell:
@@ -125,7 +125,7 @@ def _in_order(numbers: Sequence[str], *known: str) -> tuple[str, ...]:
     return (*(each for each in numbers if each not in (*known, "Hz")), *known)
 
 
-def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> Table:
+def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> ScreenTable:
     """Each node: where and how long it runs, and the numbers of its topics and services; last the
     full names of nodes that are there and did not answer.
     """
@@ -150,7 +150,7 @@ def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()
         rows.append(Row(name, (_text(name), _text("NO ANSWER"), *blank)))
     headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params", "lost")
     least_useful = ("params", "serves", "sub", "pub", "streams", "pid", "up", "host")
-    return Table("nodes", headings, tuple(rows), least_useful)
+    return ScreenTable("nodes", headings, tuple(rows), least_useful)
 
 
 def _held_up(node: NodeDescription) -> Cell:
@@ -165,7 +165,7 @@ def topics_table(
     topics: Mapping[str, TopicInfo],
     services: Mapping[str, ServiceInfo],
     rates_hz: Mapping[str, float] = MappingProxyType({}),
-) -> Table:
+) -> ScreenTable:
     """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
     `rates_hz` are those of topics by name.
@@ -193,7 +193,7 @@ def topics_table(
         )
         rows.append(Row(f"{_SERVICE} {service.name}", cells))
     headings = ("name", "kind", "type", "Hz", "from", "to")
-    return Table("topics", headings, tuple(rows), ("to", "from", "kind", "Hz"))
+    return ScreenTable("topics", headings, tuple(rows), ("to", "from", "kind", "Hz"))
 
 
 def is_service(row: Row) -> bool:
@@ -201,7 +201,7 @@ def is_service(row: Row) -> bool:
     return row.key.startswith(f"{_SERVICE} ")
 
 
-def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]:
+def chosen(table: ScreenTable, words: str, column: int, descending: bool) -> list[Row]:
     """The rows that contain every word, in any case, sorted by a column."""
     wanted = words.lower().split()
     rows = [
@@ -212,7 +212,9 @@ def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]
     return sorted(rows, key=lambda row: _order(row.cells[column].value), reverse=descending)
 
 
-def fitting(table: Table, rows: Sequence[Row], width: int, former: Sequence[int]) -> list[int]:
+def fitting(
+    table: ScreenTable, rows: Sequence[Row], width: int, former: Sequence[int]
+) -> list[int]:
     """The numbers of the columns that fit into so many characters, with these rows.
 
     A column that is not among the `former` ones comes when there is room to spare, so that it does
@@ -263,7 +265,7 @@ class FramePast:
     delays_s: tuple[float, ...] = ()
 
 
-class Source:
+class TopSource:
     """The content of the tables; `look` is quick, `ask` takes up to 0.8 s."""
 
     def __init__(self, heard: Listening):
@@ -275,7 +277,7 @@ class Source:
         self.hint = ""  # where to look while there is no frame
         self._measured: dict[str, _Rate] = {}
 
-    def look(self) -> dict[str, Table]:
+    def look(self) -> dict[str, ScreenTable]:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
         # Before the first answers there would be those of transforms alone.
@@ -357,7 +359,7 @@ class _Rate:
 
     def __init__(self, node: Node, topic: str) -> None:
         self._since_s = time.monotonic()
-        self._window = Window(_MOST_MESSAGES)
+        self._window = MessageWindow(_MOST_MESSAGES)
         self._subscription = node.create_raw_subscription(topic, self._take)
 
     def _take(self, payload: bytes) -> None:

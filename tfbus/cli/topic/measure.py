@@ -32,7 +32,7 @@ from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.monitor.flow import Reading, Spread, Window, spread_of
+from tfbus.monitor.flow import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative
@@ -50,14 +50,14 @@ Meter = Callable[[bytes], float | None]
 
 
 @dataclass(frozen=True)
-class Report:
+class Measure:
     """A measure as numbers, as lines, and as a row of a table of several topics.
 
     `numbers` takes a reading and the time now (monotonic s), and returns None for too few messages.
     """
 
     name: str
-    numbers: Callable[[Reading, float], dict[str, Any] | None]
+    numbers: Callable[[WindowReading, float], dict[str, Any] | None]
     lines: Callable[[dict[str, Any]], list[str]]
     headings: tuple[str, ...]
     row: Callable[[dict[str, Any]], list[str]]
@@ -68,7 +68,7 @@ def _spread(spread: Spread, unit: str) -> dict[str, float]:
     return {f"{name}_{unit}": getattr(spread, name) for name in names}
 
 
-def _rate(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _rate(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.intervals_s)
     if spread is None or spread.mean <= 0.0:
         return None
@@ -79,14 +79,14 @@ def _rate(reading: Reading, now_s: float) -> dict[str, Any] | None:
     }
 
 
-def _delay(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _delay(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.numbers)
     if spread is None:
         return None
     return {"mean_s": spread.mean, **_spread(spread, "s"), "window": spread.count}
 
 
-def _bandwidth(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _bandwidth(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.numbers)
     if spread is None or spread.count < 2:
         return None
@@ -129,21 +129,21 @@ def _bandwidth_lines(it: dict[str, Any]) -> list[str]:
     ]
 
 
-RATE = Report(
+RATE = Measure(
     "hz",
     _rate,
     lambda it: [f"average rate: {it['rate_hz']:.3f}", _spread_line(it)],
     ("rate", "min_delta", "max_delta", "std_dev", "window"),
     lambda it: [f"{it['rate_hz']:.3f}", *_spread_row(it)],
 )
-BANDWIDTH = Report(
+BANDWIDTH = Measure(
     "bw",
     _bandwidth,
     _bandwidth_lines,
     ("bandwidth", "mean", "min", "max", "window"),
     lambda it: [f"{_in_bytes(it['bytes_per_s'])}/s", *_sizes(it), str(it["window"])],
 )
-DELAY = Report(
+DELAY = Measure(
     "delay",
     _delay,
     lambda it: [f"average delay: {it['mean_s']:.3f}", _spread_line(it)],
@@ -160,7 +160,7 @@ class MeteredTopic:
 
     def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
         self.topic = topic
-        self.window = Window(window)
+        self.window = MessageWindow(window)
         self.failure: Exception | None = None
         self._node = node
         self._meter = meter
@@ -184,7 +184,7 @@ class MeteredTopic:
             if number is not None:
                 self.window.add(at_s, number)
 
-    def read_new(self, now_s: float) -> Reading | None:
+    def read_new(self, now_s: float) -> WindowReading | None:
         """The window; None if nothing came since the last call. Prints once that nothing comes.
 
         Raises the error of a message that cannot be measured.
@@ -205,7 +205,7 @@ class MeteredTopic:
 def measure(
     node: "Node",
     meters: Mapping[str, Meter],
-    report: Report,
+    report: Measure,
     *,
     window: int,
     once: bool,
@@ -246,7 +246,7 @@ def _period_s(give_up_s: float | None) -> float:
 
 
 def print_measured(
-    measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+    measured: Mapping[str, dict[str, Any]], report: Measure, *, as_table: bool, as_json: bool
 ) -> None:
     """Print a report of each topic; of several as a table."""
     if as_json:
@@ -376,7 +376,7 @@ def delay_command(
 def _run(
     settings: NodeSettings,
     topics: tuple[str, ...],
-    report: Report,
+    report: Measure,
     number_of: Callable[["Node", str], Meter],
     *,
     once: bool,
@@ -392,7 +392,7 @@ def _run_recorded(
     settings: NodeSettings,
     topics: tuple[str, ...],
     bag: BagChoice,
-    report: Report,
+    report: Measure,
     number_of: Callable[[RecordedMessage], float | None],
     as_json: bool,
 ) -> None:

@@ -19,7 +19,7 @@ from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.geometry.columns import Columns
-from tfbus.monitor.flow import Reading
+from tfbus.monitor.flow import WindowReading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (
@@ -275,7 +275,7 @@ def stamp_in(message: Mapping[str, Any]) -> int | None:
 
 def reading_of(
     choice: BagChoice, name: str, number_of: Callable[[RecordedMessage], float | None]
-) -> Reading:
+) -> WindowReading:
     """When the messages of a topic came, in seconds of time in which it was recorded, and a number
     of each; those of which it is None are left out.
     """
@@ -288,4 +288,4 @@ def reading_of(
             if number is not None:
                 arrivals_s.append(recorded_ns(pauses, start_ns, message.received_ns) / 1e9)
                 numbers.append(number)
-    return Reading(tuple(arrivals_s), tuple(numbers), len(numbers))
+    return WindowReading(tuple(arrivals_s), tuple(numbers), len(numbers))

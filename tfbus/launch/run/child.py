@@ -15,7 +15,7 @@ from shutil import which
 from typing import TypeVar
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.launch.description import Process, Respawn
+from tfbus.launch.description import DescribedProcess, Respawn
 from tfbus.launch.run.console import Console
 from tfbus.wording import did_you_mean
 
@@ -51,7 +51,7 @@ class LaunchProgram:
         return shlex.join(self.argv)
 
 
-def program_of(process: Process, settings: NodeSettings) -> LaunchProgram:
+def program_of(process: DescribedProcess, settings: NodeSettings) -> LaunchProgram:
     """The program of a process in a launch with these settings.
 
     A tfbus node gets the settings of the bus as options, any other program as environment
@@ -84,7 +84,7 @@ def dry_run_line(program: LaunchProgram) -> str:
     return f"[{program.name}] {folder}{environment}{program.command_line}"
 
 
-def check_startable(process: Process, nodes: Collection[str]) -> None:
+def check_startable(process: DescribedProcess, nodes: Collection[str]) -> None:
     """Raises YamlFileError if there is no such program; `nodes` are those of tfbus."""
     if process.node:
         if not process.node.endswith(".py") and process.node not in nodes:
@@ -103,13 +103,13 @@ def check_startable(process: Process, nodes: Collection[str]) -> None:
         )
 
 
-def _node_argv(process: Process, settings: NodeSettings) -> tuple[str, ...]:
+def _node_argv(process: DescribedProcess, settings: NodeSettings) -> tuple[str, ...]:
     # -P: the installed tfbus, not a clone in the current folder.
     start = (process.node,) if process.node.endswith(".py") else ("-P", "-m", "tfbus", process.node)
     return (sys.executable, *start, *_node_options(process, settings), *process.arguments)
 
 
-def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
+def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator[str]:
     yield from ("--name", process.name)
     if process.namespace:
         yield from ("--namespace", process.namespace)
@@ -131,7 +131,7 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
         yield from ("--remap", f"{source}:={target}")
 
 
-def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
+def _changes(process: DescribedProcess, settings: NodeSettings) -> dict[str, str | None]:
     told = {
         "TFBUS_NAMESPACE": process.namespace or None,
         "TFBUS_MODE": settings.mode or None,

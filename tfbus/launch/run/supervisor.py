@@ -27,7 +27,7 @@ class Presence(Protocol):
         """Whether the node of this full name appears within `timeout_s`."""
 
 
-class Guard(Protocol):
+class GroupGuard(Protocol):
     """Ends the process groups that it watches if launch itself is killed."""
 
     def watch(self, group: int) -> None:
@@ -49,7 +49,7 @@ class Supervisor:
         console: Console,
         *,
         presence: Presence | None = None,
-        guard: Guard | None = None,
+        guard: GroupGuard | None = None,
         timeouts: Timeouts | None = None,
     ) -> None:
         self._programs = programs

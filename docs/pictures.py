@@ -27,8 +27,9 @@ from PIL import Image
 
 from tfbus import NodeSettings
 from tfbus.frames.command_listener import listening
+from tfbus.runtime.signals import StopSignals
 from tfbus.top.app import TopApp
-from tfbus.top.rows import Source
+from tfbus.top.rows import TopSource
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, find_browser
 
 if TYPE_CHECKING:
@@ -95,11 +96,13 @@ def top() -> None:
 
 
 async def _photograph_top() -> None:
+    signals = StopSignals()
     with listening(NodeSettings("_top"), None, goes_on=True) as heard:
-        app = TopApp(Source(heard))
+        app = TopApp(TopSource(heard), signals)
         async with app.run_test(size=(104, 22)) as pilot:
             await pilot.pause(4.0)
             drawn = app.export_screenshot()
+    signals.uninstall()
     # Without letters from elsewhere: the reader's own will do.
     (IMAGES / "top.svg").write_text(re.sub(r"\s*@font-face {.*?}", "", drawn, flags=re.S))
 

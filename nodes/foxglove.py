@@ -23,10 +23,10 @@ from tfbus import (
 )
 from tfbus.command import (
     BagChoice,
-    Listening,
+    ServerOptions,
     bag_options,
     install_command,
-    listening_options,
+    server_options,
 )
 from tfbus.foxglove import Serving
 
@@ -41,7 +41,7 @@ class _Robots(TypedDict):
 @click.command(
     epilog="Examples: tfbus foxglove --teleop turtle1/cmd_vel; tfbus foxglove --bag run.mcap"
 )
-@listening_options("foxglove", 8765)
+@server_options("foxglove", 8765)
 @click.option(
     "--teleop",
     type=TopicName(),
@@ -92,7 +92,7 @@ def main(
     settings: NodeSettings,
     fleet: Fleet | None,
     bag: BagChoice | None,
-    listening: Listening,
+    listening: ServerOptions,
     teleop: tuple[str, ...],
     read_only: bool | None,
     origins: tuple[str, ...],

@@ -30,12 +30,12 @@ from tfbus import (
 )
 from tfbus.command import (
     BagChoice,
-    Listening,
     OutputFile,
+    ServerOptions,
     bag_options,
     install_command,
-    listening_options,
     own_name,
+    server_options,
 )
 from tfbus.frames import Listening as Bus
 from tfbus.view import ViewSettings, holds_settings, load_settings
@@ -63,7 +63,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 
 
 @click.command(epilog="Example: tfbus view --port 8080")
-@listening_options("view", 8080)
+@server_options("view", 8080)
 @click.option(
     "--read-only/--operate",
     "read_only",
@@ -141,7 +141,7 @@ def main(
     settings: NodeSettings,
     fleet: "Fleet | None",
     bag: BagChoice | None,
-    listening: Listening,
+    listening: ServerOptions,
     read_only: bool | None,
     history_s: float,
     rate_hz: float,

@@ -128,11 +128,11 @@ def bare_host() -> Iterator[None]:
         raise OSError
 
     with (
-        patch("tfbus.doctor.host._is_taken", lambda port: False),
-        patch("tfbus.doctor.host._joined", none_joined),
-        patch("tfbus.doctor.host.RosWatch._look_at_router", lambda watch: None),
+        patch("tfbus.doctor.examine._is_taken", lambda port: False),
+        patch("tfbus.doctor.examine._joined", none_joined),
+        patch("tfbus.doctor.examine.RosWatch._look_at_router", lambda watch: None),
         patch("tfbus.bus.interfaces._interface", interface),
-        patch("tfbus.doctor.host.local_scouts", dict),
+        patch("tfbus.doctor.examine.local_scouts", dict),
         patch("tfbus.runtime.installation.commit_of_clone", lambda: ""),
     ):
         yield

@@ -324,6 +324,18 @@ class TestCommands:
         for name in (*TOOLS, *NODES):
             assert f"  {name} " in done.stdout
 
+    @pytest.mark.real
+    def test_a_tool_is_there_without_numpy(self) -> None:
+        """No tool imports numpy before it needs it: that takes longer than all else of a start."""
+        script = (
+            "import sys\n"
+            "from importlib import import_module\n"
+            f"for name in {[*TOOLS]}: import_module('tfbus.cli.' + name)\n"
+            "assert 'numpy' not in sys.modules"
+        )
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
     @pytest.mark.parametrize("name", [*TOOLS, *NODES])
     def test_the_list_says_what_each_command_says_of_itself(self, name: str) -> None:
         """The line of a command in `tfbus --help` is the first line of its own help."""

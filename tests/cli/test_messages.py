@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.simulated_bus import Bus
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     complete_values,
     find_type,
-    reader_of,
     supplied_calls,
     supplied_type,
 )
-from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.topic.source import reader_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, JointState, Odometry, Path, PoseStamped, TeleportRelative, Twist

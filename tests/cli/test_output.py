@@ -4,7 +4,7 @@ import pytest
 
 from tfbus.cli.output import paint, screen, table, yaml_text
 from tfbus.cli.topic.measure import BANDWIDTH, DELAY, RATE
-from tfbus.monitor.flow import Reading
+from tfbus.monitor.flow import WindowReading
 
 
 class TestTables:
@@ -91,7 +91,7 @@ def test_a_page_that_is_shown_again_and_again_has_a_limit(
 
 
 class TestReports:
-    READING = Reading((1.0, 1.5, 2.0), (100.0, 100.0, 1300.0), 3)
+    READING = WindowReading((1.0, 1.5, 2.0), (100.0, 100.0, 1300.0), 3)
 
     def test_a_rate_in_ros2s_words(self) -> None:
         """One over the mean interval, and the spread of the intervals."""
@@ -114,7 +114,7 @@ class TestReports:
 
     def test_a_delay_in_ros2s_words(self) -> None:
         """The mean of the delays, and their spread."""
-        numbers = DELAY.numbers(Reading((1.0, 2.0), (0.25, 0.75), 2), 3.0)
+        numbers = DELAY.numbers(WindowReading((1.0, 2.0), (0.25, 0.75), 2), 3.0)
         assert numbers is not None
         assert DELAY.lines(numbers) == [
             "average delay: 0.500",
@@ -123,6 +123,6 @@ class TestReports:
 
     def test_too_few_messages_are_no_report(self) -> None:
         """One message has no rate, and none has no delay."""
-        one = Reading((1.0,), (1.0,), 1)
+        one = WindowReading((1.0,), (1.0,), 1)
         assert (RATE.numbers(one, 2.0), BANDWIDTH.numbers(one, 2.0)) == (None, None)
-        assert DELAY.numbers(Reading((), (), 0), 2.0) is None
+        assert DELAY.numbers(WindowReading((), (), 0), 2.0) is None

@@ -7,16 +7,16 @@ import pytest
 
 from tfbus.bag.keeping import WrittenPart
 from tfbus.cli.bag.record_status import (
-    Look,
     Rates,
     Rating,
+    RecordCounts,
     clock_text,
     log_text,
     status_parts,
     summary,
 )
 
-LOOK = Look(10.0, 500, 25_000, 1_500_000, 60_000_000_000, 0)
+LOOK = RecordCounts(10.0, 500, 25_000, 1_500_000, 60_000_000_000, 0)
 RATES = Rates(50.0, 2500.0, 250_000.0)
 
 
@@ -41,7 +41,7 @@ def test_a_disk_that_lasts_long_needs_no_word() -> None:
 
 def test_a_pause_and_losses_show() -> None:
     """The first word and the last are the ones to look at."""
-    paused = Look(10.0, 0, 0, 0, 1_000, 7, is_paused=True)
+    paused = RecordCounts(10.0, 0, 0, 0, 1_000, 7, is_paused=True)
     parts = status_parts(paused, Rates(), 3.0)
     assert (parts[0], parts[-1]) == ("paused 0:00:03", "dropped 7")
     assert log_text(paused, Rates()).startswith("Paused: 0 messages/s")
@@ -49,7 +49,7 @@ def test_a_pause_and_losses_show() -> None:
 
 def test_what_a_snapshot_would_have() -> None:
     """Where nothing is written, the line says what is held."""
-    held = Look(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
+    held = RecordCounts(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
     parts = status_parts(held, RATES, 60.0)
     assert (parts[0], *parts[2:4]) == ("hold 0:01:00", "last 30 s: 86.3 kB", "2 snapshots")
     assert "the last 30 s held, 86.3 kB" in log_text(held, RATES)
@@ -60,7 +60,7 @@ def test_rates_are_those_of_the_last_seconds() -> None:
     rating = Rating(over_s=3.0)
     rates = Rates()
     for second, messages in enumerate((0, 1000, 1000, 1000, 1000, 1050)):
-        rates = rating.add(Look(float(second), messages, 2 * messages, 0, 0, 0))
+        rates = rating.add(RecordCounts(float(second), messages, 2 * messages, 0, 0, 0))
     assert rates.messages == pytest.approx(50 / 3) and rates.transforms == pytest.approx(100 / 3)
 
 

@@ -5,13 +5,13 @@ import pytest
 from click.testing import CliRunner
 
 from tfbus.command.option_kinds import Several
-from tfbus.command.types import Size
+from tfbus.command.types import ByteSize
 
 
 @click.command()
 @click.argument("rest", nargs=-1)
 @click.option("-t", "--topics", cls=Several, multiple=True)
-@click.option("--size", type=Size())
+@click.option("--size", type=ByteSize())
 def command(rest: tuple[str, ...], topics: tuple[str, ...], size: int | None) -> None:
     """Print what was given."""
     click.echo(f"{rest} {topics} {size}")

@@ -15,8 +15,8 @@ import pytest
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, Host
-from tfbus.doctor.host import is_stopped
+from tfbus.doctor.examination import Examination, ExaminedHost
+from tfbus.doctor.examine import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
@@ -39,7 +39,7 @@ VERSIONS = {
 }
 ETH0 = Interface("eth0", is_up=True, has_multicast=True, is_loopback=False)
 DOWN = Interface("eth0", is_up=False, has_multicast=True, is_loopback=False)
-HOST = Host(VERSIONS, is_compiled=True, interfaces=(ETH0,), scouted=True, routers=1)
+HOST = ExaminedHost(VERSIONS, is_compiled=True, interfaces=(ETH0,), scouted=True, routers=1)
 SIM = NodeDescription(
     "/sim",
     "robot",
@@ -395,7 +395,8 @@ def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
     verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
     well = {name for name, verdict in verdicts.items() if verdict == "ok"}
     of_the_host = {"install", "kernel", "zenoh", "scouting", "alone", "routers"}
-    assert well == of_the_host | {"encryption", "certificate", "rights", "clock", "ros"}
+    expected = of_the_host | {"encryption", "certificate", "rights", "clock", "ros"}
+    assert well == expected, "a check that has nothing to look at is skipped"
 
 
 def test_a_check_of_recordings_is_skipped_on_a_bus(healthy: Examination) -> None:

@@ -15,7 +15,7 @@ from tests.ros2_on_zenoh import Ros2
 from tfbus import Buffer, NodeSettings
 from tfbus.bus.session import Session
 from tfbus.doctor.examination import Examination, Participant, RosAround
-from tfbus.doctor.host import RosWatch, RtpsWatch, nodes_of_master, participant_of, read_tokens
+from tfbus.doctor.examine import RosWatch, RtpsWatch, nodes_of_master, participant_of, read_tokens
 from tfbus.doctor.host_checks import check_ros
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree

@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
-from tfbus.launch.description import Argument, LaunchArgumentError, LaunchError, Process, Respawn
+from tfbus.launch.description import (
+    Argument,
+    DescribedProcess,
+    LaunchArgumentError,
+    LaunchError,
+    Respawn,
+)
 from tfbus.launch.read import reader
 from tfbus.launch.read.arguments import Scope, show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
@@ -26,7 +32,7 @@ def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:
     return path
 
 
-def read(folder: Path, text: str, **given: str) -> tuple[Process, ...]:
+def read(folder: Path, text: str, **given: str) -> tuple[DescribedProcess, ...]:
     return read_launch_file(write(folder, text), given, environment={"HOME": "/home/ada"})
 
 
@@ -69,7 +75,7 @@ def test_every_key_of_a_node_is_read(tmp_path: Path) -> None:
         """,
     )
     assert sim.full_name == "/sim"
-    assert process == Process(
+    assert process == DescribedProcess(
         name="broadcaster1",
         namespace="robot7",
         place=FilePlace(str(tmp_path / "robot.yaml"), 5, "nodes[1]"),
@@ -581,7 +587,7 @@ def test_every_installed_launch_file_can_be_started(name: str) -> None:
 # -- command lines
 
 
-def program_line(process: Process, **settings: object) -> tuple[str, ...]:
+def program_line(process: DescribedProcess, **settings: object) -> tuple[str, ...]:
     return program_of(process, NodeSettings("launch", **settings)).argv[1:]  # tests only
 
 
@@ -626,6 +632,33 @@ def test_a_command_learns_about_the_bus_from_its_environment(
         "TFBUS_LOG_LEVEL": "info",
         "TFBUS_SIM_TIME": "1",
     }
+
+
+def test_options_of_launch_win_over_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A variable of launch's environment does not reach a node if an option of launch differs."""
+    for name in [name for name in os.environ if name.startswith("TFBUS")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("TFBUS_LOG_LEVEL", "debug")
+    monkeypatch.setenv("TFBUS_NAMESPACE", "robot7")
+    monkeypatch.setenv("TFBUS_MODE", "client")
+    [plain, own] = read(
+        tmp_path,
+        """
+        nodes:
+          - node: simulator
+          - {node: clock, environment: {TFBUS_LOG_LEVEL: warning}}
+        """,
+    )
+    settings = NodeSettings("launch", namespace="", log_level="info")
+    program = program_of(plain, settings)
+    assert {k: v for k, v in program.environment.items() if k.startswith("TFBUS")} == {
+        "TFBUS_LOG_LEVEL": "info",
+        "TFBUS_MODE": "client",
+    }
+    assert "env -u TFBUS_NAMESPACE PYTHONUNBUFFERED=1 " in dry_run_line(program)
+    assert program_of(own, settings).environment["TFBUS_LOG_LEVEL"] == "warning"
 
 
 def test_a_file_may_say_that_time_is_simulated(tmp_path: Path) -> None:

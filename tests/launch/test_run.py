@@ -26,10 +26,10 @@ from hypothesis import strategies as st
 from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
-from tfbus.launch.run.child import Program, Timeouts
+from tfbus.launch.run.child import LaunchProgram, Timeouts
 from tfbus.launch.run.console import Console, Lines, OutputStream, safe_line
 from tfbus.launch.run.run import Debounce, adopting_orphans
-from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
+from tfbus.launch.run.supervisor import GroupGuard, Presence, Supervisor
 
 pytestmark = pytest.mark.real
 
@@ -48,9 +48,9 @@ def parent_of_orphans() -> Iterator[None]:
         yield
 
 
-def shell(name: str, script: str, **more: object) -> Program:
+def shell(name: str, script: str, **more: object) -> LaunchProgram:
     values = {"full_name": f"/{name}", "changes": {}, "directory": Path.cwd()} | more
-    return Program(name=name, argv=("sh", "-c", script), **values)  # test values
+    return LaunchProgram(name=name, argv=("sh", "-c", script), **values)  # test values
 
 
 class Output:
@@ -91,10 +91,10 @@ class Launch(Output):
 
     def __init__(
         self,
-        programs: Sequence[Program],
+        programs: Sequence[LaunchProgram],
         timeouts: Timeouts = LONG,
         presence: Presence | None = None,
-        guard: Guard | None = None,
+        guard: GroupGuard | None = None,
     ) -> None:
         super().__init__()
         (out, self._out), (err, self._err) = os.pipe(), os.pipe()
@@ -511,7 +511,7 @@ def test_required_processes_may_end_in_a_stop() -> None:
 
 def test_a_program_that_cannot_be_started_ends_the_launch(tmp_path: Path) -> None:
     """A launch that cannot start all of its processes stops the others and ends with 1."""
-    missing = Program("b", (str(tmp_path / "no"),), {}, tmp_path)
+    missing = LaunchProgram("b", (str(tmp_path / "no"),), {}, tmp_path)
     launch = Launch([shell("a", OBEDIENT), missing])
     launch.wait_for("[ERROR] [b]: process cannot be started: [Errno 2] No such file or directory")
     assert launch.exit_code() == 1

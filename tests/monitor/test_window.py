@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.monitor.flow import Reading, Window, spread_of
+from tfbus.monitor.flow import MessageWindow, WindowReading, spread_of
 
 
 def test_the_spread_of_numbers() -> None:
@@ -31,9 +31,9 @@ def test_percentiles_are_numbers_of_the_list_in_order(numbers: list[float]) -> N
 
 def test_a_window_keeps_the_last() -> None:
     """A window forgets the oldest of more than it holds, and counts all."""
-    window = Window(2)
+    window = MessageWindow(2)
     for at in range(3):
         window.add(float(at), 10.0 * at)
     reading = window.read()
-    assert reading == Reading((1.0, 2.0), (10.0, 20.0), 3)
+    assert reading == WindowReading((1.0, 2.0), (10.0, 20.0), 3)
     assert reading.intervals_s == [1.0]

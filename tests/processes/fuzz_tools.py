@@ -8,7 +8,7 @@ from typing import Any, cast
 from tfbus import Buffer
 from tfbus.buffer import formats
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.monitor_report import as_lines
+from tfbus.cli.monitor import as_lines
 from tfbus.cli.output import first_lines, printable_text
 from tfbus.discover.graph import graph_of
 from tfbus.frames import document

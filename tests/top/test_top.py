@@ -13,20 +13,27 @@ from tests import buses, live_bus, needs
 from tests.buses import keep_sending
 from tests.simulated_bus import Bus
 from tfbus import (
+    Buffer,
     StaticTransformBroadcaster,
     Transform,
     TransformStamped,
 )
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import Empty
-from tfbus.top.rows import Cell, Row, Table, chosen, fitting, nodes_table
+from tfbus.monitor.columns import EDGES
+from tfbus.monitor.flow import EdgeFlow
+from tfbus.monitor.meter import SpanMeter
+from tfbus.monitor.report import Report
+from tfbus.top.rows import Cell, Row, ScreenTable, chosen, fitting, frames_table, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 
 pytest.importorskip("textual", reason="needs textual: the extra top")
 
 
-def table(*frames: tuple[str, float | None]) -> Table:
+def table(*frames: tuple[str, float | None]) -> ScreenTable:
     rows = [Row(name, (Cell(name, name), Cell.of(rate, ".1f"))) for name, rate in frames]
-    return Table("frames", ("frame", "Hz"), tuple(rows))
+    return ScreenTable("frames", ("frame", "Hz"), tuple(rows))
 
 
 def names(rows: list[Row]) -> list[str]:
@@ -47,7 +54,7 @@ class TestRows:
             *table(("drone", 60.0)).rows,
             Row("fixed", (Cell("fixed", "fixed"), Cell("static", "static"))),
         )
-        both = Table("frames", ("frame", "Hz"), rows)
+        both = ScreenTable("frames", ("frame", "Hz"), rows)
         assert names(chosen(both, "", 1, False)) == ["drone", "fixed"]
 
     def test_they_are_filtered_by_words(self) -> None:
@@ -60,7 +67,7 @@ class TestRows:
 def test_a_narrow_screen_gives_up_the_least_useful_columns() -> None:
     """The other columns keep their whole width, and one comes back only with room to spare."""
     cells = tuple(Cell(text, text) for text in ("base", "world", "odometry", "20.0"))
-    bus = Table(
+    bus = ScreenTable(
         "frames", ("frame", "parent", "stream", "Hz"), (Row("base", cells),), ("stream", "parent")
     )
     all_of_them = 4 * 2 + len("frame") + len("parent") + len("odometry") + len("20.0") + 2 * 2
@@ -177,7 +184,7 @@ def test_without_a_terminal_it_says_what_to_use(bus: Bus) -> None:
 def test_two_rows_of_one_key_are_one() -> None:
     """A node that answers twice, from whatever fault, is one row, as it said last."""
     rows = tuple(Row("/sim 1", (Cell(text, text),)) for text in ("first", "second"))
-    table = Table("nodes", ("node",), rows)
+    table = ScreenTable("nodes", ("node",), rows)
     assert [row.cells[0].text for row in table.rows] == ["second"]
 
 
@@ -192,6 +199,24 @@ def test_a_node_that_loses_ticks_names_the_callback() -> None:
     assert table.headings[-1] == "lost"
     assert [row.cells[-1].text for row in table.rows] == ["72 by topic scan", ""]
     assert [row.cells[-1].value for row in table.rows] == [72, float("inf")]
+
+
+def test_numbers_of_a_frame_are_those_of_the_monitor() -> None:
+    """Each number that the monitor has of an edge on a bus is a column; a root has none."""
+    buffer = Buffer()
+    buffer.set_transform(TransformStamped(10**18, "base", "hand", Transform()), authority="arm")
+    flow = EdgeFlow("arm", "base", "hand", rate_hz=9.5, out_of_order=3)
+    moment = BusMoment(at_ns=10**18, tree=frame_tree(buffer, (), 2 * 10**9 + 10**18))
+    report = Report(moment, {("arm", "hand"): flow}, SpanMeter(0, 1), None)
+    table = frames_table(report)
+    numbers = [each for each in EDGES if each.has_needs(report)]
+    assert [each.heading for each in numbers] == list(table.headings[3:-1])
+    rows = {row.key: dict(zip(table.headings, row.cells, strict=True)) for row in table.rows}
+    hand = {name: cell.text for name, cell in rows["hand"].items() if cell.text}
+    names = {"frame": "hand", "parent": "base", "stream": "arm"}
+    assert hand == {**names, "Hz": "9.5", "age": "2.0 s", "disordered": "3"}
+    assert {name for name, cell in rows["base"].items() if cell.text} == {"frame", "state"}
+    assert set(table.least_useful) == {*table.headings} - {"frame", "Hz", "state"}
 
 
 # A signal in the midst of Textual's code, wherever that is.

@@ -12,7 +12,7 @@ from tfbus import Buffer
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import Channel, Page, Placed, Serving
-from tfbus.view.local import Program
+from tfbus.view.local import ShownBuffer
 
 
 class Lamps:
@@ -61,7 +61,7 @@ def refresh(real: None, lamps: Lamps, read_only: bool) -> Iterator[Callable[[], 
     """Bring a page with this guest up to date; the titles of its tabs."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "map", "base", 1.0))
-    program = Program(buffer)
+    program = ShownBuffer(buffer)
     serving = Serving(port=free_port(), read_only=read_only)
     page = Page(program, program, serving, guests=(lamps,))
 

@@ -14,7 +14,7 @@ from tfbus import Buffer, Robot, Transform, TransformStamped
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.local import Program
+from tfbus.view.local import ShownBuffer
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
 from tfbus.view.scene.camera import Cameras
@@ -48,7 +48,7 @@ class Opened:
     camera: Any = field(default_factory=lambda: camera((3.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
 
     def __post_init__(self) -> None:
-        program = Program(self.buffer)
+        program = ShownBuffer(self.buffer)
         self.page = Page(program, program, Serving(port=free_port()), self.robots)
         self.page.cameras = Cameras(Server(self.camera))
 

@@ -18,7 +18,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.view import Page, Serving, View
-from tfbus.view.local import Program
+from tfbus.view.local import ShownBuffer
 from tfbus.view.model.frames import Frames, Placed, frames_of, place
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.model.settings import ViewSettings
@@ -268,7 +268,7 @@ def test_every_joint_gets_a_slider(server: Any, arm: Robot, limits: tuple[float,
 @pytest.mark.real
 def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
     """Without any frame of its own; again it replaces the former."""
-    program, robots = Program(Buffer()), GivenRobots()
+    program, robots = ShownBuffer(Buffer()), GivenRobots()
     page = Page(program, program, Serving(port=free_port()), robots)
     with View(page, program, robots) as view:
         view.add_robot(arm)

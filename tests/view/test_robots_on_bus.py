@@ -20,7 +20,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.recording.items import TopicItem
 from tfbus.robot.model import Mesh
 from tfbus.view.described_robots import RobotsOnBus
-from tfbus.view.local import Program
+from tfbus.view.local import ShownBuffer
 from tfbus.view.meshes.mesh import MeshError
 from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
@@ -308,7 +308,7 @@ def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> 
 def test_a_page_that_is_read_only_has_no_sliders(read_only: bool) -> None:
     """It shows the robot, and lets nothing move it."""
     buffer = Buffer()
-    program = Program(buffer)
+    program = ShownBuffer(buffer)
     robots = GivenRobots([ShownRobot(Robot.from_text(urdf("arm")))])
     serving = Serving(port=free_port(), read_only=read_only)
     page = Page(program, program, serving, robots)

@@ -12,7 +12,7 @@ from tfbus import Buffer, Robot
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import GivenRobots, Page, Serving, ShownRobot
-from tfbus.view.local import Program
+from tfbus.view.local import ShownBuffer
 
 pytestmark = pytest.mark.real
 
@@ -63,15 +63,15 @@ def robots() -> Robots:
 
 
 @pytest.fixture
-def program() -> Program:
+def program() -> ShownBuffer:
     """A program with frame hand on base."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "base", "hand", 1.0))
-    return Program(buffer)
+    return ShownBuffer(buffer)
 
 
 @pytest.fixture
-def page(program: Program, robots: Robots) -> Iterator[Page]:
+def page(program: ShownBuffer, robots: Robots) -> Iterator[Page]:
     """A page with its frames."""
     page = Page(program, program, Serving(port=free_port(), rate_hz=60.0), robots)
     yield page
@@ -177,7 +177,7 @@ def test_a_slider_has_any_limits(page: Page, robots: Robots, limit: str) -> None
 
 
 def test_a_mistake_in_drawing_does_not_end_the_page(
-    page: Page, program: Program, caplog: pytest.LogCaptureFixture
+    page: Page, program: ShownBuffer, caplog: pytest.LogCaptureFixture
 ) -> None:
     """It is logged once with its traceback, and the page goes on."""
     steps = iter(range(5))

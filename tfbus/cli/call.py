@@ -11,8 +11,7 @@ from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus
-from tfbus.cli.messages.fields import request_of
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     bare,
     checked_map,
     complete_request,
@@ -23,6 +22,7 @@ from tfbus.cli.messages.message import (
     read_map,
     supplied_call,
 )
+from tfbus.cli.message_fields import request_of
 from tfbus.cli.output import print_json
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options

@@ -26,9 +26,17 @@ from tfbus.launch.read.find import (
     packages_with_nodes,
 )
 from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
-from tfbus.launch.run.child import Program, Timeouts, check_startable, dry_run_line, program_of
+from tfbus.launch.run.child import (
+    LaunchProgram,
+    Timeouts,
+    check_startable,
+    dry_run_line,
+    program_of,
+)
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence
+from tfbus.runtime.log import open_log
+from tfbus.runtime.signals import StopSignals
 
 
 def complete_file(
@@ -223,7 +231,8 @@ def _as_click_errors() -> Iterator[None]:
 def _settings(bus: Mapping[str, Any]) -> NodeSettings:
     """The settings from the options, completed from the environment."""
     try:
-        return NodeSettings(name="launch", **{name: value for name, value in bus.items() if value})
+        given = {name: value for name, value in bus.items() if value not in (None, (), False)}
+        return NodeSettings(name="launch", **given)
     except TfbusError as error:
         raise click.UsageError(str(error)) from error
 
@@ -244,7 +253,7 @@ def _node_names() -> set[str]:
 
 
 def _run(
-    programs: Sequence[Program],
+    programs: Sequence[LaunchProgram],
     settings: NodeSettings,
     timeouts: Timeouts,
     longest_s: float | None,
@@ -264,8 +273,6 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
     """
     from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
     from tfbus.discover.presence import NodeWatch
-    from tfbus.runtime.log import open_log
-    from tfbus.runtime.signals import StopSignals
 
     log = open_log("/launch", "launch", settings.log_level)
     signals = StopSignals()

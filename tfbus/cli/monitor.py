@@ -2,31 +2,50 @@
 
 import itertools
 import shlex
+import textwrap
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running, warn_of_unanswered
-from tfbus.cli.monitor_report import as_lines
-from tfbus.cli.output import json_option, print_json, print_lines, screen
+from tfbus.cli.output import (
+    json_option,
+    longest_line,
+    paint,
+    paint_state,
+    print_json,
+    print_lines,
+    screen,
+    table,
+)
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, Number, own_name
-from tfbus.frames.moment import BusView
-from tfbus.monitor.report import PairWatch, Report, as_map, make_report
+from tfbus.frames.clocks import is_another_time, whose_clock
+from tfbus.frames.moment import BusView, faults, state
+from tfbus.listen.info import StreamInfo
+from tfbus.monitor.columns import EDGES, STREAMS, Column
+from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import stamp_text
+from tfbus.wording import counted, cut_middle, duration, listed, stamp_text
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
 
+T = TypeVar("T")
+
 # How often a pair is looked up: its answer ages between two samples.
 _LOOK_EVERY_S = 0.05
+# Between two frames of a chain.
+_TO = " -> "
+# The most letters that stand beside a name in a line: `Held back by: `, and some.
+_BESIDE_NAME = 20
 
 
 @click.command(
@@ -161,3 +180,142 @@ def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> boo
         if pair is not None:
             pair.look(heard, time.monotonic())
     return True
+
+
+def as_lines(report: Report, hint: str = "") -> list[str]:
+    """The report as tables; `hint` is where to look if there is no transform."""
+    lines = _pair_lines(report.pair) if report.pair else []
+    if report.pair and report.pair.failure:
+        return lines
+    rows = report.rows()
+    if not rows:
+        return [f"No transform yet: {hint}" if hint else "No transform yet"]
+    streams = list(report.tree.streams.values())
+    lines += _table(
+        report,
+        {
+            "frame": [_frame(report, each) for each in rows],
+            "by": [_publisher(report, each) for each in rows],
+        },
+        EDGES,
+        rows,
+    )
+    lines.append("")
+    lines += _table(
+        report,
+        {
+            "stream": [each.name for each in streams],
+            "node": [_node(each) for each in streams],
+            "host": [each.host for each in streams],
+        },
+        STREAMS,
+        streams,
+    )
+    return [*lines, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
+
+
+def _table(
+    report: Report,
+    names: Mapping[str, Sequence[str]],
+    columns: Sequence[Column[T]],
+    rows: Sequence[T],
+) -> list[str]:
+    """A table of these columns of names, with their headings, and of columns of numbers."""
+    told = {
+        each: [each.text(each.value(report, row)) for row in rows]
+        for each in columns
+        if each.has_needs(report)
+    }
+    shown = {each: texts for each, texts in told.items() if not each.rare or any(texts)}
+    cells = zip(*names.values(), *map(_painted, shown, shown.values()), strict=True)
+    headings = [*names, *(each.heading for each in shown)]
+    return table(headings, cells, right=range(len(names), len(headings)), names=range(2))
+
+
+def _painted(column: Column[T], texts: list[str]) -> list[str]:
+    """The times of gaps are warnings."""
+    return [paint(each, "warning") for each in texts] if column.needs == "span" else texts
+
+
+def _frame(report: Report, row: MeasuredEdge) -> str:
+    return paint_state(row.frame.name, state(report.tree, _now(report, row)))
+
+
+def _publisher(report: Report, row: MeasuredEdge) -> str:
+    now = _now(report, row)
+    wrong = faults(report.tree, now)
+    by = row.frame.authority
+    return paint_state(f"{by} {', '.join(wrong).upper()}", state(report.tree, now)) if wrong else by
+
+
+def _now(report: Report, row: MeasuredEdge) -> FrameInfo:
+    """The frame of an edge as it is in the tree: another publisher's sample may be the last."""
+    return report.tree.frames.get(row.frame.name, row.frame)
+
+
+def _node(stream: StreamInfo) -> str:
+    return stream.node if stream.alive else paint(f"{stream.node} GONE", "bad")
+
+
+def _pair_lines(pair: Pair) -> list[str]:
+    both = (longest_line() - len(_TO)) // 2
+    lines = [
+        paint(f"{cut_middle(pair.target, both)}{_TO}{cut_middle(pair.source, both)}", "heading")
+    ]
+    if pair.failure:
+        return [*lines, *(paint(line, "bad") for line in _wrapped(f"No transform: {pair.failure}"))]
+    lines += _wrapped(f"Chain: {_TO.join(map(_cut, pair.chain))}")
+    if pair.net_delay_s:
+        delay = pair.net_delay_s
+        lines.append(
+            f"Net delay: p50 {duration(delay.p50)}, p95 {duration(delay.p95)}, "
+            f"p99 {duration(delay.p99)}, max {duration(delay.max)}"
+        )
+    if pair.held_back_by is None:
+        lines.append("Held back by: nothing, all edges are static")
+    else:
+        lines.append(f"Held back by: {_cut(pair.held_back_by)}")
+    return [*lines, ""]
+
+
+def _cut(name: str) -> str:
+    """A name that fits into a line of its own, with some words beside it."""
+    return cut_middle(name, max(longest_line() - _BESIDE_NAME, 1))
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _clock_lines(report: Report) -> list[str]:
+    """A line that names the frames with ages that are none."""
+    odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
+    if not odd:
+        return []
+    frames = listed([repr(_cut(name)) for name in odd])
+    question = whose_clock(is_simulated=report.tree.is_simulated)
+    said = _wrapped(f"The stamps of {frames} are of another clock: {question}")
+    return ["", *(paint(line, "bad") for line in said)]
+
+
+def _ahead_lines(report: Report) -> list[str]:
+    """The remedy for frames whose stamps are in the future."""
+    shown = {frame.name for frame in report.edges()}
+    problems = [
+        _wrapped(problem.text)
+        for problem in report.tree.problems()
+        if problem.kind == "ahead"
+        and shown.intersection(problem.frames)
+        and not any(
+            is_another_time(report.tree.age_s(report.tree.frames[name])) for name in problem.frames
+        )
+    ]
+    lines = list(itertools.chain.from_iterable(problems))
+    return ["", *(paint(line, "bad") for line in lines)] if lines else []
+
+
+def _dropped_lines(report: Report) -> list[str]:
+    if not report.moment.dropped:
+        return []
+    text = f"Dropped {counted(report.moment.dropped, 'message')}: transforms come on too many keys"
+    return ["", paint(text, "bad")]

@@ -8,15 +8,16 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus, say_if_empty, warn_of_unanswered
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
-from tfbus.cli.recorded_nodes import node_at, nodes_at
 from tfbus.cli.verbs import Verbs
+from tfbus.command.names import nodes_in
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName
 from tfbus.discover.presence import describe_nodes, describe_present, list_nodes
+from tfbus.errors import BusError
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import printable
+from tfbus.wording import did_you_mean, printable
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 
@@ -78,6 +79,26 @@ def info_command(settings: NodeSettings, bag: BagChoice | None, name: str, as_js
             print_json(as_map(node))
         else:
             print_lines(_lines(node, now_ns))
+
+
+def nodes_at(choice: BagChoice) -> tuple[dict[str, NodeDescription], int]:
+    """The nodes by their full names, and the log time of the moment. Raises TfbusError."""
+    with choice.opened() as bag:
+        return nodes_in(bag.reader.state_at(bag.at_ns).nodes.values()), bag.at_ns
+
+
+def node_at(choice: BagChoice, settings: NodeSettings, name: str) -> tuple[NodeDescription, int]:
+    """The node of a name, relative to the namespace or full, and the log time of the moment.
+
+    Raises BusError for none.
+    """
+    nodes, at_ns = nodes_at(choice)
+    path = name.strip("/")
+    full = path if name.startswith("/") else "/".join(filter(None, (settings.namespace, path)))
+    if f"/{full}" not in nodes:
+        hint = did_you_mean(f"/{full}", nodes, none=", nor any other")
+        raise BusError(f"there is no node {name!r} in the recording at that time{hint}")
+    return nodes[f"/{full}"], at_ns
 
 
 def _shown(names: list[str], everyone: bool) -> list[str]:

@@ -12,6 +12,7 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus, say_if_empty
+from tfbus.cli.node import node_at, nodes_at
 from tfbus.cli.output import (
     as_text,
     json_option,
@@ -22,7 +23,6 @@ from tfbus.cli.output import (
     warn,
     yaml_text,
 )
-from tfbus.cli.recorded_nodes import node_at, nodes_at, parameter_in
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
@@ -31,8 +31,8 @@ from tfbus.discover.parameters import full_name_of, parameter_of, parameters_of,
 from tfbus.discover.presence import list_nodes
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.wire.codec import as_map
-from tfbus.wire.descriptions import ParameterDescription
-from tfbus.wording import counted, listed
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription
+from tfbus.wording import counted, did_you_mean, listed
 
 
 def _complete_pair(
@@ -123,7 +123,7 @@ def get_command(
     """Print the type and value of one or more parameters of NODE."""
     if bag is not None:
         recorded, _ = node_at(bag, settings, node)
-        described = [parameter_in(recorded, name) for name in parameters]
+        described = [_parameter_in(recorded, name) for name in parameters]
     else:
         with open_bus(settings) as session:
             described = [_described(session, node, name) for name in parameters]
@@ -332,3 +332,14 @@ def _parameters(file: IO[str], node: str, content: Any) -> Mapping[str, Any]:
 
 def _mistake(file: IO[str], what: str) -> click.BadParameter:
     return click.BadParameter(f"{file.name} {what}", param_hint="FILE")
+
+
+def _parameter_in(node: NodeDescription, name: str) -> ParameterDescription:
+    """A parameter of a recorded node. Raises ParameterError for none."""
+    for each in node.parameters:
+        if each.name == name:
+            return each
+    names = [each.name for each in node.parameters]
+    raise ParameterError(
+        f"node {node.name!r} has no parameter {name!r} in the recording{did_you_mean(name, names)}"
+    )

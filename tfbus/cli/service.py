@@ -9,8 +9,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.call import CALLED_IN_ROS, TIMEOUT, follow, typed_request, types_of
-from tfbus.cli.messages.fields import print_type, print_types
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     bare,
     call_of_ros,
     complete_request,
@@ -19,6 +18,7 @@ from tfbus.cli.messages.message import (
     supplied_call,
     supplied_calls,
 )
+from tfbus.cli.message_fields import print_type, print_types
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options

@@ -18,7 +18,7 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:
         from tfbus.top.app import show
-        from tfbus.top.rows import Source
+        from tfbus.top.rows import TopSource
     except ImportError as error:
         raise TfbusError(
             f"top needs textual, which is not installed: {install_command('top')}"
@@ -28,4 +28,4 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
             "top needs a terminal: in scripts use tfbus frames, monitor or doctor with --json"
         )
     with listening(settings, fleet, goes_on=True) as heard:
-        show(Source(heard))
+        show(TopSource(heard))

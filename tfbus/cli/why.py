@@ -3,22 +3,20 @@
 import textwrap
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
+from tfbus.cli.recorded import frames_at, moment_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
 from tfbus.discover.namespaces import frames_in_other_namespaces
-from tfbus.frames.why import Explanation, Step, explain
+from tfbus.frames.why import Explanation, Step, explain, explain_recorded
+from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
-
-if TYPE_CHECKING:
-    from tfbus.recording.state import Statics
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -50,7 +48,7 @@ def command(
     moment: Moment | None,
     as_json: bool,
     bags: tuple[Path, ...],
-    statics: "Statics | None",
+    statics: Statics | None,
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
@@ -96,9 +94,6 @@ def _explain_recorded(
     bag: BagChoice,
     as_json: bool,
 ) -> None:
-    from tfbus.cli.recorded import frames_at, moment_lines
-    from tfbus.frames.why import explain_recorded
-
     with frames_at(bag, settings, fleet) as heard:
         explanation = explain_recorded(
             heard, target, source, bag.written, at_moment=bag.at is not None

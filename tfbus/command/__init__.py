@@ -10,14 +10,14 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.command.listening import Listening as Listening
-    from tfbus.command.listening import listening_options as listening_options
     from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
     from tfbus.command.parameters import Declared as Declared
     from tfbus.command.parameters import NodeCommand as NodeCommand
     from tfbus.command.recordings import BagChoice as BagChoice
     from tfbus.command.recordings import bag_options as bag_options
+    from tfbus.command.server import ServerOptions as ServerOptions
+    from tfbus.command.server import server_options as server_options
     from tfbus.command.terminal import KeyReader as KeyReader
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
@@ -38,8 +38,8 @@ _MODULE_OF = {
     "BagChoice": "tfbus.command.recordings",
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.parameters",
-    "Listening": "tfbus.command.listening",
-    "listening_options": "tfbus.command.listening",
+    "ServerOptions": "tfbus.command.server",
+    "server_options": "tfbus.command.server",
     "KeyReader": "tfbus.command.terminal",
     "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.parameters",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
@@ -76,9 +77,6 @@ def look_for_names(settings: NodeSettings) -> LiveNames:
 def _names(
     nodes: list[NodeDescription], streams: dict[str, StreamDescription], namespace: str
 ) -> LiveNames:
-    from tfbus.discover.graph import graph_of
-    from tfbus.wire.keys import relative_name
-
     graph = graph_of(nodes, streams, namespace)
     # A listener reads the streams of its namespace; with a fleet also of those below.
     frames: dict[str, set[str]] = {}
@@ -182,7 +180,6 @@ def nodes_in(events: "Iterable[EventItem]") -> dict[str, NodeDescription]:
 
 def namespaces_serving(session: "Session", service: str) -> list[str]:
     """The namespaces below that have this service or action, sorted; asks all nodes, within 1 s."""
-    from tfbus.discover.graph import graph_of
     from tfbus.discover.presence import describe_all
 
     nodes = describe_all(session, lambda error: None)

@@ -12,6 +12,7 @@ import click
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.command.option_kinds import NodeOption, RosArgs, help_all_option
 from tfbus.command.types import LogLevel, Number
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
 from tfbus.wording import printable
@@ -42,7 +43,7 @@ def fleet_options(function: F) -> F:
 
     @functools.wraps(function)
     def command(*args: Any, fleet: bool, shared_frames: tuple[str, ...], **values: Any) -> Any:
-        from tfbus.wire.fleet import Fleet  # numpy, which `--help` does not need
+        from tfbus.wire.fleet import Fleet  # with its reader, which `--help` does not need
 
         if shared_frames and not fleet:
             raise click.UsageError("--shared needs --fleet")
@@ -63,8 +64,6 @@ def max_gap_option(function: F) -> F:
 
     @functools.wraps(function)
     def command(*args: Any, max_gap_s: float | None, **values: Any) -> Any:
-        from tfbus.core.sampling import TF2, Sampling
-
         sampling = TF2 if max_gap_s is None else Sampling(max_gap_s=max_gap_s)
         return function(*args, sampling=sampling, **values)
 

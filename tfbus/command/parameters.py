@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import click
 
 from tfbus.errors import SettingsError
-from tfbus.runtime.yaml_file import read_yaml_file
+from tfbus.runtime.yaml_file import read_value, read_yaml_file
 from tfbus.wording import listed, printable
 
 Value = bool | int | float | str
@@ -85,8 +85,6 @@ def parameters_from_file(path: Path, node: str) -> dict[str, Any]:
     number of them. A parameter within a map is named with a dot: `arm.speed`. Raises YamlFileError
     if it is not YAML, SettingsError if it has nothing for this node.
     """
-    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
-
     read_yaml_file(path, "a map of parameters")  # for its errors, which have a line
     content = read_value(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict):

@@ -344,7 +344,7 @@ class MomentType(click.ParamType[Moment]):
             self.fail(str(error), param, ctx)
 
 
-class Size(click.ParamType[int]):
+class ByteSize(click.ParamType[int]):
     """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number.
 
     `zero` says what to write in place of a 0.
@@ -428,11 +428,9 @@ def own_name(kind: str) -> str:
 
 def names_at(ctx: click.Context) -> "LiveNames":
     """The names on the bus, or in the recording, that the options typed so far select."""
-    from tfbus.command.names import LiveNames, live_names  # Zenoh, which only completion needs
+    from tfbus.command.names import LiveNames, live_names, names_in  # for completion only
 
     if paths := _recording_in(ctx):
-        from tfbus.command.names import names_in
-
         namespace = ctx.params.get("namespace") or os.environ.get("TFBUS_NAMESPACE") or ""
         return names_in(paths, namespace.strip("/"))
     given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}

@@ -53,7 +53,7 @@ class RosAround:
 
 
 @dataclass(frozen=True)
-class Host:
+class ExaminedHost:
     """This host: what is installed, its interfaces, and the result of a trial of scouting.
 
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
@@ -78,7 +78,7 @@ class Host:
     name: str = ""
 
 
-NO_HOST = Host({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
+NO_HOST = ExaminedHost({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
 
 # Problems that come and go, and are looked for at each change of a stream.
 PASSING: tuple[ProblemKind, ...] = ("conflict", "loop", "gone")
@@ -131,7 +131,7 @@ class Examination:
     moment: BusMoment
     flows: tuple[EdgeFlow, ...]
     listened_s: float
-    host: Host = NO_HOST
+    host: ExaminedHost = NO_HOST
     ros: RosAround = field(default_factory=RosAround)
     largest: Mapping[str, int] = field(default_factory=dict)
     out_of_reach: str = ""

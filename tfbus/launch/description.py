@@ -42,7 +42,7 @@ class Respawn:
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
+class DescribedProcess:
     """A process of a launch: a tfbus node (`node`) or any program (`command`), not both.
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a

@@ -38,7 +38,7 @@ def spread_of(numbers: Sequence[float]) -> Spread | None:
     return Spread(count, mean, ordered[0], ordered[-1], std_dev, middle, most, nearly_all)
 
 
-class Window:
+class MessageWindow:
     """The last `size` messages of a topic: the arrival (in s) and a number of each."""
 
     def __init__(self, size: int):
@@ -66,17 +66,17 @@ class Window:
     def __len__(self) -> int:
         return len(self._messages)
 
-    def read(self) -> "Reading":
+    def read(self) -> "WindowReading":
         """The window as it is now."""
         with self._lock:
             messages, total = list(self._messages), self._total
-        return Reading(
+        return WindowReading(
             tuple(at_s for at_s, _ in messages), tuple(number for _, number in messages), total
         )
 
 
 @dataclass(frozen=True)
-class Reading:
+class WindowReading:
     """A window at one time: arrivals, numbers, and the count of all messages so far."""
 
     arrivals_s: tuple[float, ...]

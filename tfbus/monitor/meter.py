@@ -17,7 +17,7 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
-from tfbus.monitor.flow import Edge, EdgeFlow, Spread, StreamFlow, Window, spread_of
+from tfbus.monitor.flow import Edge, EdgeFlow, MessageWindow, Spread, StreamFlow, spread_of
 from tfbus.monitor.report import PairWatch, Report, make_report
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
@@ -50,7 +50,7 @@ _MOST_IN_ALL = 1_000_000
 
 class _EdgeMeter:
     def __init__(self) -> None:
-        self.delays = Window(_MOST_SAMPLES)
+        self.delays = MessageWindow(_MOST_SAMPLES)
         self.longest_gap_ns = self.out_of_order = self.at_zero = 0
         self._newest_ns: int | None = None
 
@@ -90,7 +90,7 @@ class TransformMeter:
         self._since_s = self._elapsed_s()
         self._lock = scheduler.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
-        self._streams: dict[str, Window] = {}
+        self._streams: dict[str, MessageWindow] = {}
         self._epochs: dict[str, tuple[int, int]] = {}  # the last of each stream, and how many
         self.samples = 0
         self._looked_s = -math.inf
@@ -131,7 +131,7 @@ class TransformMeter:
     def _elapsed_s(self) -> float:
         return self._clock.elapsed_ns() / 1e9
 
-    def _recent(self, window: Window) -> tuple[list[float], list[float]]:
+    def _recent(self, window: MessageWindow) -> tuple[list[float], list[float]]:
         """The recent arrivals and numbers."""
         reading, from_s = window.read(), self._elapsed_s() - self._recent_s
         recent = [
@@ -152,7 +152,7 @@ class TransformMeter:
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or self._has_room(self._streams, at_s):
-                window = self._streams.setdefault(stream, Window(_MOST_SAMPLES))
+                window = self._streams.setdefault(stream, MessageWindow(_MOST_SAMPLES))
                 grow = self.samples < _MOST_IN_ALL
                 self.samples += window.add(at_s, len(payload), grow=grow)
                 self.largest[stream] = max(self.largest[stream], len(payload))

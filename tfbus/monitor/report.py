@@ -1,18 +1,14 @@
-"""The report of `tfbus monitor` and `tfbus top` show at one moment: edges, streams, and a pair of
-frames.
-"""
+"""The report of `tfbus monitor` and `tfbus top` at one moment: edges, streams, a pair of frames."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.flow import EdgeFlow, Meter, Spread, Window, spread_of
-
-if TYPE_CHECKING:
-    from tfbus.recording.pauses import Pause
+from tfbus.monitor.flow import EdgeFlow, MessageWindow, Meter, Spread, spread_of
+from tfbus.recording.pauses import Pause
 
 _MOST_SAMPLES = 1_000
 
@@ -39,7 +35,7 @@ class PairWatch:
 
     def __init__(self, target: str, source: str, most: int = _MOST_SAMPLES):
         self._target, self._source = target, source
-        self._delays = Window(most)
+        self._delays = MessageWindow(most)
 
     def look(self, heard: BusView, at_s: float) -> None:
         """Measure the age of the newest answer now."""
@@ -77,7 +73,7 @@ def _held_back_by(heard: BusView, chain: list[str]) -> str | None:
     return min(newest, key=lambda name: newest[name], default=None)
 
 
-class Span(Protocol):
+class MeasuredSpan(Protocol):
     """The measured part of a recording: its log times, and the pauses of the recorder."""
 
     from_ns: int
@@ -101,7 +97,7 @@ class Report:
     flows: dict[tuple[str, str], EdgeFlow]
     meter: Meter
     pair: Pair | None
-    span: Span | None = None
+    span: MeasuredSpan | None = None
 
     @property
     def tree(self) -> FrameTree:
@@ -138,7 +134,7 @@ def _no_flow(frame: FrameInfo) -> EdgeFlow:
 
 
 def make_report(
-    view: BusView, meter: Meter, pair: PairWatch | None, span: Span | None = None
+    view: BusView, meter: Meter, pair: PairWatch | None, span: MeasuredSpan | None = None
 ) -> Report:
     """The measurements of now, or at the end of a span."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}

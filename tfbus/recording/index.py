@@ -10,15 +10,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import msgpack
-import numpy as np
-from numpy.typing import NDArray
 
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.wire.msgpack_items import too_many_items
 
 if TYPE_CHECKING:
+    import numpy as np
     from mcap.writer import Writer
+    from numpy.typing import NDArray
+else:
+    # Tools that look at a bus import this, too, and make no index.
+    from tfbus.core import lazy_numpy as np
 
 ATTACHMENT = "tfbus.index"
 _MEDIA_TYPE = "application/zstd"
@@ -52,12 +55,12 @@ class Index:
 
     offsets: tuple[int, ...]
     edges: tuple[Edge, ...]
-    chunk: NDArray[np.uint32]
-    channel: NDArray[np.uint16]
-    edge: NDArray[np.uint32]
-    first_ns: NDArray[np.int64]
-    last_ns: NDArray[np.int64]
-    count: NDArray[np.uint32]
+    chunk: "NDArray[np.uint32]"
+    channel: "NDArray[np.uint16]"
+    edge: "NDArray[np.uint32]"
+    first_ns: "NDArray[np.int64]"
+    last_ns: "NDArray[np.int64]"
+    count: "NDArray[np.uint32]"
     changes: tuple[tuple[int, int], ...]
 
 
@@ -120,7 +123,7 @@ class IndexBuilder:
         index = self.build()
         mcap.add_attachment(0, 0, ATTACHMENT, _MEDIA_TYPE, encode_index(index))
 
-    def _edge_numbers(self, frames: tuple[str, ...], edges: bytes) -> NDArray[np.int64]:
+    def _edge_numbers(self, frames: tuple[str, ...], edges: bytes) -> "NDArray[np.int64]":
         numbers = self._numbers.get((frames, edges))
         if numbers is None:
             pairs = np.frombuffer(edges, np.uint32).reshape(-1, 2).tolist()
@@ -133,7 +136,7 @@ class IndexBuilder:
         return numbers
 
 
-def _united(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _united(rows: "NDArray[np.int64]") -> "NDArray[np.int64]":
     """The rows with those of the same chunk, channel and edge as one, in this order."""
     if not len(rows):
         return rows

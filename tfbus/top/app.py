@@ -1,7 +1,7 @@
 """The screen: four tables, a filter, and the details of one frame. Drawn by Textual."""
 
 import asyncio
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rich.text import Text
 from textual import work
@@ -22,8 +22,9 @@ from textual.widgets import (
 )
 
 from tfbus.frames.moment import State
+from tfbus.monitor.columns import EDGES, STREAMS, Column
 from tfbus.runtime.signals import StopSignals
-from tfbus.top.rows import Row, Source, Table, chosen, fitting, is_service
+from tfbus.top.rows import Row, ScreenTable, TopSource, chosen, fitting, is_service
 from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
@@ -55,7 +56,7 @@ class FrameScreen(ModalScreen[None]):
     FrameScreen Sparkline { height: 3; margin-bottom: 1; }
     """
 
-    def __init__(self, source: Source, frame: str):
+    def __init__(self, source: TopSource, frame: str):
         super().__init__()
         self._source = source
         self._frame = frame
@@ -92,7 +93,14 @@ class FrameScreen(ModalScreen[None]):
         self.query_one("#details", Static).update(Text(lines))
 
 
-_HELP = """\
+_NUMBERS: tuple[Column[Any], ...] = (*EDGES, *STREAMS)
+_MEANINGS = {
+    **{each.heading: each.meaning for each in _NUMBERS if each.meaning},
+    "lost": "ticks of timers and messages that a slow callback made a node lose",
+}
+_COLUMNS = "\n".join(f"  {heading:<10}{meaning}" for heading, meaning in _MEANINGS.items())
+
+_HELP = f"""\
 Keys
   1 2 3 4   the tabs: frames, streams, nodes, topics and services
   s r       sort by the next column; reverse (or click a heading)
@@ -102,13 +110,7 @@ Keys
   Space     pause; q or Ctrl-C quits
 
 Columns
-  Hz        messages or samples per second, mean of 10 s
-  age       how old the newest stamp of a frame is
-  delay     how old a sample is when it comes, median of 10 s
-  jitter    how irregularly samples come
-  missed    messages that were sent and never came
-  clock     how far the publisher's clock is ahead of ours
-  lost      ticks of timers and messages that a slow callback made a node lose
+{_COLUMNS}
 
 States
   stale: silent for longer than its rate allows; gone: its publisher has
@@ -165,11 +167,11 @@ class TopApp(App[None]):
         Binding("escape", "clear", "Clear", show=False),
     ]
 
-    def __init__(self, source: Source, signals: StopSignals):
+    def __init__(self, source: TopSource, signals: StopSignals):
         super().__init__()
         self._source = source
         self._signals = signals
-        self._tables: dict[str, Table] = {}
+        self._tables: dict[str, ScreenTable] = {}
         self._column = dict.fromkeys(_NAMES, 0)
         self._descending = dict.fromkeys(_NAMES, False)
         # The numbers of the columns that the screen is wide enough for.
@@ -360,7 +362,7 @@ def _fill(table: "DataTable[Text]", rows: list[Row], columns: list[int]) -> None
     table.move_cursor(row=found[0] if found else min(at, max(len(rows) - 1, 0)))
 
 
-def show(source: Source) -> None:
+def show(source: TopSource) -> None:
     """Show the screen until the user leaves it, or a signal comes.
 
     A KeyboardInterrupt in the midst of Textual would leave its threads running, and the terminal

@@ -13,9 +13,10 @@ from tfbus.errors import TransformException
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
 from tfbus.frames.moment import State, faults, state
-from tfbus.monitor.flow import Window
+from tfbus.monitor.columns import EDGES, STREAMS, Column, Value
+from tfbus.monitor.flow import MessageWindow
 from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import Report, make_report
+from tfbus.monitor.report import MeasuredEdge, Report, make_report
 from tfbus.node.node import Node
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import cut, duration, printable
@@ -58,7 +59,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class ScreenTable:
     """A table: its name, headings and rows; of several rows with one key, the last.
 
     A node that answers twice, or two names that look the same, would be two such rows. A narrow
@@ -75,59 +76,56 @@ class Table:
         object.__setattr__(self, "rows", tuple(rows.values()))
 
 
-def frames_table(report: Report) -> Table:
+def frames_table(report: Report) -> ScreenTable:
     """Each frame: its parent, its stream, and how it comes."""
+    numbers = [each for each in EDGES if each.has_needs(report)]
     rows = []
     for frame in report.tree.frames.values():
         its_state = state(report.tree, frame)
-        if frame.parent is None:
-            cells = (
-                _text(frame.name),
-                *[_text("")] * 2,
-                *[Cell.of(None, "")] * 4,
-                _text(its_state),
-            )
-            rows.append(Row(frame.name, cells, its_state))
-            continue
-        flow = report.flow(frame)
+        row = MeasuredEdge(frame, report.flow(frame))
+        names = (frame.name, frame.parent or "", frame.authority if frame.parent else "")
+        wrong = ", ".join(faults(report.tree, frame)) if frame.parent else its_state
         cells = (
-            _text(frame.name),
-            _text(frame.parent),
-            _text(frame.authority),
-            Cell.of(flow.rate_hz, ".1f") if not frame.static else _text("static"),
-            Cell.of_time(report.tree.age_s(frame)),
-            Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
-            Cell.of_time(flow.jitter_s),
-            _text(", ".join(faults(report.tree, frame))),
+            *map(_text, names),
+            *(_number(each, each.value(report, row) if frame.parent else None) for each in numbers),
+            _text(wrong),
         )
         rows.append(Row(frame.name, cells, its_state))
-    headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")
-    return Table("frames", headings, tuple(rows), ("jitter", "delay", "stream", "parent", "age"))
+    headings = [each.heading for each in numbers]
+    least_useful = _in_order(headings, "jitter", "delay p50", "stream", "parent", "age")
+    return ScreenTable(
+        "frames", ("frame", "parent", "stream", *headings, "state"), tuple(rows), least_useful
+    )
 
 
-def streams_table(report: Report) -> Table:
+def streams_table(report: Report) -> ScreenTable:
     """Each stream: its publisher and its load."""
     rows = []
     for stream in report.tree.streams.values():
-        flow = report.meter.stream(stream.name)
         cells = (
-            _text(stream.name),
-            _text(stream.node),
-            _text(stream.host),
-            Cell.of(flow.messages_hz, ".1f"),
-            Cell.of(None if flow.bytes_per_s is None else flow.bytes_per_s / 1e3, ".1f"),
+            *map(_text, (stream.name, stream.node, stream.host)),
+            *(_number(each, each.value(report, stream)) for each in STREAMS),
             Cell.of(len(stream.frames), "d"),
-            Cell.of(stream.missed, "d"),
-            Cell.of_time(stream.clock_offset_s),
             _text("" if stream.alive else "gone"),
         )
         rows.append(Row(stream.name, cells, "dynamic" if stream.alive else "gone"))
-    headings = ("stream", "node", "host", "Hz", "kB/s", "frames", "missed", "clock", "state")
-    least_useful = ("kB/s", "clock", "frames", "host", "missed", "node")
-    return Table("streams", headings, tuple(rows), least_useful)
+    numbers = [each.heading for each in STREAMS]
+    least_useful = _in_order(numbers, "kB/s", "clock", "frames", "host", "missed", "node")
+    headings = ("stream", "node", "host", *numbers, "frames", "state")
+    return ScreenTable("streams", headings, tuple(rows), least_useful)
 
 
-def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> Table:
+def _number(column: Column[Any], value: Value) -> Cell:
+    text = column.text(value)
+    return _text(text) if isinstance(value, str) else Cell(text, _last(value))
+
+
+def _in_order(numbers: Sequence[str], *known: str) -> tuple[str, ...]:
+    """The columns that a narrow screen gives up: first of all numbers that are not `known`."""
+    return (*(each for each in numbers if each not in (*known, "Hz")), *known)
+
+
+def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()) -> ScreenTable:
     """Each node: where and how long it runs, and the numbers of its topics and services; last the
     full names of nodes that are there and did not answer.
     """
@@ -152,7 +150,7 @@ def nodes_table(nodes: Iterable[NodeDescription], unanswered: Iterable[str] = ()
         rows.append(Row(name, (_text(name), _text("NO ANSWER"), *blank)))
     headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params", "lost")
     least_useful = ("params", "serves", "sub", "pub", "streams", "pid", "up", "host")
-    return Table("nodes", headings, tuple(rows), least_useful)
+    return ScreenTable("nodes", headings, tuple(rows), least_useful)
 
 
 def _held_up(node: NodeDescription) -> Cell:
@@ -167,7 +165,7 @@ def topics_table(
     topics: Mapping[str, TopicInfo],
     services: Mapping[str, ServiceInfo],
     rates_hz: Mapping[str, float] = MappingProxyType({}),
-) -> Table:
+) -> ScreenTable:
     """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
     `rates_hz` are those of topics by name.
@@ -195,7 +193,7 @@ def topics_table(
         )
         rows.append(Row(f"{_SERVICE} {service.name}", cells))
     headings = ("name", "kind", "type", "Hz", "from", "to")
-    return Table("topics", headings, tuple(rows), ("to", "from", "kind", "Hz"))
+    return ScreenTable("topics", headings, tuple(rows), ("to", "from", "kind", "Hz"))
 
 
 def is_service(row: Row) -> bool:
@@ -203,7 +201,7 @@ def is_service(row: Row) -> bool:
     return row.key.startswith(f"{_SERVICE} ")
 
 
-def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]:
+def chosen(table: ScreenTable, words: str, column: int, descending: bool) -> list[Row]:
     """The rows that contain every word, in any case, sorted by a column."""
     wanted = words.lower().split()
     rows = [
@@ -214,7 +212,9 @@ def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]
     return sorted(rows, key=lambda row: _order(row.cells[column].value), reverse=descending)
 
 
-def fitting(table: Table, rows: Sequence[Row], width: int, former: Sequence[int]) -> list[int]:
+def fitting(
+    table: ScreenTable, rows: Sequence[Row], width: int, former: Sequence[int]
+) -> list[int]:
     """The numbers of the columns that fit into so many characters, with these rows.
 
     A column that is not among the `former` ones comes when there is room to spare, so that it does
@@ -265,7 +265,7 @@ class FramePast:
     delays_s: tuple[float, ...] = ()
 
 
-class Source:
+class TopSource:
     """The content of the tables; `look` is quick, `ask` takes up to 0.8 s."""
 
     def __init__(self, heard: Listening):
@@ -277,7 +277,7 @@ class Source:
         self.hint = ""  # where to look while there is no frame
         self._measured: dict[str, _Rate] = {}
 
-    def look(self) -> dict[str, Table]:
+    def look(self) -> dict[str, ScreenTable]:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
         # Before the first answers there would be those of transforms alone.
@@ -359,7 +359,7 @@ class _Rate:
 
     def __init__(self, node: Node, topic: str) -> None:
         self._since_s = time.monotonic()
-        self._window = Window(_MOST_MESSAGES)
+        self._window = MessageWindow(_MOST_MESSAGES)
         self._subscription = node.create_raw_subscription(topic, self._take)
 
     def _take(self, payload: bytes) -> None:

@@ -40,7 +40,7 @@ _MOST_HISTORY_S = 3600.0
 _END_S = 5.0
 
 
-class Program:
+class ShownBuffer:
     """The host of the page: its time is that of the newest sample, so that a recording is fresh."""
 
     def __init__(self, buffer: Buffer) -> None:
@@ -91,7 +91,7 @@ class View:
     """
 
     def __init__(
-        self, page: "Page", program: "Program | Replay", robots: "GivenRobots | RecordedRobots"
+        self, page: "Page", program: "ShownBuffer | Replay", robots: "GivenRobots | RecordedRobots"
     ) -> None:
         self._page = page
         self._robots = robots
@@ -136,7 +136,7 @@ class View:
         self._replay().playhead.pause()
 
     def _replay(self) -> "Replay":
-        if isinstance(self._program, Program):
+        if isinstance(self._program, ShownBuffer):
             raise InvalidArgumentException("the view follows a buffer; only a recording is played")
         return self._program
 
@@ -487,7 +487,7 @@ def show(
         return _show_recording(buffer, serving, at_ns)
     if at_ns is not None:
         raise InvalidArgumentException("at_ns is a time of a recording, and this is a buffer")
-    program = Program(buffer)
+    program = ShownBuffer(buffer)
     serving = replace(serving, history_s=history_s or _history_s(buffer))
     robots = GivenRobots()
     return View(Page(program, program, serving, robots), program, robots)

@@ -2,7 +2,8 @@
 
 from importlib import import_module
 from keyword import iskeyword
-from typing import Any
+from types import ModuleType
+from typing import Any, cast
 
 import click
 
@@ -22,6 +23,9 @@ VERBS: dict[str, str] = {
     "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
     "recover": "Write what can be read of a recording that is cut short or damaged.",
 }
+
+# Verbs that make recordings from others; each further verb has a file of its own.
+_EDITS = ("cut", "filter", "merge", "recover")
 
 # Verbs of ros2 bag that have another name here.
 _CALLED_IN_ROS = {
@@ -45,13 +49,17 @@ class _Bag(Verbs):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in VERBS:
             return None
-        module = f"{name}_" if iskeyword(name) else name  # import_.py
-        command: click.Command = import_module(f"tfbus.cli.bag.{module}").command
-        return command
+        if name in _EDITS:
+            return cast(click.Command, getattr(_module("edit"), f"{name}_command"))
+        return cast(click.Command, _module(f"{name}_" if iskeyword(name) else name).command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(sorted(VERBS.items()))
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"tfbus.cli.bag.{name}")
 
 
 @click.group(cls=_Bag, hints=_CALLED_IN_ROS)

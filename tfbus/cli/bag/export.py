@@ -13,6 +13,7 @@ from tfbus.cli.output import say
 from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, Moment, MomentType
+from tfbus.core.sampling import Sampling
 from tfbus.recording.exported import (
     write_topic_csv,
     write_transforms_csv,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from tfbus.core.sampling import Sampling
     from tfbus.frames.recording import Recording
 
     # Of a recording, from one stamp to another.
@@ -119,7 +119,7 @@ def command(
     end: Moment | None,
     statics: Statics,
     force: bool,
-    sampling: "Sampling",
+    sampling: Sampling,
 ) -> None:
     """Write where SOURCE was, seen from TARGET, or all transforms, or a topic.
 
@@ -175,7 +175,7 @@ def _pair(
     force: bool,
     rate_hz: float | None,
     samples_of: str | None,
-    sampling: "Sampling",
+    sampling: Sampling,
 ) -> str:
     from tfbus.frames.recorded_poses import is_static, path_at_rate, poses_at, stamps_of
     from tfbus.frames.recording import Recording

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import RECORDING, Asked, selecting
+from tfbus.cli.bag.selecting import RECORDING, SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
 from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
@@ -189,7 +189,7 @@ def command(
     duration_s: float | None,
     stamps: "Stamps | None",
     clock_hz: float | None,
-    asked: Asked,
+    asked: SelectionOptions,
     remappings: tuple[str, ...],
     prefix: str,
     is_paused: bool,
@@ -211,7 +211,7 @@ def command(
     """
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.replayed_stream import ReplayedNames
-    from tfbus.cli.bag.play_run import Plan, play
+    from tfbus.cli.bag.play_run import PlayPlan, play
 
     if not (files or more_files):
         raise click.UsageError("name the recording to play: tfbus bag play FILE")
@@ -219,7 +219,7 @@ def command(
         raise click.UsageError("--clock is the recorded time, which --stamps now does not follow")
     try:
         settings = settings.renamed(node_name) if node_name else settings.named_by_default("player")
-        plan = Plan(
+        plan = PlayPlan(
             files=(*files, *more_files),
             selection=asked.selection(),
             names=ReplayedNames(prefix, dict(map(_pair, remappings))),

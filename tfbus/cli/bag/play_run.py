@@ -16,9 +16,9 @@ from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import StatusLine
-from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, paint, width
 from tfbus.command.recordings import open_recording, wall
+from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
@@ -38,7 +38,7 @@ _SWITCH_INTERVAL_S = 0.0001
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlayPlan:
     """The options of the command line."""
 
     files: tuple[Path, ...]
@@ -58,7 +58,7 @@ class Plan:
     force: bool
 
 
-def _check_names(reader: RecordingReader, plan: Plan) -> None:
+def _check_names(reader: RecordingReader, plan: PlayPlan) -> None:
     """Raises click.UsageError for a topic or stream that is not in the recording."""
     topics = {topic.name for topic in reader.topics}
     streams = {each.stream.name for each in reader.streams}
@@ -78,7 +78,7 @@ def _check_names(reader: RecordingReader, plan: Plan) -> None:
             )
 
 
-def _span(reader: RecordingReader, plan: Plan) -> tuple[int, int]:
+def _span(reader: RecordingReader, plan: PlayPlan) -> tuple[int, int]:
     """From when to when it is played, in log times; a click.UsageError if that is nothing."""
     first_ns, last_ns = reader.start_ns, reader.end_ns
     start_ns = first_ns if plan.start is None else plan.start.within(first_ns, last_ns)
@@ -100,14 +100,14 @@ def _span(reader: RecordingReader, plan: Plan) -> tuple[int, int]:
     return start_ns, end_ns
 
 
-def play(settings: NodeSettings, plan: Plan) -> None:
+def play(settings: NodeSettings, plan: PlayPlan) -> None:
     """Play until the end, Ctrl-C or the service `stop`."""
     with open_recording(*plan.files) as reader:
         _check_names(reader, plan)
         _play(settings, reader, plan)
 
 
-def _play(settings: NodeSettings, reader: RecordingReader, plan: Plan) -> None:
+def _play(settings: NodeSettings, reader: RecordingReader, plan: PlayPlan) -> None:
     start_ns, end_ns = _span(reader, plan)
     clocks = () if plan.clock_hz is None else tuple(filter(None, (clock_topic_of(reader),)))
     selection = replace(plan.selection, always=clocks)
@@ -162,7 +162,7 @@ def _play(settings: NodeSettings, reader: RecordingReader, plan: Plan) -> None:
         raise error
 
 
-def _check_living(node: Node, replay: Republisher, plan: Plan) -> None:
+def _check_living(node: Node, replay: Republisher, plan: PlayPlan) -> None:
     """Raises click.ClickException if a stream is published now, unless that is wanted."""
     living = replay.living()
     if living and not plan.force:
@@ -222,7 +222,7 @@ class PlayLine(StatusLine):
 
 
 def _go_on(
-    node: Node, plan: Plan, player: Player, replay: Republisher, run: _Run, line: PlayLine
+    node: Node, plan: PlayPlan, player: Player, replay: Republisher, run: _Run, line: PlayLine
 ) -> None:
     """Show how far it is and follow keys, to the end, Ctrl-C, or the service `stop`."""
     shows = is_terminal() and not plan.is_quiet
@@ -246,7 +246,7 @@ def _go_on(
                 logged_s, was_paused = now_s, progress.is_paused
 
 
-def _what(plan: Plan, player: Player, replay: Republisher) -> str:
+def _what(plan: PlayPlan, player: Player, replay: Republisher) -> str:
     """The recording that is played, in one line."""
     what = [counted(len(replay.streams), "stream"), counted(len(replay.topics), "topic")]
     stamps = "stamps are moved to now" if plan.stamps == "now" else "stamps are those recorded"

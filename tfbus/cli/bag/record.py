@@ -5,11 +5,11 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import Asked, selecting
+from tfbus.cli.bag.selecting import SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
 from tfbus.command.option_kinds import Several
 from tfbus.command.options import bus_options
-from tfbus.command.types import POSITIVE, Number, Size, TopicName
+from tfbus.command.types import POSITIVE, ByteSize, Number, TopicName
 from tfbus.errors import TfbusError
 from tfbus.runtime.installation import install_command
 
@@ -87,7 +87,7 @@ _CALLED_IN_ROS = {
     "--max-size",
     "--max-bag-size",
     "max_bytes",
-    type=Size(least=_LEAST_FILE_BYTES, zero=_NO_LIMIT),
+    type=ByteSize(least=_LEAST_FILE_BYTES, zero=_NO_LIMIT),
     metavar="SIZE",
     help="Go on in a new file after this size, such as 500MB.",
 )
@@ -134,7 +134,7 @@ _CALLED_IN_ROS = {
 @click.option(
     "--max-cache-size",
     "cache_bytes",
-    type=Size(least=_LEAST_CACHE_BYTES, zero=_NO_CACHE),
+    type=ByteSize(least=_LEAST_CACHE_BYTES, zero=_NO_CACHE),
     metavar="SIZE",
     help="Memory for messages that wait to be written (default 100MB), or for the snapshot "
     "(default 500MB).",
@@ -177,7 +177,7 @@ _CALLED_IN_ROS = {
 def command(
     settings: NodeSettings,
     more_topics: tuple[str, ...],
-    asked: Asked,
+    asked: SelectionOptions,
     wants_all: bool,
     fleet: bool,
     output: str | None,
@@ -229,13 +229,13 @@ def command(
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Splits
     from tfbus.bag.trigger import Condition
-    from tfbus.cli.bag.record_run import Plan, checked, free_path, pairs_of, record
+    from tfbus.cli.bag.record_run import RecordPlan, checked, free_path, pairs_of, record
 
     try:
         settings = (
             settings.renamed(node_name) if node_name else settings.named_by_default("recorder")
         )
-        plan = Plan(
+        plan = RecordPlan(
             selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,
             splits=Splits(max_bytes, max_s),

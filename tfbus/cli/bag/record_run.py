@@ -26,17 +26,17 @@ from tfbus.bag.recorder import Recorder, Snapshots
 from tfbus.bag.trigger import Condition, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
-    Look,
     Rating,
+    RecordCounts,
     StatusLine,
     length_text,
     log_text,
     status_parts,
     summary,
 )
-from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.bus import is_running
 from tfbus.cli.output import is_terminal, print_lines, warn
+from tfbus.command.terminal import typed_keys
 from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import InvalidArgumentException, RightsError, ServiceError
@@ -69,7 +69,7 @@ _SNAPSHOT_CACHE_BYTES = 500_000_000
 
 
 @dataclass(frozen=True)
-class Plan:
+class RecordPlan:
     """The plan of a recording. `cache_bytes` is how much may wait to be written, or is held for a
     snapshot; None is 100 MB, or 500 MB for a snapshot.
     """
@@ -144,7 +144,7 @@ def checked(selection: Selection) -> Selection:
     return selection
 
 
-def record(settings: NodeSettings, plan: Plan) -> str:
+def record(settings: NodeSettings, plan: RecordPlan) -> str:
     """Record until Ctrl-C; why it failed, "" if it did not."""
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
@@ -186,7 +186,7 @@ def record(settings: NodeSettings, plan: Plan) -> str:
 
 
 def _recorder(
-    node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack
+    node: Node, plan: RecordPlan, parts: PartsWritten, stack: ExitStack
 ) -> tuple[Recorder, Capture]:
     """A recorder of what the plan takes, and what captures it; both end with the stack."""
     queue = RawQueue(plan.most_bytes)
@@ -230,7 +230,9 @@ def _news(path: Path, written: WrittenPart, why: str, *, is_snapshot: bool) -> s
     return f"{of}: {length}" if why == "asked" else f"{of}: {why}; {length}"
 
 
-def _open_writer(path: Path, settings: NodeSettings, plan: Plan, token: str) -> RecordingWriter:
+def _open_writer(
+    path: Path, settings: NodeSettings, plan: RecordPlan, token: str
+) -> RecordingWriter:
     about = {
         # Between snapshots nothing is recorded: each is a recording of its own.
         RECORDING: token if plan.snapshot_s is None else os.urandom(8).hex(),
@@ -288,7 +290,7 @@ def _serve(node: Node, recorder: Recorder, stop: Callable[[], object], *, snapsh
 
 def _go_on(
     node: Node,
-    plan: Plan,
+    plan: RecordPlan,
     recorder: Recorder,
     capture: Capture,
     parts: PartsWritten,
@@ -333,9 +335,9 @@ def _go_on(
                     node.log.warning("So far %s", clause)
 
 
-def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> Look:
+def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> RecordCounts:
     counts, window = recorder.counts, recorder.window
-    return Look(
+    return RecordCounts(
         time.monotonic(),
         recorder.received,
         counts.transforms,
@@ -348,7 +350,7 @@ def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> Look:
     )
 
 
-def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
+def _warn_of_silence(node: Node, recorder: Recorder, plan: RecordPlan) -> None:
     """Say what may be wrong if nothing has come so far."""
     if recorder.is_paused or recorder.is_waiting:
         return
@@ -367,7 +369,7 @@ def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
         node.log.warning("Nothing to record so far: %s", hint or is_running("broadcaster"))
 
 
-def _unmatched(plan: Plan, recorder: Recorder, capture: Capture) -> list[str]:
+def _unmatched(plan: RecordPlan, recorder: Recorder, capture: Capture) -> list[str]:
     """A clause for each name that is asked for, and that nothing had."""
     if not capture.described:
         return []  # nothing is there, which is said

@@ -25,7 +25,7 @@ _ERASE_LINE = "\r\x1b[K"
 
 
 @dataclass(frozen=True)
-class Look:
+class RecordCounts:
     """The counts by a moment of the monotonic clock; `held` is how much a snapshot would
     have now, in bytes and seconds, None if all is written.
     """
@@ -55,9 +55,9 @@ class Rating:
 
     def __init__(self, over_s: float = _RATES_OVER_S) -> None:
         self._over_s = over_s
-        self._looks: deque[Look] = deque()
+        self._looks: deque[RecordCounts] = deque()
 
-    def add(self, look: Look) -> Rates:
+    def add(self, look: RecordCounts) -> Rates:
         """The rates with this look, the newest."""
         looks = self._looks
         looks.append(look)
@@ -80,7 +80,7 @@ def clock_text(seconds: float) -> str:
     return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"
 
 
-def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
+def status_parts(look: RecordCounts, rates: Rates, running_s: float) -> list[str]:
     """The parts of the status line."""
     state = "paused" if look.is_paused else "rec" if look.held is None else "hold"
     parts = [f"{state} {clock_text(running_s)}", f"{rates.messages:.0f} msg/s"]
@@ -95,7 +95,7 @@ def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
     return [*parts, f"free {free}", f"dropped {look.lost}"]
 
 
-def _free_texts(look: Look, rates: Rates) -> list[str]:
+def _free_texts(look: RecordCounts, rates: Rates) -> list[str]:
     """How much is free, and how long it lasts if that is less than a week."""
     lasts_s = look.free_bytes / rates.bytes if rates.bytes > 0.0 else _LASTS_S
     lasts = [duration(lasts_s)] if lasts_s < _LASTS_S else []
@@ -133,7 +133,7 @@ class StatusLine:
             sys.stdout.flush()
 
 
-def log_text(look: Look, rates: Rates) -> str:
+def log_text(look: RecordCounts, rates: Rates) -> str:
     """The line of the log that says every now and then how it goes."""
     of = (
         f"{rates.transforms:.0f} transforms/s, {size_text(look.bytes)}, "

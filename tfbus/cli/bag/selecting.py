@@ -24,7 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
-class Asked:
+class SelectionOptions:
     """The selection on a command line; names are relative to a namespace, or absolute."""
 
     topics: tuple[str, ...]
@@ -87,7 +87,7 @@ class Regex(click.ParamType[str]):
 def selecting(function: F) -> F:
     """Add the options that say what to record or play.
 
-    The argument `asked` of the click command is then their value, an Asked.
+    The argument `asked` of the click command is then their value, a SelectionOptions.
     """
 
     @functools.wraps(function)
@@ -101,7 +101,7 @@ def selecting(function: F) -> F:
         exclude_topics: tuple[str, ...],
         **values: Any,
     ) -> Any:
-        asked = Asked(topics, streams, frames, regex, exclude, exclude_topics)
+        asked = SelectionOptions(topics, streams, frames, regex, exclude, exclude_topics)
         return function(*args, asked=asked, **values)
 
     decorated: Any = command

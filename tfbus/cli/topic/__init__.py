@@ -7,8 +7,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
-from tfbus.cli.messages.fields import print_type, print_types
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     TRANSFORMS_TYPES,
     TransformMessage,
     bare,
@@ -18,6 +17,7 @@ from tfbus.cli.messages.message import (
     supplied_type,
     type_of_ros,
 )
+from tfbus.cli.message_fields import print_type, print_types
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command

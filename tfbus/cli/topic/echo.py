@@ -12,22 +12,23 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     TRANSFORMS_TYPES,
-    Reader,
     bare,
     find_type,
     is_of_type,
-    reader_of,
     supplied_names,
 )
-from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, say, warn, yaml_text
+from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.topic.source import (
     SAY_AFTER_S,
+    Reader,
     full_topic,
     may_be_retained,
+    messages_of,
+    reader_of,
     subscribe,
     type_of,
     visiting,
@@ -304,8 +305,6 @@ def echo_command(
 def _echo_recorded(
     bag: BagChoice, topic: str, form: _Form, wanted: MessageFilter | None, *, once: bool
 ) -> None:
-    from tfbus.cli.topic.source import messages_of
-
     with bag.opened() as recording:
         printed = 0
         for message in messages_of(recording, topic):

@@ -11,24 +11,35 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import reader_of
-from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
-from tfbus.cli.topic.source import SAY_AFTER_S, full_topic, subscribe, type_of, visiting, why_silent
+from tfbus.cli.topic.message_view import MessageFilter
+from tfbus.cli.topic.source import (
+    SAY_AFTER_S,
+    RecordedMessage,
+    full_topic,
+    reader_of,
+    reading_of,
+    stamp_in,
+    subscribe,
+    type_of,
+    visiting,
+    why_silent,
+)
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
-from tfbus.monitor.flow import Reading, Spread, Window, spread_of
+from tfbus.frames.clocks import is_another_time, whose_clock
+from tfbus.monitor.flow import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative
+from tfbus.wire.transforms import decode_transforms
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
-    from tfbus.cli.topic.source import RecordedMessage
     from tfbus.node.node import Node
 
 
@@ -39,14 +50,14 @@ Meter = Callable[[bytes], float | None]
 
 
 @dataclass(frozen=True)
-class Report:
+class Measure:
     """A measure as numbers, as lines, and as a row of a table of several topics.
 
     `numbers` takes a reading and the time now (monotonic s), and returns None for too few messages.
     """
 
     name: str
-    numbers: Callable[[Reading, float], dict[str, Any] | None]
+    numbers: Callable[[WindowReading, float], dict[str, Any] | None]
     lines: Callable[[dict[str, Any]], list[str]]
     headings: tuple[str, ...]
     row: Callable[[dict[str, Any]], list[str]]
@@ -57,7 +68,7 @@ def _spread(spread: Spread, unit: str) -> dict[str, float]:
     return {f"{name}_{unit}": getattr(spread, name) for name in names}
 
 
-def _rate(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _rate(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.intervals_s)
     if spread is None or spread.mean <= 0.0:
         return None
@@ -68,14 +79,14 @@ def _rate(reading: Reading, now_s: float) -> dict[str, Any] | None:
     }
 
 
-def _delay(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _delay(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.numbers)
     if spread is None:
         return None
     return {"mean_s": spread.mean, **_spread(spread, "s"), "window": spread.count}
 
 
-def _bandwidth(reading: Reading, now_s: float) -> dict[str, Any] | None:
+def _bandwidth(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
     spread = spread_of(reading.numbers)
     if spread is None or spread.count < 2:
         return None
@@ -118,21 +129,21 @@ def _bandwidth_lines(it: dict[str, Any]) -> list[str]:
     ]
 
 
-RATE = Report(
+RATE = Measure(
     "hz",
     _rate,
     lambda it: [f"average rate: {it['rate_hz']:.3f}", _spread_line(it)],
     ("rate", "min_delta", "max_delta", "std_dev", "window"),
     lambda it: [f"{it['rate_hz']:.3f}", *_spread_row(it)],
 )
-BANDWIDTH = Report(
+BANDWIDTH = Measure(
     "bw",
     _bandwidth,
     _bandwidth_lines,
     ("bandwidth", "mean", "min", "max", "window"),
     lambda it: [f"{_in_bytes(it['bytes_per_s'])}/s", *_sizes(it), str(it["window"])],
 )
-DELAY = Report(
+DELAY = Measure(
     "delay",
     _delay,
     lambda it: [f"average delay: {it['mean_s']:.3f}", _spread_line(it)],
@@ -149,7 +160,7 @@ class MeteredTopic:
 
     def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
         self.topic = topic
-        self.window = Window(window)
+        self.window = MessageWindow(window)
         self.failure: Exception | None = None
         self._node = node
         self._meter = meter
@@ -173,7 +184,7 @@ class MeteredTopic:
             if number is not None:
                 self.window.add(at_s, number)
 
-    def read_new(self, now_s: float) -> Reading | None:
+    def read_new(self, now_s: float) -> WindowReading | None:
         """The window; None if nothing came since the last call. Prints once that nothing comes.
 
         Raises the error of a message that cannot be measured.
@@ -194,7 +205,7 @@ class MeteredTopic:
 def measure(
     node: "Node",
     meters: Mapping[str, Meter],
-    report: Report,
+    report: Measure,
     *,
     window: int,
     once: bool,
@@ -235,7 +246,7 @@ def _period_s(give_up_s: float | None) -> float:
 
 
 def print_measured(
-    measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+    measured: Mapping[str, dict[str, Any]], report: Measure, *, as_table: bool, as_json: bool
 ) -> None:
     """Print a report of each topic; of several as a table."""
     if as_json:
@@ -305,7 +316,7 @@ def hz_command(
     wanted = MessageFilter(expression) if expression else None
     if bag is not None:
 
-        def counted(message: "RecordedMessage") -> float | None:
+        def counted(message: RecordedMessage) -> float | None:
             return 0.0 if wanted is None or wanted.takes(message.values) else None
 
         _run_recorded(settings, topics, bag, RATE, counted, how["as_json"])
@@ -365,7 +376,7 @@ def delay_command(
 def _run(
     settings: NodeSettings,
     topics: tuple[str, ...],
-    report: Report,
+    report: Measure,
     number_of: Callable[["Node", str], Meter],
     *,
     once: bool,
@@ -381,12 +392,10 @@ def _run_recorded(
     settings: NodeSettings,
     topics: tuple[str, ...],
     bag: BagChoice,
-    report: Report,
-    number_of: Callable[["RecordedMessage"], float | None],
+    report: Measure,
+    number_of: Callable[[RecordedMessage], float | None],
     as_json: bool,
 ) -> None:
-    from tfbus.cli.topic.source import reading_of
-
     measured = {}
     for topic in topics:
         reading = reading_of(bag, full_topic(topic, settings), number_of)
@@ -399,7 +408,7 @@ def _run_recorded(
     print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
 
 
-def _age_s(message: "RecordedMessage") -> float:
+def _age_s(message: RecordedMessage) -> float:
     if message.stamp_ns is None:
         raise _no_stamp(message.topic)
     return (message.received_ns - message.stamp_ns) / 1e9
@@ -415,8 +424,6 @@ class _Age:
         self._has_warned = False
 
     def __call__(self, payload: bytes) -> float:
-        from tfbus.frames.clocks import is_another_time, whose_clock  # for `delay` only
-
         age_s = (self._node.now_ns() - self._stamp_of(payload)) / 1e9
         clock = self._node.clock
         if is_another_time(age_s) and clock.is_running and not self._has_warned:
@@ -427,14 +434,10 @@ class _Age:
 
 
 def _newest_stamp(payload: bytes) -> int:
-    from tfbus.wire.transforms import decode_transforms  # which other messages do not need
-
     return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
 
 
 def _stamp(topic: str, payload: bytes) -> int:
-    from tfbus.cli.topic.source import stamp_in
-
     stamp_ns = stamp_in(decode_map(payload))
     if stamp_ns is None:
         raise _no_stamp(topic)

@@ -8,7 +8,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import (
+from tfbus.cli.message import (
     TRANSFORMS_TYPES,
     bare,
     checked_map,

@@ -8,33 +8,38 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from struct import iter_unpack
 from typing import TYPE_CHECKING, Any
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import transforms_map
+from tfbus.cli.message import supplied_type
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
-from tfbus.monitor.flow import Reading
+from tfbus.geometry.columns import Columns
+from tfbus.monitor.flow import WindowReading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
+    RecordingReader,
     topic_of_stream,
     topics_of,
 )
 from tfbus.recording.selection import Selection
-from tfbus.wire.codec import encode_map
+from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
-    from tfbus.recording.reader import RecordingReader
 
+
+# The bytes of one message as a map; raises DecodeError.
+Reader = Callable[[bytes], dict[str, Any]]
 
 # After this long without a message, the tools print what they wait for.
 SAY_AFTER_S = 2.0
@@ -157,6 +162,44 @@ def _transforms(topic: str) -> tuple[str, str]:
     return "", ""
 
 
+def reader_of(type_name: str) -> Reader:
+    """Reads messages of the type of this name, and checks those of `tfbus.messages`."""
+    if type_name == TRANSFORMS_TYPE:
+        return _read_transforms
+    message_type = supplied_type(type_name)
+    if message_type is None:
+        return decode_map
+    return lambda payload: as_map(decode_message(message_type, payload))
+
+
+def _read_transforms(payload: bytes) -> dict[str, Any]:
+    return _transforms_map(decode_transforms(payload))
+
+
+def _transforms_map(message: TransformMessage) -> dict[str, Any]:
+    """A message of transforms as a map."""
+    counted = {} if message.seq is None else {"seq": message.seq}
+    return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.rows)}
+
+
+def _rows(rows: Columns) -> list[dict[str, Any]]:
+    """The rows as they came, with those that a buffer rejects."""
+    poses = iter_unpack("=7d", rows.poses_bytes())
+    columns = zip(rows.pairs(), rows.stamps_as_ints(), poses, strict=True)
+    return [
+        {
+            "stamp_ns": stamp_ns,
+            "frame_id": rows.frames[parent],
+            "child_frame_id": rows.frames[child],
+            "transform": {
+                "translation": dict(zip("xyz", pose[:3], strict=True)),
+                "rotation": dict(zip("xyzw", pose[3:], strict=True)),
+            },
+        }
+        for (parent, child), stamp_ns, pose in columns
+    ]
+
+
 @dataclass(frozen=True)
 class RecordedMessage:
     """A message of a topic, and when it came."""
@@ -170,7 +213,7 @@ class RecordedMessage:
         """Its fields by name."""
         if isinstance(self.item, TopicItem):
             return dict(self.item.values)
-        return transforms_map(_message_of(self.item))
+        return _transforms_map(_message_of(self.item))
 
     @property
     def size(self) -> int:
@@ -191,7 +234,7 @@ def _message_of(item: TransformItem) -> TransformMessage:
     return TransformMessage(item.rows, item.stream.epoch_ns, item.seq)
 
 
-def recorded_topic(reader: "RecordingReader", name: str) -> RecordedTopic:
+def recorded_topic(reader: RecordingReader, name: str) -> RecordedTopic:
     """The topic of this name, `tf` and `tf_static` for all streams. Raises BusError for none."""
     topics = topics_of(reader)
     if name in (TRANSFORMS, STATIC_TRANSFORMS):
@@ -232,7 +275,7 @@ def stamp_in(message: Mapping[str, Any]) -> int | None:
 
 def reading_of(
     choice: BagChoice, name: str, number_of: Callable[[RecordedMessage], float | None]
-) -> Reading:
+) -> WindowReading:
     """When the messages of a topic came, in seconds of time in which it was recorded, and a number
     of each; those of which it is None are left out.
     """
@@ -245,4 +288,4 @@ def reading_of(
             if number is not None:
                 arrivals_s.append(recorded_ns(pauses, start_ns, message.received_ns) / 1e9)
                 numbers.append(number)
-    return Reading(tuple(arrivals_s), tuple(numbers), len(numbers))
+    return WindowReading(tuple(arrivals_s), tuple(numbers), len(numbers))

@@ -191,7 +191,7 @@ def _value(argument: Argument, given: Mapping[str, str], file: str) -> str:
 CONDITIONS = ("if", "unless")
 
 
-class Fields:
+class LaunchFields:
     """The fields of a mapping whose keys are all known, read in a scope.
 
     Each method raises YamlFileError, at the line of the key, for a value of the wrong kind.
@@ -258,9 +258,9 @@ class Fields:
     def is_mapping(self, key: str) -> bool:
         return key in self._values and self._values[key].is_mapping
 
-    def inner(self, key: str, known: Collection[str]) -> "Fields":
+    def inner(self, key: str, known: Collection[str]) -> "LaunchFields":
         """The fields of a field that is a mapping."""
-        return Fields(self._values[key], known, self._scope)
+        return LaunchFields(self._values[key], known, self._scope)
 
     def seconds(self, key: str, default: float) -> float:
         """A number of seconds, 0 or more."""

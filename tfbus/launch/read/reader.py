@@ -10,8 +10,20 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from tfbus.errors import TfbusError
-from tfbus.launch.description import Argument, LaunchArgumentError, LaunchError, Process, Respawn
-from tfbus.launch.read.arguments import Fields, Scope, argument_values, declared_arguments, truth
+from tfbus.launch.description import (
+    Argument,
+    DescribedProcess,
+    LaunchArgumentError,
+    LaunchError,
+    Respawn,
+)
+from tfbus.launch.read.arguments import (
+    LaunchFields,
+    Scope,
+    argument_values,
+    declared_arguments,
+    truth,
+)
 from tfbus.launch.read.find import find_in, find_launch_file
 from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
 from tfbus.secure.folder import open_folder
@@ -33,7 +45,7 @@ class ProcessEntry:
     `file_namespace` is the namespace of the whole file.
     """
 
-    process: Process
+    process: DescribedProcess
     is_on: bool
     file_namespace: str
     after: tuple[tuple[str, FilePlace], ...]
@@ -43,10 +55,10 @@ def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) 
     """The process described by an entry; paths in it are relative to `folder`."""
     if not value.is_mapping:
         raise value.place.mistake("must be a mapping with 'node' or 'command'")
-    fields = Fields(value, _KEYS, scope)
+    fields = LaunchFields(value, _KEYS, scope)
     _check_program(fields)
     node, command = _node(fields, folder), fields.words("command")
-    process = Process(
+    process = DescribedProcess(
         name=_name(fields, node, command),
         namespace=joined(file_namespace, fields.text("namespace", check_namespace)),
         place=fields.place,
@@ -69,7 +81,7 @@ def joined(*namespaces: str) -> str:
     return "/".join(filter(None, namespaces))
 
 
-def _check_program(fields: Fields) -> None:
+def _check_program(fields: LaunchFields) -> None:
     if ("node" in fields) == ("command" in fields):
         raise fields.place.mistake(
             "needs either 'node' (one of tfbus) or 'command' (any program), and not both"
@@ -84,7 +96,7 @@ def _check_program(fields: Fields) -> None:
                 )
 
 
-def _node(fields: Fields, folder: Path) -> str:
+def _node(fields: LaunchFields, folder: Path) -> str:
     node = fields.text("node")
     if not node.endswith(".py"):
         return node
@@ -94,7 +106,7 @@ def _node(fields: Fields, folder: Path) -> str:
     return str(path.resolve())
 
 
-def _name(fields: Fields, node: str, command: tuple[str, ...]) -> str:
+def _name(fields: LaunchFields, node: str, command: tuple[str, ...]) -> str:
     if "name" in fields:
         return fields.text("name", check_node_name)
     program = node or command[0]
@@ -106,7 +118,7 @@ def _name(fields: Fields, node: str, command: tuple[str, ...]) -> str:
         ) from None
 
 
-def _directory(fields: Fields, folder: Path) -> Path:
+def _directory(fields: LaunchFields, folder: Path) -> Path:
     if "directory" not in fields:
         return Path.cwd()
     directory = folder / Path(fields.text("directory")).expanduser()
@@ -115,7 +127,7 @@ def _directory(fields: Fields, folder: Path) -> Path:
     return directory.resolve()
 
 
-def identity_folder(fields: Fields, folder: Path) -> str:
+def identity_folder(fields: LaunchFields, folder: Path) -> str:
     """The folder of an identity under `secure`; "" without one."""
     if "secure" not in fields:
         return ""
@@ -126,7 +138,7 @@ def identity_folder(fields: Fields, folder: Path) -> str:
         raise fields.place_of("secure").mistake(str(error)) from error
 
 
-def _remappings(fields: Fields) -> tuple[tuple[str, str], ...]:
+def _remappings(fields: LaunchFields) -> tuple[tuple[str, str], ...]:
     pairs = fields.pairs("remappings")
     for (source, target), value in zip(pairs, fields.entries("remappings").values(), strict=True):
         for name in (source, target):
@@ -137,7 +149,7 @@ def _remappings(fields: Fields) -> tuple[tuple[str, str], ...]:
     return pairs
 
 
-def _respawn(fields: Fields) -> Respawn | None:
+def _respawn(fields: LaunchFields) -> Respawn | None:
     if not fields.is_mapping("respawn"):
         return Respawn() if fields.truth("respawn") else None
     settings = fields.inner("respawn", _RESPAWN_KEYS)
@@ -171,7 +183,7 @@ def read_launch_file(
     *,
     namespace: str = "",
     environment: Mapping[str, str] | None = None,
-) -> tuple[Process, ...]:
+) -> tuple[DescribedProcess, ...]:
     """The processes that a launch file describes with the given arguments, all in `namespace`.
 
     Conditions, includes and substitutions are resolved; `${env:...}` looks in `environment`
@@ -213,7 +225,7 @@ class _Document:
 
     def identity(self, scope: Scope) -> str:
         """The folder of the identity of its nodes, and those it includes; "" without one."""
-        return identity_folder(Fields(self._whole, _FILE_KEYS, scope), self.path.parent)
+        return identity_folder(LaunchFields(self._whole, _FILE_KEYS, scope), self.path.parent)
 
 
 class _Total:
@@ -273,7 +285,7 @@ class _Reading:
     def _include(self, value: Value, scope: Scope, folder: Path) -> Iterator[ProcessEntry]:
         if not value.is_mapping:
             raise value.place.mistake("must be a mapping with 'file', as in `- file: turtle`")
-        fields = Fields(value, _INCLUDE_KEYS, scope)
+        fields = LaunchFields(value, _INCLUDE_KEYS, scope)
         if "file" not in fields:
             raise value.place.mistake("needs 'file': a name such as turtle, or a path")
         given = dict(fields.pairs("arguments"))
@@ -291,7 +303,7 @@ class _Reading:
             place = argument.place if argument else fields.place_of("arguments")
             raise place.mistake(str(error)) from error
 
-    def _included_path(self, fields: Fields, folder: Path) -> Path:
+    def _included_path(self, fields: LaunchFields, folder: Path) -> Path:
         place = fields.place_of("file")
         try:
             package, name = fields.text("package"), fields.text("file")
@@ -305,8 +317,8 @@ class _Reading:
         return path
 
 
-def _check_names_differ(processes: Sequence[Process]) -> None:
-    taken: dict[str, Process] = {}
+def _check_names_differ(processes: Sequence[DescribedProcess]) -> None:
+    taken: dict[str, DescribedProcess] = {}
     for process in processes:
         if process.full_name in taken:
             raise process.place.mistake(
@@ -316,7 +328,7 @@ def _check_names_differ(processes: Sequence[Process]) -> None:
         taken[process.full_name] = process
 
 
-def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
+def _with_after(entry: ProcessEntry, declared: set[str]) -> DescribedProcess:
     """The process with full names in `after`.
 
     A name is looked up in the namespace of the process, then in that of its file. A name
@@ -340,7 +352,7 @@ def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
     return replace(entry.process, after=tuple(after))
 
 
-def _check_no_circle(processes: Sequence[Process]) -> None:
+def _check_no_circle(processes: Sequence[DescribedProcess]) -> None:
     by_name = {process.full_name: process for process in processes}
     awaited = {name: [each for each in by_name[name].after if each in by_name] for name in by_name}
     try:

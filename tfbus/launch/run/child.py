@@ -15,13 +15,13 @@ from shutil import which
 from typing import TypeVar
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.launch.description import Process, Respawn
+from tfbus.launch.description import DescribedProcess, Respawn
 from tfbus.launch.run.console import Console
 from tfbus.wording import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class LaunchProgram:
     """A command line, its name, and what to do when it ends.
 
     `changes` are the environment variables that differ from those of launch itself; None unsets.
@@ -51,15 +51,15 @@ class Program:
         return shlex.join(self.argv)
 
 
-def program_of(process: Process, settings: NodeSettings) -> Program:
+def program_of(process: DescribedProcess, settings: NodeSettings) -> LaunchProgram:
     """The program of a process in a launch with these settings.
 
     A tfbus node gets the settings of the bus as options, any other program as environment
-    variables, which tfbus nodes inside it read. `listen` is not passed on: only one process can
-    listen at an address.
+    variables, which tfbus nodes inside it read; variables of launch's own environment that say
+    otherwise do not count. `listen` is not passed on: only one process can listen at an address.
     """
     argv = _node_argv(process, settings) if process.node else (*process.command, *process.arguments)
-    return Program(
+    return LaunchProgram(
         name=process.label,
         argv=argv,
         changes=_changes(process, settings),
@@ -72,9 +72,11 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
     )
 
 
-def dry_run_line(program: Program) -> str:
+def dry_run_line(program: LaunchProgram) -> str:
     """A line for `--dry-run`: the name, and a shell command that does the same."""
-    changes = [f"{name}={value}" for name, value in program.changes.items() if value is not None]
+    unset = (name for name, value in program.changes.items() if value is None)
+    changes = [word for name in unset if name in os.environ for word in ("-u", name)]
+    changes += [f"{name}={value}" for name, value in program.changes.items() if value is not None]
     environment = shlex.join(["env", *changes]) + " " if changes else ""
     folder = (
         "" if program.directory == Path.cwd() else f"cd {shlex.quote(str(program.directory))} && "
@@ -82,7 +84,7 @@ def dry_run_line(program: Program) -> str:
     return f"[{program.name}] {folder}{environment}{program.command_line}"
 
 
-def check_startable(process: Process, nodes: Collection[str]) -> None:
+def check_startable(process: DescribedProcess, nodes: Collection[str]) -> None:
     """Raises YamlFileError if there is no such program; `nodes` are those of tfbus."""
     if process.node:
         if not process.node.endswith(".py") and process.node not in nodes:
@@ -101,13 +103,13 @@ def check_startable(process: Process, nodes: Collection[str]) -> None:
         )
 
 
-def _node_argv(process: Process, settings: NodeSettings) -> tuple[str, ...]:
+def _node_argv(process: DescribedProcess, settings: NodeSettings) -> tuple[str, ...]:
     # -P: the installed tfbus, not a clone in the current folder.
     start = (process.node,) if process.node.endswith(".py") else ("-P", "-m", "tfbus", process.node)
     return (sys.executable, *start, *_node_options(process, settings), *process.arguments)
 
 
-def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
+def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator[str]:
     yield from ("--name", process.name)
     if process.namespace:
         yield from ("--namespace", process.namespace)
@@ -129,20 +131,23 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
         yield from ("--remap", f"{source}:={target}")
 
 
-def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
+def _changes(process: DescribedProcess, settings: NodeSettings) -> dict[str, str | None]:
+    told = {
+        "TFBUS_NAMESPACE": process.namespace or None,
+        "TFBUS_MODE": settings.mode or None,
+        "TFBUS_CONNECT": " ".join(settings.connect) or None,
+        "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
+        "TFBUS_SECURE": process.secure or settings.secure or None,
+        "TFBUS_LOG_LEVEL": settings.log_level,
+        "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
+    }
+    if process.node:
+        # Its options omit defaults: a variable of launch's own environment would count in place of
+        # one that an option of launch has set back to the default.
+        told = {name: value for name, value in told.items() if name in os.environ}
     # Python buffers a pipe: without this, lines come late or never.
     changes: dict[str, str | None] = {"PYTHONUNBUFFERED": "1", "TFBUS_LISTEN": None}
-    if not process.node:
-        changes |= {
-            "TFBUS_NAMESPACE": process.namespace or None,
-            "TFBUS_MODE": settings.mode or None,
-            "TFBUS_CONNECT": " ".join(settings.connect) or None,
-            "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
-            "TFBUS_SECURE": process.secure or settings.secure or None,
-            "TFBUS_LOG_LEVEL": settings.log_level,
-            "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
-        }
-    return changes | dict(process.environment)
+    return changes | told | dict(process.environment)
 
 
 T = TypeVar("T")
@@ -154,7 +159,7 @@ class Child:
     `exit_code` is None while it runs, and -N if signal N ended it.
     """
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: LaunchProgram) -> None:
         """Start the program. Raises OSError or ValueError if that fails."""
         self.program = program
         self.exit_code: int | None = None

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from tfbus.launch.run.child import Program, Timeouts
+from tfbus.launch.run.child import LaunchProgram, Timeouts
 from tfbus.launch.run.console import Console, OutputStream
 from tfbus.launch.run.guard import GuardProcess
 from tfbus.launch.run.supervisor import Presence, Supervisor
@@ -26,7 +26,7 @@ _SAME_SIGNAL_S = 0.1
 
 
 def run_programs(
-    programs: Sequence[Program],
+    programs: Sequence[LaunchProgram],
     *,
     presence: Presence | None,
     timeouts: Timeouts,
@@ -42,7 +42,7 @@ def run_programs(
 
 
 async def _run(
-    programs: Sequence[Program],
+    programs: Sequence[LaunchProgram],
     presence: Presence | None,
     timeouts: Timeouts,
     guard: GuardProcess,

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from tfbus.errors import TfbusError
-from tfbus.launch.run.child import Child, Escalation, Program, Timeouts
+from tfbus.launch.run.child import Child, Escalation, LaunchProgram, Timeouts
 from tfbus.launch.run.console import Console
 from tfbus.wording import listed
 
@@ -27,7 +27,7 @@ class Presence(Protocol):
         """Whether the node of this full name appears within `timeout_s`."""
 
 
-class Guard(Protocol):
+class GroupGuard(Protocol):
     """Ends the process groups that it watches if launch itself is killed."""
 
     def watch(self, group: int) -> None:
@@ -45,11 +45,11 @@ class Supervisor:
 
     def __init__(
         self,
-        programs: Sequence[Program],
+        programs: Sequence[LaunchProgram],
         console: Console,
         *,
         presence: Presence | None = None,
-        guard: Guard | None = None,
+        guard: GroupGuard | None = None,
         timeouts: Timeouts | None = None,
     ) -> None:
         self._programs = programs
@@ -111,7 +111,7 @@ class Supervisor:
 
     # -- one program
 
-    async def _keep(self, program: Program) -> None:
+    async def _keep(self, program: LaunchProgram) -> None:
         """Start the program, and start it again as its respawn says."""
         if await self._may_start(program):
             await self._run_and_respawn(program)
@@ -120,7 +120,7 @@ class Supervisor:
         if program.required and not self._is_stopping:
             self._fail(program.name, "required process has ended: stopping all others")
 
-    async def _may_start(self, program: Program) -> bool:
+    async def _may_start(self, program: LaunchProgram) -> bool:
         """Wait for the nodes in `after:`; False if the program must not start."""
         for name in program.after:
 
@@ -135,7 +135,7 @@ class Supervisor:
                 return False
         return not self._is_stopping
 
-    async def _run_and_respawn(self, program: Program) -> None:
+    async def _run_and_respawn(self, program: LaunchProgram) -> None:
         loop = asyncio.get_running_loop()
         in_a_row = 0
         while not self._is_stopping:
@@ -157,12 +157,12 @@ class Supervisor:
             self._say("INFO", program.name, f"process will be started again in {delay_s:g} s")
             await self._until(lambda: self._is_stopping, delay_s)
 
-    def _note_end(self, program: Program, exit_code: int) -> None:
+    def _note_end(self, program: LaunchProgram, exit_code: int) -> None:
         """Note the end of a program that is not started again, and was not told to end."""
         if exit_code:
             self._died.append(program.name)
 
-    async def _run_once(self, program: Program) -> int:
+    async def _run_once(self, program: LaunchProgram) -> int:
         """Start the program and wait for its end and its group's; its exit code."""
         try:
             child = Child(program)

@@ -1,4 +1,4 @@
-"""Messages of any type: bytes to maps, and maps to messages of a type.
+"""Types of messages by name, and maps that become messages of a type.
 
 The bus has names of types, not definitions. Types of `tfbus.messages` are found by their name,
 ROS's by their full name, others by their place in Python: `my_robot.messages:Battery`.
@@ -10,28 +10,19 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from struct import iter_unpack
-from typing import TYPE_CHECKING, Any, Protocol, get_args, get_type_hints
+from typing import Any, Protocol, get_args, get_type_hints
 
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.cli.messages.fields import is_called, prototype, request_of
+from tfbus.cli.message_fields import is_called, prototype, request_of
 from tfbus.command.types import absolute, matching, names_at
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
+from tfbus.wire.codec import as_map, encode_map, from_map, type_name
 from tfbus.wire.ros_fields import renewed
 from tfbus.wording import did_you_mean
-
-if TYPE_CHECKING:
-    from tfbus.geometry.columns import Columns
-    from tfbus.wire.scan import TransformMessage as ReceivedTransforms
-
-
-# The bytes of one message as a map; raises DecodeError.
-Reader = Callable[[bytes], dict[str, Any]]
 
 
 def supplied_type(name: str) -> type | None:
@@ -116,16 +107,6 @@ def call_of_ros(text: str) -> type | None:
         return interface_class(text)
     except DecodeError:
         return None
-
-
-def reader_of(type_name: str) -> Reader:
-    """Reads messages of the type of this name, and checks those of `tfbus.messages`."""
-    if type_name == TRANSFORMS_TYPE:
-        return _read_transforms
-    message_type = supplied_type(type_name)
-    if message_type is None:
-        return decode_map
-    return lambda payload: as_map(decode_message(message_type, payload))
 
 
 def encode_values(values: Mapping[str, Any], what: str) -> bytes:
@@ -230,20 +211,22 @@ def checked_map(text: str, what: str) -> dict[str, Any]:
 
 @cache
 def _supplied() -> dict[str, type]:
-    import tfbus.messages
-
     return {
         name: value
-        for name, value in vars(tfbus.messages).items()
+        for name, value in _all_messages().items()
         if isinstance(value, type) and is_dataclass(value)
     }
 
 
 @cache
 def _supplied_calls() -> dict[str, type]:
-    import tfbus.messages
+    return {name: value for name, value in _all_messages().items() if is_called(value)}
 
-    return {name: value for name, value in vars(tfbus.messages).items() if is_called(value)}
+
+def _all_messages() -> dict[str, Any]:
+    import tfbus.messages  # 50 classes, which `--help` does not need
+
+    return vars(tfbus.messages)
 
 
 def _imported(module: str, name: str, is_one: Callable[[Any], bool], else_: str) -> type:
@@ -269,36 +252,6 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
             )
         if is_dataclass(hints[name]) and isinstance(value, Mapping):
             _check_names(hints[name], value, f"{path}{name}.")
-
-
-def _read_transforms(payload: bytes) -> dict[str, Any]:
-    from tfbus.wire.transforms import decode_transforms  # which other messages do not need
-
-    return transforms_map(decode_transforms(payload))
-
-
-def transforms_map(message: "ReceivedTransforms") -> dict[str, Any]:
-    """A message of transforms as a map."""
-    counted = {} if message.seq is None else {"seq": message.seq}
-    return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.rows)}
-
-
-def _rows(rows: "Columns") -> list[dict[str, Any]]:
-    """The rows as they came, with those that a buffer rejects."""
-    poses = iter_unpack("=7d", rows.poses_bytes())
-    columns = zip(rows.pairs(), rows.stamps_as_ints(), poses, strict=True)
-    return [
-        {
-            "stamp_ns": stamp_ns,
-            "frame_id": rows.frames[parent],
-            "child_frame_id": rows.frames[child],
-            "transform": {
-                "translation": dict(zip("xyz", pose[:3], strict=True)),
-                "rotation": dict(zip("xyzw", pose[3:], strict=True)),
-            },
-        }
-        for (parent, child), stamp_ns, pose in columns
-    ]
 
 
 class _Typed(Protocol):

@@ -7,16 +7,16 @@ import pytest
 from click.testing import CliRunner
 
 from tfbus import NodeSettings
-from tfbus.command.listening import Listening, listening_options
+from tfbus.command.server import ServerOptions, server_options
 
 
-def given(*arguments: str) -> tuple[int, str, list[Listening]]:
+def given(*arguments: str) -> tuple[int, str, list[ServerOptions]]:
     """The exit code, what is printed, and what the command gets."""
-    got: list[Listening] = []
+    got: list[ServerOptions] = []
 
     @click.command()
-    @listening_options("view", 8080)
-    def command(listening: Listening) -> None:
+    @server_options("view", 8080)
+    def command(listening: ServerOptions) -> None:
         got.append(listening)
 
     done = CliRunner().invoke(command, arguments)

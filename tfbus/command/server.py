@@ -39,7 +39,7 @@ class Public:
 
 
 @dataclass(frozen=True)
-class Listening:
+class ServerOptions:
     """The address, and the options of `--public`, as a command line gives them."""
 
     host: str
@@ -87,9 +87,9 @@ class Listening:
             ) from error
 
 
-def listening_options(program: str, port: int) -> Callable[[F], F]:
+def server_options(program: str, port: int) -> Callable[[F], F]:
     """Add `--host`, `--port`, `--public` and its options to a click command, which gets them as
-    `listening`: a Listening.
+    `listening`: a ServerOptions.
 
     Raises click.UsageError for an address that others reach without --public, and for its options
     without it.
@@ -109,7 +109,7 @@ def listening_options(program: str, port: int) -> Callable[[F], F]:
             **values: Any,
         ) -> Any:
             host = host or ("0.0.0.0" if public else "127.0.0.1")
-            listening = Listening(host, port, public, variable, token_file, certificate, key)
+            listening = ServerOptions(host, port, public, variable, token_file, certificate, key)
             _check(listening)
             return function(*args, listening=listening, **values)
 
@@ -168,7 +168,7 @@ def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     return int(text)
 
 
-def _check(listening: Listening) -> None:
+def _check(listening: ServerOptions) -> None:
     host, port = listening.host, listening.port
     if not listening.is_public and not is_local(host):
         raise click.UsageError(

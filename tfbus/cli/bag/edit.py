@@ -1,0 +1,320 @@
+"""`tfbus bag cut`, `filter`, `merge` and `recover`: recordings made from others."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from tfbus.cli.bag.new_file import (
+    about_edited,
+    compression_option,
+    edited,
+    lost_of,
+    output_option,
+    write_recording,
+)
+from tfbus.cli.bag.selecting import (
+    Regex,
+    SeveralNames,
+    names_of,
+    recordings_argument,
+    selected,
+    warn_of_unreadable,
+)
+from tfbus.cli.output import first_lines, print_lines, warn
+from tfbus.command.recordings import BagChoice, OpenBag, open_recording
+from tfbus.command.types import Moment, MomentType
+from tfbus.errors import InvalidNameError, TfbusError
+from tfbus.recording.edit import (
+    Span,
+    conflicting_epochs,
+    cut,
+    in_namespace,
+    joined,
+    repeated,
+    without,
+)
+from tfbus.recording.items import Item
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.recover import Salvage
+from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.recording.writer import Compression
+from tfbus.wire.fleet import has_name
+from tfbus.wire.keys import check_namespace
+from tfbus.wording import did_you_mean, listed, printable
+
+
+@click.command(
+    "cut",
+    epilog="Examples: tfbus bag cut drive.mcap --from 60 --to 90 -o minute.mcap; "
+    "tfbus bag cut drive.mcap --range 0 10 --range -10 -0 -o ends.mcap",
+)
+@recordings_argument
+@click.option(
+    "--from", "begin", type=MomentType(), metavar="TIME", help="Begin here (default: beginning)."
+)
+@click.option("--to", "end", type=MomentType(), metavar="TIME", help="End here (default: end).")
+@click.option(
+    "--range",
+    "ranges",
+    type=(MomentType(), MomentType()),
+    multiple=True,
+    metavar="FROM TO",
+    help="A part to keep; repeatable.",
+)
+@output_option
+@compression_option
+def cut_command(
+    recordings: tuple[Path, ...],
+    begin: Moment | None,
+    end: Moment | None,
+    ranges: tuple[tuple[Moment, Moment], ...],
+    output: Path,
+    force: bool,
+    compression: Compression,
+) -> None:
+    """Write a part of a recording into a new one.
+
+    Times are those at which messages were received: 3 is 3 s after the beginning, -3 is 3 s before
+    the end; or a date and time, or seconds since 1970. The new recording begins with what is in
+    force then: static transforms, streams and nodes.
+    """
+    if ranges and (begin is not None or end is not None):
+        raise click.UsageError("--range and --from or --to are mutually exclusive")
+    if not ranges and begin is None and end is None:
+        raise click.UsageError("give --from, --to or --range")
+    with BagChoice(recordings, begin=begin, end=end).opened() as bag:
+        warn_of_unreadable(bag.reader)
+        spans = [_span(bag, pair) for pair in ranges] or [Span(*bag.span)]
+        written = write_recording(
+            cut(bag.reader, spans),
+            output,
+            force=force,
+            span=(min(each.from_ns for each in spans), max(each.to_ns for each in spans)),
+            sources=[part.path for part in bag.reader.parts],
+            compression=compression,
+            about=about_edited([bag.reader], "cut"),
+            about_at_end=lambda: lost_of([bag.reader]),
+        )
+    click.echo(f"Wrote {output}: {written}")
+
+
+def _span(bag: OpenBag, pair: tuple[Moment, Moment]) -> Span:
+    begin, end = pair
+    return Span(*OpenBag(bag.reader, BagChoice(bag.choice.paths, begin=begin, end=end)).span)
+
+
+@click.command(
+    "filter",
+    epilog="Examples: tfbus bag filter drive.mcap --frames base_link,laser -o small.mcap; "
+    "tfbus bag filter drive.mcap --drop camera/image -o small.mcap",
+)
+@recordings_argument
+@click.option(
+    "--topics",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Only these topics; tf stands for dynamic transforms, tf_static for static ones.",
+)
+@click.option(
+    "--streams",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Only transforms of these streams.",
+)
+@click.option(
+    "--frames",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Only transforms of these child frames.",
+)
+@click.option(
+    "-e",
+    "--regex",
+    type=Regex(),
+    default="",
+    metavar="REGEX",
+    help="Only topics and streams in whose names this is found.",
+)
+@click.option(
+    "-x",
+    "--exclude",
+    "--exclude-regex",
+    type=Regex(),
+    default="",
+    metavar="REGEX",
+    help="Omit topics and streams in whose names this is found.",
+)
+@click.option(
+    "--drop",
+    "dropped",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Drop these topics, streams, frames.",
+)
+@click.option(
+    "--namespace", default="", metavar="NAME", help="Put streams, topics and nodes in a namespace."
+)
+@output_option
+@compression_option
+def filter_command(
+    recordings: tuple[Path, ...],
+    topics: tuple[str, ...],
+    streams: tuple[str, ...],
+    frames: tuple[str, ...],
+    regex: str,
+    exclude: str,
+    dropped: tuple[str, ...],
+    namespace: str,
+    output: Path,
+    force: bool,
+    compression: Compression,
+) -> None:
+    """Write a recording without some of its topics, streams and frames.
+
+    Names follow an option one by one, or with commas. Among the topics, tf stands for dynamic
+    transforms, tf_static for static ones: with --topics without them no transforms are kept, with
+    --streams or --frames no topics.
+    """
+    selection = selected(names_of(topics), names_of(streams), names_of(frames), regex, exclude)
+    drop = frozenset(name.removeprefix("/") for name in names_of(dropped))
+    if selection.is_all and not drop and not namespace:
+        raise click.UsageError("say what to keep or drop: --topics, --frames, --drop, …")
+    try:
+        namespace = check_namespace(namespace)
+    except InvalidNameError as error:
+        raise click.BadParameter(str(error), param_hint="--namespace") from error
+    with open_recording(*recordings) as reader:
+        _check_names(reader, selection, drop)
+        warn_of_unreadable(reader)
+        items: Iterator[Item] = reader.items(selection=selection)
+        if drop:
+            items = without(items, drop)
+        if namespace:
+            items = in_namespace(items, namespace)
+        written = write_recording(
+            items,
+            output,
+            force=force,
+            span=(reader.start_ns, reader.end_ns),
+            sources=[part.path for part in reader.parts],
+            compression=compression,
+            about=about_edited([reader], "filter"),
+            about_at_end=lambda: lost_of([reader]),
+        )
+    click.echo(f"Wrote {output}: {written}")
+
+
+def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[str]) -> None:
+    """Raises click.UsageError for a topic, stream or frame that is not in the recording."""
+    topics = {topic.name for topic in reader.topics}
+    streams = {each.stream.name for each in reader.streams}
+    asked = [
+        *(("topic", name, topics) for name in selection.topics if not is_of_transforms(name)),
+        *(("stream", name, streams) for name in selection.streams),
+    ]
+    if selection.frames or drop:  # reads the index, which takes a moment of a long recording
+        frames = reader.child_frames()
+        spaces = {each.stream.namespace for each in reader.streams}
+        asked += [
+            ("child frame", name, frames)
+            for name in selection.frames
+            if not any(has_name(each, space, name) for each in frames for space in spaces)
+        ]
+        every = topics | streams | frames
+        asked += [("topic, stream or child frame", name, every) for name in sorted(drop)]
+    for kind, name, known in asked:
+        if name not in known:
+            raise click.UsageError(
+                f"there is no {kind} '{printable(name, 60)}' in the recording"
+                + did_you_mean(name, known, none=f", which has no {kind}s")
+            )
+
+
+@click.command("merge", epilog="Example: tfbus bag merge robot.mcap laptop.mcap -o both.mcap")
+@recordings_argument
+@output_option
+@compression_option
+def merge_command(
+    recordings: tuple[Path, ...], output: Path, force: bool, compression: Compression
+) -> None:
+    """Write several recordings into one, in order of time.
+
+    A stream or topic that several have is one in the result, and a message that several recorders
+    of one bus received comes once. A folder is one recording.
+    """
+    with ExitStack() as stack:
+        readers = [stack.enter_context(open_recording(path)) for path in recordings]
+        for again, first in repeated(readers):
+            readers.remove(again)
+            name, other = again.parts[0].name, first.parts[0].name
+            same = "is given twice" if name == other else f"is the same as {other}"
+            warn(f"{name} {same}: it counts once")
+        for reader in readers:
+            warn_of_unreadable(reader)
+        if names := conflicting_epochs(readers):
+            warn(
+                f"two publishers of one name at the same time: {listed(names)}; of such a stream "
+                "only the newer counts: `tfbus bag filter --namespace` gives a recording's streams "
+                "and topics a namespace"
+            )
+        full = [reader for reader in readers if reader.end_ns] or readers
+        span = (min(each.start_ns for each in full), max(each.end_ns for each in full))
+        written = write_recording(
+            joined(readers),
+            output,
+            force=force,
+            span=span,
+            sources=[part.path for reader in readers for part in reader.parts],
+            compression=compression,
+            about=about_edited(readers, "merge"),
+            about_at_end=lambda: lost_of(readers),
+        )
+    click.echo(f"Wrote {output}: {written}")
+
+
+@click.command("recover", epilog="Example: tfbus bag recover drive.mcap -o whole.mcap")
+@click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@output_option
+@compression_option
+def recover_command(recording: Path, output: Path, force: bool, compression: Compression) -> None:
+    """Write what can be read of a recording that is cut short or damaged.
+
+    Each chunk of messages has a checksum: whole ones are kept, with what others wrote too. The
+    file itself stays as it is.
+    """
+    name = printable(str(recording))
+    try:
+        salvage = Salvage(recording)
+    except OSError as error:
+        raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
+    try:
+        if salvage.topics_left_out:
+            warn(f"left out, as their messages cannot be read: {listed(salvage.topics_left_out)}")
+        written = write_recording(
+            salvage.items(),
+            output,
+            force=force,
+            span=(salvage.start_ns, salvage.end_ns),
+            sources=[recording],
+            compression=compression,
+            about={**salvage.about, "edited": edited([recording], "recover")},
+            about_at_end=lambda: {"lost": str(salvage.loss)} if salvage.loss else {},
+        )
+        loss = salvage.loss
+    finally:
+        salvage.close()
+    click.echo(f"Wrote {output}: {written}")
+    lines = loss.lines()
+    if not loss:
+        click.echo(f"{name} was whole: nothing is lost")
+    elif len(lines) == 1:
+        click.echo(f"Lost of {name}: {lines[0]}")
+    else:
+        click.echo(f"Lost of {name}:")
+        print_lines(f"  {line}" for line in first_lines(lines))

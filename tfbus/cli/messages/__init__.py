@@ -1,1 +1,0 @@
-"""Messages on the command line: typed in, printed, filtered."""

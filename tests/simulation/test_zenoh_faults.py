@@ -5,6 +5,8 @@ import pytest
 import tfbus
 from tests.simulation.stages import SimulatedStage
 from tfbus.broadcast.stream import Stream
+from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.testing import Network
 
 
@@ -154,3 +156,42 @@ def test_no_half_link_follows_from_the_end_of_one(network: Network, stage: Simul
     network.heal()
     network.run(10.0)
     assert a.living("t/*") == b.living("t/*") == ["t/a", "t/b"]
+
+
+def test_the_end_of_a_process_on_a_thread_that_waits_is_not_that_of_the_next(
+    network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The token of the next one comes first: its stream is alive, though it hardly ever sends."""
+    on_token = StreamWatch._on_token
+
+    def on_token_late(watch: StreamWatch, key: str, alive: bool) -> None:
+        if not alive:
+            scheduler.sleep(2.0)
+        on_token(watch, key, alive)
+
+    monkeypatch.setattr(StreamWatch, "_on_token", on_token_late)
+
+    def publish(x: float) -> None:
+        node = tfbus.Node("sim")
+        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", tfbus.Transform((x, 0, 0)))
+        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        node.spin()
+
+    with network.process(network.host("h3"), "listener"):
+        buffer = tfbus.Buffer()
+        listener = tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        return buffer.lookup_transform("world", "mount").transform.x
+
+    network.start(network.host("h1"), "sim", publish, 1.0)
+    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(30.0)
+    network.kill("h1/sim")
+    network.start(network.host("h2"), "sim", publish, 2.0)
+    network.run(until=lambda: x() == 2.0)
+    network.run(5.0)
+    assert listener.streams()[0].alive
+    assert not buffer.frame("mount").gone
+    network.kill("h2/sim")
+    network.run(until=lambda: buffer.frame("mount").gone)

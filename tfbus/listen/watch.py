@@ -1,13 +1,15 @@
 """Which streams there are, by their liveliness tokens and descriptions, without their data."""
 
 import logging
+import math
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 
 from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError
+from tfbus.errors import BusError, DecodeError
 from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import StreamState
@@ -27,6 +29,8 @@ from tfbus.wording import stamp_text
 MOST_GONE = 1000
 # News of a token that change places come within a moment: of so many the order is known.
 _MOST_NEWS = 1000
+# An end that is told so soon after the begin may be that of the process before.
+_ENDS_LATE_S = 10.0
 
 # A token may come before its publisher can answer, or has anything to describe.
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
@@ -96,6 +100,8 @@ class StreamWatch:
         self._living: set[str] = set()
         # When the latest news of a token came.
         self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
+        # The questions whether a token is there whose end has been told, by its key.
+        self._checks: dict[str, object] = {}
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -231,9 +237,35 @@ class StreamWatch:
     def _note_token(self, key: str, alive: bool, came_s: float) -> None:
         # The end of a process and the begin of the next come on two threads of Zenoh, of which the
         # former may be the last to get here.
-        if came_s < self._news_s.get(key, came_s):
+        latest_s = self._news_s.get(key, -math.inf)
+        if came_s < latest_s:
             return
         self._news_s[key] = came_s
+        self._change_token(key, alive, came_s)
+        if not alive and came_s < latest_s + _ENDS_LATE_S:
+            self._check_end(key)
+
+    def _check_end(self, key: str) -> None:
+        """Ask whether a token is there whose end has been told: it was that of the process before
+        if the thread that brought it had no processor.
+        """
+        check = self._checks[key] = object()
+
+        def take(is_there: bool) -> None:
+            # What has been told of the token in the meantime is newer.
+            if self._checks.get(key) is check:
+                del self._checks[key]
+                if is_there and not self._closed:
+                    self._change_token(key, True, scheduler.monotonic())
+
+        def on_end(living: list[str]) -> None:
+            self._do(lambda: take(key in living))
+
+        with suppress(BusError):  # the session is closed
+            self._session.living_later(key, on_end)
+
+    def _change_token(self, key: str, alive: bool, came_s: float) -> None:
+        self._checks.pop(key, None)
         (self._living.add if alive else self._living.discard)(key)
         self._take_token(key, alive, came_s)
 

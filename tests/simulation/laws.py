@@ -403,6 +403,9 @@ class Laws:
             if value is not None and not (series and series.publisher is not publisher and is_gone):
                 self._suspect(f"{part.name}: {frame} is there, and was removed")
             return
+        if frame not in publisher.newest_ns:
+            # Removed once, and not sent again so far.
+            return
         if series is None or series.publisher is not publisher or is_gone:
             state = f" (value {value}, marked as gone: {is_gone})"
             self._suspect(f"{part.name}: {frame} of {publisher.number} is not there{state}")

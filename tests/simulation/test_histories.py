@@ -25,6 +25,8 @@ _FAILED_ONCE = (
     (LARGE, 3, (146, 182, 589, 628, 656, 700)),
     # By the law a plain stream, of which messages still came, was not to follow one that was over.
     (SMALL, 955148245333, (0, 22, 23, 24, 25, 27)),
+    # By the law a frame that was removed once was there before its publisher sent it again.
+    (LARGE, 5, (25, 29, 126, 363)),
 )
 
 

@@ -93,8 +93,12 @@ def test_an_endless_query_ends_by_its_timeout(network: Network, stage: Simulated
     assert network.now_ns - begun_ns >= 5e9
 
 
-def _frames_known(network: Network, lost: int) -> list[str]:
-    """The frames that a listener knows 10 s after the declaration of this number was lost."""
+def _frames_known(
+    network: Network, lost: int, *, delay_s: float = 0.0, after_s: float = 10.0
+) -> list[str]:
+    """The frames that a listener knows some time after the declaration of this number was lost, by
+    a path with this delay.
+    """
     network.host("h1"), network.host("h2")
     declared = 0
 
@@ -116,9 +120,10 @@ def _frames_known(network: Network, lost: int) -> list[str]:
         dynamic = tfbus.TransformBroadcaster(node)
         dynamic.send_transform(tfbus.TransformStamped(node.now_ns(), "world", "robot", here))
     network.run(5.0)
+    network.path("h1", "h2", delay_s=delay_s)
     with network.process("h2", "listener"):
         listener = tfbus.TransformListener(tfbus.Buffer(), listening, history_s=0.0)
-        network.run(10.0)
+        network.run(after_s)
         (info,) = listener.streams()
     return sorted(child for _, child, _ in info.frames) + sorted(listener.buffer.frames())
 
@@ -129,6 +134,15 @@ def test_a_late_listener_learns_a_stream_whichever_declaration_is_lost(
 ) -> None:
     """It knows what the stream lists, and has its static transforms."""
     assert _frames_known(network, lost) == ["fixed", "robot", "fixed", "world"]
+
+
+@pytest.mark.parametrize("lost", range(7))
+def test_a_late_listener_learns_a_stream_whose_answers_take_three_seconds(
+    network: Network, lost: int
+) -> None:
+    """It waits for them, whichever declaration is lost."""
+    known = _frames_known(network, lost, delay_s=1.5, after_s=25.0)
+    assert known == ["fixed", "robot", "fixed", "world"]
 
 
 def test_a_publisher_of_an_earlier_version_answers_with_its_statics(

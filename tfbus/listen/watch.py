@@ -13,7 +13,7 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import StreamState
-from tfbus.listen.queries import ask_for_description
+from tfbus.listen.queries import ANSWER_WITHIN_S, PATIENT_FROM_TURN, ask_for_description
 from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
@@ -435,6 +435,8 @@ class StreamWatch:
                 self._do(lambda: count_end(turn))
 
             ask_for_description(self._session, key, turn, on_answer, end)
+            if turn >= PATIENT_FROM_TURN:
+                self._executor.after(ANSWER_WITHIN_S, lambda: count_end(turn))
 
         def count_end(turn: int) -> None:
             nonlocal ended, next_to_count

@@ -42,6 +42,8 @@ _PATIENCE = 4
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
 _CLAIMS_APART_S = 1.0
+# Where two sessions publish a stream no token tells the end of one: so often it is asked for.
+_LOOKS_APART_S = 4.0
 
 # The descriptions of at most this many tokens are asked for at a time. Where further ones wait, one
 # that has been asked for five times gives way, and waits again.
@@ -74,7 +76,8 @@ class StreamWatch:
     epoch: a second process that publishes the stream. Where the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
     answers; neither does one with a later epoch in the future. What others send at the key is
-    `rejected`.
+    `rejected`. As long as both answer, the watch asks every few seconds who is left: the end of one
+    is told by no token.
     """
 
     def __init__(
@@ -110,6 +113,8 @@ class StreamWatch:
         self._claims: dict[str, AskUntil] = {}
         # The questions whether the owner of a stream still answers, likewise.
         self._challenges: dict[str, AskUntil] = {}
+        # The streams that several sessions publish, of which it will be asked who is left.
+        self._looks: set[str] = set()
         self._received = FairQueue()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
@@ -318,6 +323,56 @@ class StreamWatch:
         alive = former.alive or former.name in self._returning
         self._returning.pop(former.name, None)
         self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
+        self._look_later(former.key)
+
+    def _look_later(self, key: str) -> None:
+        """Ask in a while who is left of the sessions that publish a stream."""
+        state = self._state(key)
+        if not (state.displaced or state.held) or not state.alive or key in self._looks:
+            return
+        if len(self._looks) < _MOST_CLAIMS and not self._closed:
+            self._looks.add(key)
+            self._executor.after(_LOOKS_APART_S, lambda: self._look(key))
+
+    def _look(self, key: str) -> None:
+        """Have another session take the stream over if it answers, and the owner does not."""
+        owner = self._state(key).owner
+        answers: dict[str, Answer] = {}
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_for_description(self._session, key, turn, on_answer, on_end)
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None and len(answers) < _MOST_ANSWERS:
+                answers[answer.sender] = answer
+
+        def on_over() -> None:
+            self._looks.discard(key)
+            others = [answer for sender, answer in list(answers.items()) if sender != owner]
+            if self._closed or (owner in answers and not others):
+                return
+            if owner not in answers and self._state(key).owner == owner:
+                self._take_one_of(key, others)
+            self._look_later(key)
+
+        AskUntil(
+            self._executor,
+            _WHAT,
+            _CLAIM_PAUSES,
+            ask=ask,
+            is_settled=lambda: self._closed or (owner in answers and len(answers) > 1),
+            on_over=on_over,
+        ).start()
+
+    def _take_one_of(self, key: str, answers: list[Answer]) -> None:
+        """Take the latest of these descriptions, each from the session that it names."""
+        read = [(self._read(key, answer.payload), answer.sender) for answer in answers]
+        found = [(each, sender) for each, sender in read if each and each.session == sender]
+        if found:
+            description, sender = max(found, key=_rank)
+            self._take_description(
+                key, description, sender, asked_epoch_ns=description.epoch, owner_is_silent=True
+            )
 
     def _ask_owner(
         self, state: StreamState, description: StreamDescription, challenger: str

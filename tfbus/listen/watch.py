@@ -323,14 +323,12 @@ class StreamWatch:
         alive = former.alive or former.name in self._returning
         self._returning.pop(former.name, None)
         self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
-        self._look_later(former.key)
+        if former.owner and former.alive and sender != former.owner:
+            self._look_later(former.key)
 
     def _look_later(self, key: str) -> None:
         """Ask in a while who is left of the sessions that publish a stream."""
-        state = self._state(key)
-        if not (state.displaced or state.held) or not state.alive or key in self._looks:
-            return
-        if len(self._looks) < _MOST_CLAIMS and not self._closed:
+        if key not in self._looks and len(self._looks) < _MOST_CLAIMS and not self._closed:
             self._looks.add(key)
             self._executor.after(_LOOKS_APART_S, lambda: self._look(key))
 
@@ -349,12 +347,14 @@ class StreamWatch:
         def on_over() -> None:
             self._looks.discard(key)
             others = [answer for sender, answer in list(answers.items()) if sender != owner]
-            if self._closed or (owner in answers and not others):
-                return
-            if owner not in answers and self._state(key).owner == owner:
+            if owner not in answers and self._state(key).owner == owner and not self._closed:
                 self._take_one_of(key, others)
-            self._look_later(key)
+            if others or owner not in answers:
+                self._look_later(key)
 
+        if not self._state(key).alive:
+            self._looks.discard(key)
+            return
         AskUntil(
             self._executor,
             _WHAT,
@@ -520,6 +520,8 @@ class StreamWatch:
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, *max(readable, key=_rank))
+                if len(readable) > 1:
+                    self._look_later(key)
             elif answers:
                 self._take_back(key)
             return bool(answers if epoch_ns is None else readable)

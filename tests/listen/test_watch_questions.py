@@ -33,6 +33,8 @@ class Questions:
         self.answers: list[bytes] = []
         self.asked_at_s: list[float] = []
         self.asked_keys: list[str] = []
+        # The tokens that are there, whatever has been told of them.
+        self.living: list[str] = []
         self.now_s = 0.0
         self._order = itertools.count()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
@@ -51,6 +53,9 @@ class Questions:
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> None:
         self.token = callback
+
+    def living_later(self, key: str, on_end: Callable[[list[str]], None]) -> None:
+        self.after(self.takes_s, lambda: on_end(self.living))
 
     def ask(self, session: Session, key: str, turn: int, on_answer: Any, on_end: Any) -> None:
         self.asked_at_s.append(self.now_s)
@@ -182,6 +187,21 @@ def test_the_end_of_a_process_that_is_told_late_is_not_that_of_the_next(
     questions.run(1.5)
     assert questions.is_alive()
     assert questions.watch.has_token(KEY)
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_an_end_that_comes_soon_after_the_begin_counts_unless_the_token_is_there(
+    questions: Questions, is_there: bool
+) -> None:
+    """It may be the end of the process before, on a thread of Zenoh that had no processor."""
+    questions.living = [KEY] if is_there else []
+    questions.run(1.0)
+    questions.token(KEY, False)
+    questions.answers = [encode_message(description(9))]
+    questions.run(2.0)
+    assert questions.is_alive() == questions.watch.has_token(KEY) == is_there
+    # That of the process before describes it no more.
+    assert questions.epoch_ns() == (9 if is_there else 7)
 
 
 @pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])

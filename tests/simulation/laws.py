@@ -32,6 +32,8 @@ MOST_THREADS = 32
 # After a process with a later epoch whose end no token tells, since another is there, that one
 # counts after four messages by itself, and a question.
 _ALONE_FOR_PERIODS = 5.0
+# It counts at the earliest after such a silence of the other.
+_SILENT_BEFORE_TAKEOVER_S = 1.05
 
 _CALM_DELAY_S = 0.1
 # A listener believes what those say of their start that it meets in its first 5 s.
@@ -62,8 +64,9 @@ class Laws:
         # What is wrong at one look may be under way; at two it is not.
         self._suspected: set[str] = set()
         self._suspects: set[str] = set()
-        # The process that each frame of each listener was of last.
-        self._last_seen: dict[tuple[int, str], int] = {}
+        # The last process that each frame of each listener was of, the stamp of the last that came
+        # of it, and when that was seen.
+        self._last_seen: dict[tuple[int, str], tuple[int, int | None, float]] = {}
         self._stepped_s: dict[str, float] = {}
         self._stuck: dict[Any, tuple[int, float]] = {}
         # Since when a listener takes a stream for gone.
@@ -318,19 +321,27 @@ class Laws:
         """A process that has ended does not take the place of its successor again.
 
         Its own word for its epoch may come late, where tasks stall and paths are slow: it counts
-        until the successor has given its own.
+        until the successor has given its own. A plain stream gives no word: what comes late of it
+        counts again as soon as its successor is silent, which may have ended, too.
         """
-        key = id(part), frame
-        last = self._last_seen.get(key, 0)
-        self._last_seen[key] = max(last, number)
+        key, newest_ns = (id(part), frame), part.buffer.frame(frame).newest_ns
+        last, last_ns, came_s = self._last_seen.get(key, (0, None, 0.0))
+        if number >= last and (number, newest_ns) != (last, last_ns):
+            self._last_seen[key] = number, newest_ns, self._run.now_s
         later = self._run.by_number.get(last)
         ended_s = self._died_s.get(number, 1e9)
-        if later is not None and number < last and ended_s <= later.began_s:
-            text = f"{part.name}: {frame} is of {number} again, which has ended, after {last}"
-            if not self._run.plan.stalls:
+        if later is None or number >= last or ended_s > later.began_s:
+            return
+        text = f"{part.name}: {frame} is of {number} again, which has ended, after {last}"
+        if later.slot == PLAIN:
+            # The last of the successor came since the look before, the first of the other till now.
+            silent_for_s = self._run.now_s - came_s + self._run.plan.size.look_s
+            if silent_for_s < _SILENT_BEFORE_TAKEOVER_S and not self._run.plan.stalls:
                 self._run.violate(text)
-            elif later.is_alive and self.calm_for_s(part.process, later) > 2.0 * self._patience:
-                self._suspect(text)
+        elif not self._run.plan.stalls:
+            self._run.violate(text)
+        elif later.is_alive and self.calm_for_s(part.process, later) > 2.0 * self._patience:
+            self._suspect(text)
 
     def _check_lookups(self, part: "Part", frame: str) -> None:
         """No lookup answers with a value that no process sent for that stamp."""
@@ -391,6 +402,9 @@ class Laws:
         if frame in publisher.removed:
             if value is not None and not (series and series.publisher is not publisher and is_gone):
                 self._suspect(f"{part.name}: {frame} is there, and was removed")
+            return
+        if frame not in publisher.newest_ns:
+            # Removed once, and not sent again so far.
             return
         if series is None or series.publisher is not publisher or is_gone:
             state = f" (value {value}, marked as gone: {is_gone})"

@@ -126,6 +126,9 @@ class Plan:
         # Small ones have it often enough, and what is drawn apart changes no other draw.
         if size is SMALL and PLAIN in senders and apart.random() < 0.6:
             found += _overtakes(apart, senders, readers, size.seconds)
+        apart = random.Random(f"{seed}, removed")
+        if size is SMALL and apart.random() < 0.3:
+            found += _joins_as_one_removes(apart, senders, readers, size.seconds)
         return cls(
             seed,
             size,
@@ -240,6 +243,29 @@ def _overtakes(
             Action(round(turn_s + 2.5 + delay_s, 3), "fail_over", PLAIN, (near,)),
         ]
     return found
+
+
+def _joins_as_one_removes(
+    draw: random.Random, senders: _Senders, readers: _Readers, end_s: float
+) -> list[Action]:
+    """A frame is removed between a kept message, which is slow, and the list that has it no more,
+    and hardly anything more happens that would tell.
+    """
+    pairs = [
+        (who, host, sender, far)
+        for who, (host, history_s, _) in readers.items()
+        for sender, far in senders.items()
+        if history_s and sender != PLAIN and far != host
+    ]
+    if not pairs:
+        return []
+    reader, here, sender, far = draw.choice(pairs)
+    at_s, delay_s = round(draw.uniform(0.7, 0.9) * end_s, 3), round(draw.uniform(0.3, 1.5), 3)
+    return [
+        Action(at_s, "slow", here, (far, delay_s, 0.0, draw.choice((0, 2_000)))),
+        Action(at_s, "listen_again", reader),
+        Action(round(at_s + draw.uniform(0.5, 1.3) * delay_s, 3), "remove", sender),
+    ]
 
 
 def _drawn_action(

@@ -77,6 +77,20 @@ def a_subscriber_of_others_hears_nothing_of_its_own(stage: Stage) -> None:
 
 
 @scenario
+def of_two_subscribers_of_a_key_the_end_of_one_leaves_the_other(stage: Stage) -> None:
+    b = stage.open("b", "h2")
+    b.subscriber("in", "k")
+    b.subscriber("too", "k")
+    a = stage.open("a")
+    a.publisher("k")
+    a.expect("heard", "k", gives=True)
+    b.end("too")
+    _let_arrive(b, a)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
 def one_star_stands_for_one_chunk(stage: Stage) -> None:
     a, b = _pair(stage)
     b.subscriber("in", "k/*")

@@ -1,6 +1,9 @@
 """Listeners while clocks are set, publishers begin anew, and frames are removed."""
 
+import pytest
+
 import tfbus
+from tfbus.runtime import scheduler
 from tfbus.testing import Network
 
 
@@ -164,3 +167,42 @@ def test_static_transforms_of_the_survivor_of_two_do_not_hold_it_back(network: N
     network.run(5.0)
     network.power_off("h2")
     network.run(until=lambda: x() == 1.0)
+
+
+@pytest.mark.parametrize("dies", ["h1", "h2"])
+def test_of_two_publishers_the_one_that_is_left_counts_though_it_is_silent(
+    network: Network, dies: str
+) -> None:
+    """The end of the other is told by no token, and no message tells who is left."""
+
+    def publish(x: float, messages: int) -> None:
+        node = tfbus.Node("sim")
+        dynamic = tfbus.TransformBroadcaster(node)
+        pose = tfbus.Transform((x, 0.0, 0.0))
+        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
+        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        for _ in range(messages):
+            _send(dynamic, node, "robot")
+            scheduler.sleep(0.5)
+        node.spin()
+
+    with network.process(network.host("h3"), "listener"):
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        return buffer.lookup_transform("world", "mount").transform.x
+
+    # The first goes on to send after the second, and counts again.
+    network.start(network.host("h1"), "sim", publish, 1.0, 40 if dies == "h1" else 4)
+    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(5.0)
+    network.start(network.host("h2"), "sim", publish, 2.0, 4)
+    network.run(until=lambda: x() == 2.0)
+    if dies == "h1":
+        network.run(until=lambda: x() == 1.0)
+    network.run(30.0)
+    network.power_off(dies)
+    network.run(until=lambda: x() == (2.0 if dies == "h1" else 1.0))
+    network.run(5.0)
+    assert not buffer.frame("mount").gone

@@ -5,6 +5,8 @@ import pytest
 import tfbus
 from tests.simulation.stages import SimulatedStage
 from tfbus.broadcast.stream import Stream
+from tfbus.listen.watch import StreamWatch
+from tfbus.runtime import scheduler
 from tfbus.testing import Network
 
 
@@ -91,8 +93,12 @@ def test_an_endless_query_ends_by_its_timeout(network: Network, stage: Simulated
     assert network.now_ns - begun_ns >= 5e9
 
 
-def _frames_known(network: Network, lost: int) -> list[str]:
-    """The frames that a listener knows 10 s after the declaration of this number was lost."""
+def _frames_known(
+    network: Network, lost: int, *, delay_s: float = 0.0, after_s: float = 10.0
+) -> list[str]:
+    """The frames that a listener knows some time after the declaration of this number was lost, by
+    a path with this delay.
+    """
     network.host("h1"), network.host("h2")
     declared = 0
 
@@ -114,9 +120,10 @@ def _frames_known(network: Network, lost: int) -> list[str]:
         dynamic = tfbus.TransformBroadcaster(node)
         dynamic.send_transform(tfbus.TransformStamped(node.now_ns(), "world", "robot", here))
     network.run(5.0)
+    network.path("h1", "h2", delay_s=delay_s)
     with network.process("h2", "listener"):
         listener = tfbus.TransformListener(tfbus.Buffer(), listening, history_s=0.0)
-        network.run(10.0)
+        network.run(after_s)
         (info,) = listener.streams()
     return sorted(child for _, child, _ in info.frames) + sorted(listener.buffer.frames())
 
@@ -127,6 +134,15 @@ def test_a_late_listener_learns_a_stream_whichever_declaration_is_lost(
 ) -> None:
     """It knows what the stream lists, and has its static transforms."""
     assert _frames_known(network, lost) == ["fixed", "robot", "fixed", "world"]
+
+
+@pytest.mark.parametrize("lost", range(7))
+def test_a_late_listener_learns_a_stream_whose_answers_take_three_seconds(
+    network: Network, lost: int
+) -> None:
+    """It waits for them, whichever declaration is lost."""
+    known = _frames_known(network, lost, delay_s=1.5, after_s=25.0)
+    assert known == ["fixed", "robot", "fixed", "world"]
 
 
 def test_a_publisher_of_an_earlier_version_answers_with_its_statics(
@@ -154,3 +170,42 @@ def test_no_half_link_follows_from_the_end_of_one(network: Network, stage: Simul
     network.heal()
     network.run(10.0)
     assert a.living("t/*") == b.living("t/*") == ["t/a", "t/b"]
+
+
+def test_the_end_of_a_process_on_a_thread_that_waits_is_not_that_of_the_next(
+    network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The token of the next one comes first: its stream is alive, though it hardly ever sends."""
+    on_token = StreamWatch._on_token
+
+    def on_token_late(watch: StreamWatch, key: str, alive: bool) -> None:
+        if not alive:
+            scheduler.sleep(2.0)
+        on_token(watch, key, alive)
+
+    monkeypatch.setattr(StreamWatch, "_on_token", on_token_late)
+
+    def publish(x: float) -> None:
+        node = tfbus.Node("sim")
+        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", tfbus.Transform((x, 0, 0)))
+        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        node.spin()
+
+    with network.process(network.host("h3"), "listener"):
+        buffer = tfbus.Buffer()
+        listener = tfbus.TransformListener(buffer, tfbus.Node("listener"))
+
+    def x() -> float:
+        return buffer.lookup_transform("world", "mount").transform.x
+
+    network.start(network.host("h1"), "sim", publish, 1.0)
+    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(30.0)
+    network.kill("h1/sim")
+    network.start(network.host("h2"), "sim", publish, 2.0)
+    network.run(until=lambda: x() == 2.0)
+    network.run(5.0)
+    assert listener.streams()[0].alive
+    assert not buffer.frame("mount").gone
+    network.kill("h2/sim")
+    network.run(until=lambda: buffer.frame("mount").gone)

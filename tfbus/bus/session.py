@@ -358,17 +358,30 @@ class Session(NetworkSession):
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
+        found: scheduler.SimpleQueue[list[str]] = scheduler.SimpleQueue()
+        self.living_later(key, found.put, timeout_s=timeout_s)
+        return found.get()
+
+    def living_later(
+        self, key: str, on_end: Callable[[list[str]], None], *, timeout_s: float = 1.0
+    ) -> None:
+        """Ask as `living` and return at once: `on_end(keys)` is called once."""
         at, key = self.placed(key)
-        keys: scheduler.SimpleQueue[str | None] = scheduler.SimpleQueue()
-        handler = direct(
-            lambda reply: keys.put(str(reply.ok.key_expr) if reply.ok else ""),
-            lambda: keys.put(None),
-        )
-        with self._errors(f"list {key}"):
-            at.zenoh.liveliness().get(key, handler, timeout=timeout_s)
-        found = set(filter(None, iter(keys.get, None)))
         is_stray = self.callbacks.strays(key)
-        return sorted(each for each in found if is_stray is None or not is_stray(each))
+        found: set[str] = set()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found.add(str(reply.ok.key_expr))
+
+        def end(_: object) -> None:
+            on_end(sorted(each for each in found if is_stray is None or not is_stray(each)))
+
+        guarded_end = self.callbacks.guarded(f"list of {key}", end)
+        with self._errors(f"list {key}"):
+            at.zenoh.liveliness().get(
+                key, direct(on_reply, lambda: guarded_end(None)), timeout=timeout_s
+            )
 
     # Links
 

@@ -26,7 +26,14 @@ from tfbus.wire.keys import (
     static_transforms_key_beside,
 )
 
-_ANSWER_WITHIN_S = 2.0
+ANSWER_WITHIN_S = 2.0
+# An answer by a slow path takes longer: from this turn on it is waited for.
+PATIENT_FROM_TURN = 4
+_LATE_ANSWER_WITHIN_S = 10.0
+
+
+def _answer_within_s(turn: int) -> float:
+    return ANSWER_WITHIN_S if turn < PATIENT_FROM_TURN else _LATE_ANSWER_WITHIN_S
 
 
 def ask_for_statics(
@@ -39,9 +46,9 @@ def ask_for_statics(
     """Query the static transforms of the stream of this token; `turn` counts from 0."""
     key = static_transforms_key_beside(stream_key)
     if turn % 2:
-        session.ask_later(key, None, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=_answer_within_s(turn))
     else:
-        ask_retained_later(session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+        ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
 
 
 def ask_for_description(
@@ -53,7 +60,7 @@ def ask_for_description(
 ) -> None:
     """Query the description of the stream of this token; `turn` counts from 0."""
     if turn % 2 == 0:
-        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=_answer_within_s(turn))
         return
     static_key = static_transforms_key_beside(stream_key)
 
@@ -67,7 +74,7 @@ def ask_for_description(
         None,
         on_any_answer,
         on_end,
-        timeout_s=_ANSWER_WITHIN_S,
+        timeout_s=_answer_within_s(turn),
         answers_at=stream_key,
     )
 

@@ -1,17 +1,19 @@
 """Which streams there are, by their liveliness tokens and descriptions, without their data."""
 
 import logging
+import math
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 
 from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError
+from tfbus.errors import BusError, DecodeError
 from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import StreamState
-from tfbus.listen.queries import ask_for_description
+from tfbus.listen.queries import ANSWER_WITHIN_S, PATIENT_FROM_TURN, ask_for_description
 from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
@@ -27,6 +29,8 @@ from tfbus.wording import stamp_text
 MOST_GONE = 1000
 # News of a token that change places come within a moment: of so many the order is known.
 _MOST_NEWS = 1000
+# An end that is told so soon after the begin may be that of the process before.
+_ENDS_LATE_S = 10.0
 
 # A token may come before its publisher can answer, or has anything to describe.
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
@@ -38,6 +42,8 @@ _PATIENCE = 4
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
 _CLAIMS_APART_S = 1.0
+# Where two sessions publish a stream no token tells the end of one: so often it is asked for.
+_LOOKS_APART_S = 4.0
 
 # The descriptions of at most this many tokens are asked for at a time. Where further ones wait, one
 # that has been asked for five times gives way, and waits again.
@@ -70,7 +76,8 @@ class StreamWatch:
     epoch: a second process that publishes the stream. Where the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
     answers; neither does one with a later epoch in the future. What others send at the key is
-    `rejected`.
+    `rejected`. As long as both answer, the watch asks every few seconds who is left: the end of one
+    is told by no token.
     """
 
     def __init__(
@@ -96,6 +103,8 @@ class StreamWatch:
         self._living: set[str] = set()
         # When the latest news of a token came.
         self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
+        # The questions whether a token is there whose end has been told, by its key.
+        self._checks: dict[str, object] = {}
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -104,6 +113,8 @@ class StreamWatch:
         self._claims: dict[str, AskUntil] = {}
         # The questions whether the owner of a stream still answers, likewise.
         self._challenges: dict[str, AskUntil] = {}
+        # The streams that several sessions publish, of which it will be asked who is left.
+        self._looks: set[str] = set()
         self._received = FairQueue()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
@@ -231,9 +242,35 @@ class StreamWatch:
     def _note_token(self, key: str, alive: bool, came_s: float) -> None:
         # The end of a process and the begin of the next come on two threads of Zenoh, of which the
         # former may be the last to get here.
-        if came_s < self._news_s.get(key, came_s):
+        latest_s = self._news_s.get(key, -math.inf)
+        if came_s < latest_s:
             return
         self._news_s[key] = came_s
+        self._change_token(key, alive, came_s)
+        if not alive and came_s < latest_s + _ENDS_LATE_S:
+            self._check_end(key)
+
+    def _check_end(self, key: str) -> None:
+        """Ask whether a token is there whose end has been told: it was that of the process before
+        if the thread that brought it had no processor.
+        """
+        check = self._checks[key] = object()
+
+        def take(is_there: bool) -> None:
+            # What has been told of the token in the meantime is newer.
+            if self._checks.get(key) is check:
+                del self._checks[key]
+                if is_there and not self._closed:
+                    self._change_token(key, True, scheduler.monotonic())
+
+        def on_end(living: list[str]) -> None:
+            self._do(lambda: take(key in living))
+
+        with suppress(BusError):  # the session is closed
+            self._session.living_later(key, on_end)
+
+    def _change_token(self, key: str, alive: bool, came_s: float) -> None:
+        self._checks.pop(key, None)
         (self._living.add if alive else self._living.discard)(key)
         self._take_token(key, alive, came_s)
 
@@ -286,6 +323,56 @@ class StreamWatch:
         alive = former.alive or former.name in self._returning
         self._returning.pop(former.name, None)
         self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
+        if former.owner and former.alive and sender != former.owner:
+            self._look_later(former.key)
+
+    def _look_later(self, key: str) -> None:
+        """Ask in a while who is left of the sessions that publish a stream."""
+        if key not in self._looks and len(self._looks) < _MOST_CLAIMS and not self._closed:
+            self._looks.add(key)
+            self._executor.after(_LOOKS_APART_S, lambda: self._look(key))
+
+    def _look(self, key: str) -> None:
+        """Have another session take the stream over if it answers, and the owner does not."""
+        owner = self._state(key).owner
+        answers: dict[str, Answer] = {}
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_for_description(self._session, key, turn, on_answer, on_end)
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None and len(answers) < _MOST_ANSWERS:
+                answers[answer.sender] = answer
+
+        def on_over() -> None:
+            self._looks.discard(key)
+            others = [answer for sender, answer in list(answers.items()) if sender != owner]
+            if owner not in answers and self._state(key).owner == owner and not self._closed:
+                self._take_one_of(key, others)
+            if others or owner not in answers:
+                self._look_later(key)
+
+        if not self._state(key).alive:
+            self._looks.discard(key)
+            return
+        AskUntil(
+            self._executor,
+            _WHAT,
+            _CLAIM_PAUSES,
+            ask=ask,
+            is_settled=lambda: self._closed or (owner in answers and len(answers) > 1),
+            on_over=on_over,
+        ).start()
+
+    def _take_one_of(self, key: str, answers: list[Answer]) -> None:
+        """Take the latest of these descriptions, each from the session that it names."""
+        read = [(self._read(key, answer.payload), answer.sender) for answer in answers]
+        found = [(each, sender) for each, sender in read if each and each.session == sender]
+        if found:
+            description, sender = max(found, key=_rank)
+            self._take_description(
+                key, description, sender, asked_epoch_ns=description.epoch, owner_is_silent=True
+            )
 
     def _ask_owner(
         self, state: StreamState, description: StreamDescription, challenger: str
@@ -403,6 +490,8 @@ class StreamWatch:
                 self._do(lambda: count_end(turn))
 
             ask_for_description(self._session, key, turn, on_answer, end)
+            if turn >= PATIENT_FROM_TURN:
+                self._executor.after(ANSWER_WITHIN_S, lambda: count_end(turn))
 
         def count_end(turn: int) -> None:
             nonlocal ended, next_to_count
@@ -431,6 +520,8 @@ class StreamWatch:
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, *max(readable, key=_rank))
+                if len(readable) > 1:
+                    self._look_later(key)
             elif answers:
                 self._take_back(key)
             return bool(answers if epoch_ns is None else readable)

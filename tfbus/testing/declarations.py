@@ -249,11 +249,12 @@ class Tokens:
         self._session = session
         self._numbers = itertools.count(1)
         self._watches: dict[int, _Watch] = {}
-        # By how many sources each token is declared.
+        # By how many sources each token is declared; and those whose end was told nevertheless.
         self._count: Counter[str] = Counter()
+        self._lost: set[str] = set()
 
     def __iter__(self) -> Any:
-        return iter(list(self._count))
+        return iter([key for key in self._count if key not in self._lost])
 
     def count(self, key: str, change: int, source: object) -> None:
         """Count a source of a token more, or less: the first and the last are news."""
@@ -264,9 +265,13 @@ class Tokens:
         is_there = key in self._count
         if is_there != bool(former):
             self.report(key, alive=is_there, source=source)
+            self._lost.discard(key)
 
     def report(self, key: str, *, alive: bool, source: object = None) -> None:
-        """Report that a token is there, or is not, whether or not it is: as by half a link."""
+        """Report that a token is there, or is not, whether or not it is: as by half a link, by
+        which one that has ended is not found either.
+        """
+        (self._lost.discard if alive else self._lost.add)(key)
         kind = zenoh.SampleKind.PUT if alive else zenoh.SampleKind.DELETE
         for watch in list(self._watches.values()):
             self._report(watch, key, kind, source)

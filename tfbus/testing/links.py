@@ -263,11 +263,11 @@ class Face:
         if self._is_news(kind, key, change):
             self._send_news([(kind, key)], change > 0)
 
-    def tell_all(self, declared: Iterable[tuple[str, str]]) -> None:
-        """Tell of all that is declared on a new link. It goes out in two messages, so that the far
-        end may have done something after any of it, and before the next.
+    def tell_all(self, declared: Iterable[tuple[str, str, int]]) -> None:
+        """Tell of all that is declared on a new link, and how often. It goes out in two messages,
+        so that the far end may have done something after any of it, and before the next.
         """
-        news = [(kind, key) for kind, key in declared if self._is_news(kind, key, 1)]
+        news = [(kind, key) for kind, key, count in declared if self._is_news(kind, key, count)]
         cut = int(self.session.tasks.random.random() * (len(news) + 1))
         for part in (news[:cut], news[cut:]):
             if part:

@@ -69,7 +69,9 @@ class Direct:
     def greet(self, face: "Face") -> None:
         """Tell the far end of a new face all that it has to know."""
         own = self._session.declarations.own
-        face.tell_all((kind, key) for kind, keys in own.items() for key in keys)
+        face.tell_all(
+            (kind, key, count) for kind, keys in own.items() for key, count in keys.items()
+        )
 
     def part(self, face: "Face") -> None:
         """A face has ended."""
@@ -160,8 +162,9 @@ class Router(Direct):
             return
         if _is_peer(face):
             self._publish("peer", face.far_session.zid_text, is_new=True)
+        own = self._session.declarations.own
         face.tell_all(
-            (kind, key)
+            (kind, key, own[kind][key] if source is self._session else 1)
             for source, declared in self.sources()
             if source is not face and not (_is_peer(face) and source in self._peers())
             for kind, keys in declared.items()

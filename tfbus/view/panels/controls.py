@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,11 +25,50 @@ from tfbus.view.panels.markup import Html
 MOST = 300
 
 
-class FrameDropdown:
-    """A choice of one frame; the first entry, `nothing`, stands for none.
+class Control:
+    """A control of viser's for a value that browsers and the program change.
 
-    `on_choice(name)` is called with the frame that a user has chosen, "" for none.
+    `on_choice(value)` is called with each value that a browser sets, on viser's event loop: in
+    their order, and it must not wait.
     """
+
+    # The value and options of viser's handles can be set, which mypy does not see.
+    def __init__(self, handle: Any, on_choice: Callable[[Any], object]) -> None:
+        self._handle = handle
+        self._shown = self._value
+
+        # Not on a thread of viser's pool, which may come to it after the next value is there.
+        async def on_update(event: Any) -> None:
+            # A change by the program has no client.
+            if event.client is not None:
+                value = self._value
+                on_choice(value)
+                self._shown = value
+
+        handle.on_update(on_update)
+
+    def show(self, value: Any) -> None:
+        """Show the value that holds in the program.
+
+        While that is the one shown last, a browser's later choice stays: it is on its way.
+        """
+        if value == self._shown:
+            return
+        self._shown = value
+        if self._value != value:
+            self._value = value
+
+    @property
+    def _value(self) -> Any:
+        return self._handle.value
+
+    @_value.setter
+    def _value(self, value: Any) -> None:
+        self._handle.value = value
+
+
+class FrameDropdown(Control):
+    """A choice of one frame; the first entry, `nothing`, stands for none, "" in the program."""
 
     def __init__(
         self,
@@ -39,34 +79,35 @@ class FrameDropdown:
         hint: str | None = None,
     ) -> None:
         self._nothing = nothing
-        # The value of viser's handles can be set, which mypy does not see.
-        self._dropdown: Any = gui.add_dropdown(label, (nothing,), hint=hint)
-
-        @self._dropdown.on_update
-        def _(event: Any) -> None:
-            # A change by the program has no client.
-            if event.client is not None:
-                value = self._dropdown.value
-                on_choice("" if value == self._nothing else value)
+        self._listed: Sequence[str] = ()
+        super().__init__(gui.add_dropdown(label, (nothing,), hint=hint), on_choice)
 
     @property
     def order(self) -> float:
         """Its place in the tab: higher ones are below."""
-        return float(self._dropdown.order)
+        return float(self._handle.order)
 
-    def show(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
-        """Offer these frames, with this one chosen; `nothing` renames the first entry."""
+    def offer(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
+        """Offer these frames, and show the chosen one; `nothing` renames the first entry."""
         if nothing is not None:
             self._nothing = nothing
-        listed = [*names[:MOST]]
-        if chosen and chosen not in listed:
-            listed.insert(0, chosen)
-        options = (self._nothing, *listed)
-        value = chosen or self._nothing
-        if self._dropdown.options != options:
-            self._dropdown.options = options
-        if self._dropdown.value != value:
-            self._dropdown.value = value
+        self._listed = [*names[:MOST]]
+        if chosen and chosen not in self._listed:
+            self._listed = [chosen, *self._listed]
+        options = (self._nothing, *self._listed)
+        if self._handle.options != options:
+            self._handle.options = options
+        self.show(chosen)
+
+    @property
+    def _value(self) -> str:
+        # The first entry may have been renamed since a browser chose it.
+        label = self._handle.value
+        return label if label in self._listed else ""
+
+    @_value.setter
+    def _value(self, name: str) -> None:
+        self._handle.value = name or self._nothing
 
 
 _NOTE_S = 4.0
@@ -142,7 +183,7 @@ class DisplayPanel:
         self._view = view
         self._selections = selections
         self._is_dark: bool | None = None
-        self._controls: dict[str, Any] = {}
+        self._controls: dict[str, Control] = {}
         settings = view.settings
         for name, label in _BOXES.items():
             self._bind(name, gui.add_checkbox(label, getattr(settings, name)))
@@ -152,7 +193,7 @@ class DisplayPanel:
         self._patterns: dict[str, Any] = {}
         for name, (label, hint) in _PATTERNS.items():
             handle = gui.add_text(label, getattr(settings, name), hint=hint)
-            handle.on_update(self._on_pattern(name, handle))
+            Control(handle, partial(self._filter, name))
             self._patterns[name] = handle
         self._mistake = Html(gui.add_html(""))
         if path is None:
@@ -165,9 +206,8 @@ class DisplayPanel:
     def refresh(self) -> None:
         """Follow settings that another control has changed."""
         settings = self._view.settings
-        for name, handle in self._controls.items():
-            if handle.value != getattr(settings, name):
-                handle.value = getattr(settings, name)
+        for name, control in self._controls.items():
+            control.show(getattr(settings, name))
         if settings.dark != self._is_dark:
             self._is_dark = settings.dark
             self._gui.configure_theme(
@@ -175,20 +215,16 @@ class DisplayPanel:
             )
 
     def _bind(self, name: str, handle: Any) -> None:
-        self._controls[name] = handle
-        handle.on_update(lambda event: self._view.change(**{name: handle.value}))
+        self._controls[name] = Control(handle, lambda value: self._view.change(**{name: value}))
 
-    def _on_pattern(self, name: str, handle: Any) -> Callable[[Any], None]:
-        def take(event: Any) -> None:
-            try:
-                NameFilter(handle.value)
-            except PatternError:
-                pass  # _mistakes says so, for both fields together
-            else:
-                self._view.change(**{name: handle.value})
-            self._mistake.show(self._mistakes())
-
-        return take
+    def _filter(self, name: str, pattern: str) -> None:
+        try:
+            NameFilter(pattern)
+        except PatternError:
+            pass  # _mistakes says so, for both fields together
+        else:
+            self._view.change(**{name: pattern})
+        self._mistake.show(self._mistakes())
 
     def _mistakes(self) -> str:
         found = []

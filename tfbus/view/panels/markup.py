@@ -66,6 +66,7 @@ class Channel:
 window.tfbus = (event) => {
   const field = document.querySelector('div:has(> .tfbus-channel) + div input');
   const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+  // A field that stays as it is has no update.
   window.tfbusCount = (window.tfbusCount || Date.now()) + 1;
   set.call(field, JSON.stringify({...event, n: window.tfbusCount}));
   field.dispatchEvent(new Event('input', {bubbles: true}));
@@ -81,8 +82,19 @@ window.tfbusCopy = (id) => {
         self._handlers: dict[str, Callable[[Mapping[str, Any]], object]] = {}
 
     def on(self, do: str, handler: Callable[[Mapping[str, Any]], object]) -> None:
-        """Call `handler(event)` for each event of this kind."""
+        """Call `handler(event)` for each event of this kind, in the order in which a browser sends
+        them, on viser's event loop: it must not wait.
+        """
         self._handlers[do] = handler
+
+    def listen(self, field: Any) -> None:
+        """Take the events that are typed into this field of viser's."""
+
+        # All browsers share the field: on a thread of viser's pool it may hold the next event.
+        async def on_update(event: Any) -> None:
+            self.receive(field.value, event.client_id)
+
+        field.on_update(on_update)
 
     def receive(self, text: str, client: int | None = None) -> None:
         """Take an event as a client typed it; ignores text that is no event.

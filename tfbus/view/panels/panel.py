@@ -14,6 +14,7 @@ from tfbus.view.model.frames import Frames, Placed, newest_common_ns
 from tfbus.view.model.settings import Playback, Selections, ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.controls import (
+    Control,
     DisplayPanel,
     FrameDropdown,
     MovesCameras,
@@ -45,8 +46,8 @@ class MeasurePanel:
         """Show the answer at the time shown."""
         settings = self._view.settings
         names = sorted(frames.by_name)
-        self._from.show(names, settings.measure_from)
-        self._to.show(names, settings.measure_to)
+        self._from.offer(names, settings.measure_from)
+        self._to.offer(names, settings.measure_to)
         if not settings.measure_from or not settings.measure_to:
             self._answer.show(
                 '<div class="tf tf-dim">Choose two frames to see how far apart they are.</div>'
@@ -72,14 +73,16 @@ class TimePanel:
     ) -> None:
         self._view = view
         self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
-        # The value of viser's handles can be set, which mypy does not see.
-        self._ago: Any = gui.add_slider(
+        ago = gui.add_slider(
             "Seconds ago",
             -history_s,
             0.0,
             0.01,
             0.0,
             hint="Drag to the left to see the past, as far back as --history.",
+        )
+        self._ago = Control(
+            ago, lambda value: view.play(lambda playback: playback.scrub(newest_ns(), -value))
         )
         self._shown = view.playback
 
@@ -90,11 +93,6 @@ class TimePanel:
             else:
                 view.play(lambda playback: Playback())
 
-        @self._ago.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:
-                view.play(lambda playback: playback.scrub(newest_ns(), -self._ago.value))
-
     def refresh(self) -> None:
         """Follow the playback when a browser has changed it."""
         playback = self._view.playback
@@ -103,8 +101,7 @@ class TimePanel:
         self._shown = playback
         self._button.label = "Pause" if playback.follows else "Follow"
         self._button.icon = viser.Icon.PLAYER_PAUSE if playback.follows else viser.Icon.PLAYER_PLAY
-        if self._ago.value != -playback.ago_s:
-            self._ago.value = -playback.ago_s
+        self._ago.show(-playback.ago_s)
 
 
 class Panel:
@@ -142,8 +139,7 @@ class Panel:
         style = player[0] + "".join(guest.style for guest in self._guests)
         script = TREE_SCRIPT + player[1] + "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))
-        typed = gui.add_text("events", "")
-        typed.on_update(lambda event: channel.receive(typed.value, event.client_id))
+        channel.listen(gui.add_text("events", ""))
         self._headline = Html(gui.add_html(""))
         # A recording has a timeline of its own in the place of a pause and a way back.
         self._time = None if replay else TimePanel(gui, view, history_s, lambda: self.newest_ns)

@@ -18,6 +18,8 @@ const signs = {gone: '✖', back: '●', restart: '↻', conflict: '▲', gap: '
   dropped: '!'};
 const svgNs = 'http://www.w3.org/2000/svg';
 let line = null, cursor = null, parts = null, cursorAt = 0, held = null, quietUntil = 0, sentAt = 0;
+// The pointer over the track, in pixels of the window; null elsewhere.
+let pointerX = null;
 
 const element = (tag, className, text) => {
   const made = document.createElement(tag);
@@ -123,22 +125,20 @@ const make = () => {
   document.body.append(bar);
   parts = {bar, row, play, loop, speed, times, legend, all, list, track, svg, head, tip, axis};
 
-  const under = (event) => {
-    const box = track.getBoundingClientRect();
-    return Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1) * line.span;
-  };
   let played = false;
   track.onpointerdown = (event) => {
     if (event.button) return;
     track.setPointerCapture(event.pointerId);
     played = cursor.plays;
-    held = under(event);
+    held = under(event.clientX);
     seek(held, false);
   };
-  track.onpointermove = (event) => {
-    hint(under(event));
+  // Entered also where the track comes below a pointer that rests.
+  track.onpointerenter = track.onpointermove = (event) => {
+    pointerX = event.clientX;
+    hint();
     if (held === null) return;
-    held = under(event);
+    held = under(pointerX);
     draw();
     if (performance.now() - sentAt < 50) return;
     sentAt = performance.now();
@@ -150,7 +150,7 @@ const make = () => {
     held = null;
     seek(at, played);
   };
-  track.onpointerleave = () => { tip.hidden = true; };
+  track.onpointerleave = () => { pointerX = null; hint(); };
   track.onkeydown = (event) => {
     const steps = {ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1, PageDown: -10,
       PageUp: 10};
@@ -182,15 +182,23 @@ const near = (s) => {
   const found = line.marks.filter((each) => far(each) <= within);
   return found.sort((a, b) => far(a) - far(b)).slice(0, 3);
 };
-const hint = (s) => {
+// The time below a place of the window.
+const under = (x) => {
+  const box = parts.track.getBoundingClientRect();
+  return Math.min(Math.max((x - box.left) / box.width, 0), 1) * line.span;
+};
+// The tip at the pointer; again whenever the bar or its timeline changes below a pointer that rests.
+const hint = () => {
   const {tip, track} = parts;
+  tip.hidden = pointerX === null;
+  if (tip.hidden) return;
+  const s = under(pointerX);
   tip.replaceChildren(element('div', '', [passed(s, 1), wall(s, 1)].filter(Boolean).join(' · ')));
   for (const [kind, from, to, text] of near(s)) {
     const entry = element('div');
     entry.append(element('span', 'tfp-sign', signs[kind]), text);
     tip.append(entry);
   }
-  tip.hidden = false;
   const width = track.clientWidth, half = tip.offsetWidth / 2;
   const x = line.span ? s / line.span * width : 0;
   tip.style.left = Math.min(Math.max(x, half - 8), width - half + 8) + 'px';
@@ -331,10 +339,15 @@ const fit = () => {
   const low = covers ? Math.min(panel.top, scene.bottom) : scene.bottom;
   const place = {left: scene.left + 8 + 'px', width: Math.max(scene.width - 16, 120) + 'px',
     bottom: Math.max(innerHeight - low, 0) + 8 + 'px'};
-  for (const [name, value] of Object.entries(place))
-    if (bar.style[name] !== value) bar.style[name] = value;
+  let moved = false;
+  for (const [name, value] of Object.entries(place)) {
+    if (bar.style[name] === value) continue;
+    bar.style[name] = value;
+    moved = true;
+  }
   bar.classList.toggle('tfp-narrow', scene.width < 760);
   scale();
+  if (moved) hint();
 };
 const run = () => {
   if (parts && !parts.bar.hidden && cursor && cursor.plays && held === null) draw();
@@ -346,6 +359,7 @@ window.tfbusTimeline = (given) => {
   if (!parts) { make(); requestAnimationFrame(run); }
   paint();
   fit();
+  hint();
   draw();
 };
 window.tfbusCursor = (given) => {

@@ -2,7 +2,6 @@
 
 import json
 import math
-import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -57,9 +56,6 @@ class PlayerBar:
         self._replay = replay
         self._playhead = replay.playhead
         self._timeline: Timeline | None = None
-        self._lock = threading.Lock()
-        # The number of the last seek of each browser.
-        self._seeks: dict[int | None, int] = {}
         self._line = Html(gui.add_html(""))
         self._cursor = Html(gui.add_html(""))
         for do, take in (
@@ -98,19 +94,12 @@ class PlayerBar:
             self._playhead.pause()
 
     def _on_seek(self, event: Mapping[str, Any]) -> None:
-        at_s, number = _number(event.get("s")), event.get("n")
-        # viser calls on several threads: the last place of a drag must not be overtaken.
-        if at_s is None or not isinstance(number, int) or self._is_overtaken(event, number):
+        at_s = _number(event.get("s"))
+        if at_s is None:
             return
         plays = event.get("plays")
         at_ns = self._playhead.start_ns + round(at_s * 1e9)
         self._playhead.seek(at_ns, paused=not plays if isinstance(plays, bool) else None)
-
-    def _is_overtaken(self, event: Mapping[str, Any], number: int) -> bool:
-        with self._lock:
-            last = self._seeks.get(event["client"], number)
-            self._seeks[event["client"]] = max(last, number)
-        return number < last
 
     def _on_step(self, event: Mapping[str, Any]) -> None:
         self._playhead.step(-1 if event.get("by") == -1 else 1)

@@ -15,7 +15,7 @@ from tfbus.robot.model import Joint
 from tfbus.view.model.frames import Frames
 from tfbus.view.model.robots import Joints, ShownRobot
 from tfbus.view.model.settings import RANGES, SHAPES, ViewState
-from tfbus.view.panels.controls import FrameDropdown
+from tfbus.view.panels.controls import Control, FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, event, sign
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.wording import counted, listed, printable
@@ -214,14 +214,14 @@ class RobotsPanel:
             initial_value=settings.shapes,
             hint="How the links look, and where they collide.",
         )
-        shapes.on_update(lambda event: view.change(shapes=shapes.value))
+        Control(shapes, lambda value: view.change(shapes=value))
         least, most = RANGES["robot_opacity"]
         opacity: Any = gui.add_slider("Opacity", least, most, 0.05, settings.robot_opacity)
-        opacity.on_update(lambda event: view.change(robot_opacity=opacity.value))
+        Control(opacity, lambda value: view.change(robot_opacity=value))
         axes: Any = gui.add_checkbox(
             "Axes of links", settings.link_axes, hint="Axes, names and arrows of the links' frames."
         )
-        axes.on_update(lambda event: view.change(link_axes=axes.value))
+        Control(axes, lambda value: view.change(link_axes=value))
         self._choice: FrameDropdown | None = None
         self._order = axes.order
 
@@ -240,7 +240,7 @@ class RobotsPanel:
         if self._choice is not None and shown is not None:
             titles = [robot.title for robot in robots[1:]]
             first = robots[0].title
-            self._choice.show(titles, "" if shown is robots[0] else shown.title, first)
+            self._choice.offer(titles, "" if shown is robots[0] else shown.title, first)
         if shown is not self._shown:
             self._replace(shown)
         if self.sliders is not None and shown is not None:

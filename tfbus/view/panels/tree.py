@@ -71,7 +71,7 @@ class TreePanel:
         settings = self._view.settings
         natural = frames.natural_fixed_frame()
         automatic = f"automatic ({natural})" if natural else "automatic"
-        self._fixed.show(sorted(frames.by_name), settings.fixed_frame, automatic)
+        self._fixed.offer(sorted(frames.by_name), settings.fixed_frame, automatic)
         rows = self._rows(frames, placed, settings)
         self._meet()
         stamp_ns = self._view.playback.stamp_ns

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from time import perf_counter, sleep
 
 import pytest
@@ -39,6 +40,30 @@ def test_it_is_refused_with_a_sentence(
     network.start(network.host("robot"), "node", use)
     with pytest.raises(SimulationError, match=sentence):
         network.run(1.0)
+
+
+def test_a_module_may_run_a_program_while_it_is_imported(
+    network: Network, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As matplotlib does where no list of fonts is cached yet, beside a timer of Python's own."""
+    (tmp_path / "lists_fonts.py").write_text(
+        "import subprocess, threading\n"
+        "timer = threading.Timer(60, print)\n"
+        "timer.start()\n"
+        "FONTS = subprocess.check_output(['echo', 'serif'], text=True)\n"
+        "timer.cancel()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    found: list[str] = []
+
+    def use() -> None:
+        import lists_fonts
+
+        found.append(lists_fonts.FONTS)
+
+    network.start(network.host("robot"), "node", use)
+    network.run(1.0)
+    assert found == ["serif\n"]
 
 
 def _take_turns() -> None:

@@ -2,8 +2,9 @@
 
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
 in a simulated process these are the simulation's, also if a module has `from time import sleep`.
-Outside of its tasks, and for what a module makes while it is imported, they stay Python's own. A
-call that cannot be simulated is refused. `datetime.now()` tells the real time.
+Outside of its tasks, and for what a module does while it is imported, they stay Python's own:
+matplotlib runs a program that lists the fonts. Any other call that cannot be simulated is refused.
+`datetime.now()` tells the real time.
 """
 
 import _thread
@@ -151,7 +152,7 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
 
     def made(real: Any, simulated: Callable[..., Any]) -> Callable[..., Any]:
         """As `chosen`, but a module that is imported outlives the simulation."""
-        return lambda *args, **named: (simulated if is_task() and not _is_importing() else real)(
+        return lambda *args, **named: (simulated if is_task() and not is_importing() else real)(
             *args, **named
         )
 
@@ -200,10 +201,11 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
     yield atexit, "register", chosen(atexit.register, lambda *a, **n: process().at_exit(*a, **n))
     yield atexit, "unregister", chosen(atexit.unregister, table.forget_at_exit)
     for owner, name, refusal in refusals():
-        yield owner, name, chosen(getattr(owner, name), refusal)
+        yield owner, name, made(getattr(owner, name), refusal)
 
 
-def _is_importing() -> bool:
+def is_importing() -> bool:
+    """Whether a module is imported on this thread."""
     frame = sys._getframe(1)
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
@@ -219,7 +221,7 @@ def _class_of(real: Any, simulated: Callable[..., Any], is_task: Callable[[], bo
         def __call__(cls, *args: Any, **named: Any) -> Any:
             if cls is not stand_in:
                 return super().__call__(*args, **named)
-            is_simulated = is_task() and not _is_importing()
+            is_simulated = is_task() and not is_importing()
             return (simulated if is_simulated else real)(*args, **named)
 
         def __instancecheck__(cls, instance: Any) -> bool:
@@ -246,7 +248,7 @@ class _Threads:
         real_start, real_join, real_is_alive = real.start, real.join, real.is_alive
 
         def start(thread: threading.Thread) -> None:
-            if _thread.get_ident() not in tasks.thread_ids:
+            if _thread.get_ident() not in tasks.thread_ids or is_importing():
                 real_start(thread)
                 return
             if thread._started.is_set():  # type: ignore[attr-defined]

@@ -1,7 +1,5 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
-import os
-import subprocess
 import textwrap
 import time
 from collections import Counter
@@ -12,7 +10,15 @@ from dataclasses import asdict
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, width
+from tfbus.cli.output import (
+    json_option,
+    paint,
+    print_json,
+    print_lines,
+    run_in_shell,
+    warn,
+    width,
+)
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
@@ -160,7 +166,12 @@ def _watch(
         is_first = False
         failed = [(name, each) for (name, verdict), each in begun.items() if verdict == "fail"]
         for name, finding in failed if on_fail else ():
-            _run(on_fail or "", name, finding)
+            told = {
+                "TFBUS_CHECK": name,
+                "TFBUS_EVIDENCE": "\n".join(finding.evidence),
+                "TFBUS_REMEDY": finding.remedy,
+            }
+            run_in_shell("--on-fail", on_fail or "", told)
         if failed and exit_on_fail:
             raise SystemExit(1)
 
@@ -177,18 +188,6 @@ def _say(name: str, finding: Finding, as_json: bool, event: str) -> None:
 
 def _now() -> str:
     return time.strftime("%H:%M:%S")
-
-
-def _run(line: str, name: str, finding: Finding) -> None:
-    """Run the command of --on-fail to its end; its own failure is said, and no reason to stop."""
-    told = {
-        "TFBUS_CHECK": name,
-        "TFBUS_EVIDENCE": "\n".join(finding.evidence),
-        "TFBUS_REMEDY": finding.remedy,
-    }
-    code = subprocess.run(line, shell=True, env={**os.environ, **told}, check=False).returncode
-    if code:
-        warn(f"the command of --on-fail exited with {code}: {line}")
 
 
 def _check_recording(

@@ -164,6 +164,11 @@ class NodeWatch:
         """End the watch."""
         self._subscriber.close()
 
+    def names(self) -> frozenset[str]:
+        """The full names of the nodes that are alive."""
+        with self._changed:
+            return frozenset(self._present)
+
     def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
         """Wait for the node of this full name, at most `timeout_s`; whether it is alive."""
         with self._changed:

@@ -1,0 +1,127 @@
+"""`tfbus fleet`: a fleet at a glance, and its roster."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.buses import eventually, keep_sending, send_static
+from tests.simulated_bus import Bus
+
+
+@pytest.fixture
+def fleet(bus: Bus) -> Bus:
+    """The robots robot2, robot3 and robot10, each with base_link in its map and a camera on it;
+    robot3 is a process of its own.
+    """
+    for number in (2, 10):
+        robot(bus, number)
+    with bus.network.process("outside", "robot3"):
+        robot(bus, 3)
+    return bus
+
+
+def robot(bus: Bus, number: int, **given: Any) -> None:
+    """A robot of two nodes."""
+    namespace = f"robot{number}"
+    keep_sending(bus.node("wheels", namespace=namespace, **given), "map", "base_link")
+    send_static(bus.node("mount", namespace=namespace, **given), "base_link", "camera")
+
+
+def shown(bus: Bus, *arguments: str) -> tuple[int, dict[str, dict[str, Any]]]:
+    """The exit code, and the robots by their names, in their order."""
+    done = bus.run("fleet", "--json", *arguments)
+    assert done.stderr == ""
+    return done.returncode, {each["name"]: each for each in json.loads(done.stdout)["robots"]}
+
+
+def test_each_robot_has_a_line(fleet: Bus) -> None:
+    """A robot that is well has its nodes, age, rate, load and version; robot2 is before robot10."""
+    code, robots = shown(fleet)
+    assert (code, list(robots)) == (0, ["robot2", "robot3", "robot10"])
+    for each in robots.values():
+        assert (each["state"], each["problems"], each["stale"]) == ("there", [], 0)
+        assert 0.0 <= each["age_s"] < 0.5
+        assert 10.0 < each["messages_hz"] < 30.0
+        assert each["bytes_per_s"] > 100.0
+        assert len(each["versions"]) == 1
+        assert each["nodes"] == [f"/{each['name']}/mount", f"/{each['name']}/wheels"]
+    lines = fleet.run("fleet").stdout.splitlines()
+    assert [line.split()[0] for line in lines[2:]] == ["robot2", "robot3", "robot10"]
+    assert max(map(len, lines)) <= 80
+
+
+def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
+    """A robot of the roster that is not there is missing, in front of the others, and the exit code
+    is 1; a robot outside of the roster is shown as such.
+    """
+    code, robots = shown(fleet, "--expect", "robot[1-3]")
+    assert (code, list(robots)) == (1, ["robot1", "robot2", "robot3", "robot10"])
+    assert [each["state"] for each in robots.values()] == ["missing", *["there"] * 3]
+    assert [each["is_expected"] for each in robots.values()] == [True, True, True, False]
+    roster = tmp_path / "robots.txt"
+    roster.write_text("# the hall\nrobot[2-3]\nrobot10\n")
+    assert shown(fleet, "--expect", str(roster))[0] == 0
+
+
+def test_a_lost_robot_is_gone_and_a_command_runs(fleet: Bus, tmp_path: Path) -> None:
+    """While it watches, a robot that is killed is gone, which a command learns; it is there again
+    when it comes back.
+    """
+    told = tmp_path / "told"
+    command = f'echo "$TFBUS_ROBOT $TFBUS_STATE" >> {told}'
+    program = fleet.start(
+        "fleet", "--watch", "--json", "--expect", "robot[1-3]", "--on-gone", command
+    )
+
+    def states() -> list[tuple[str, str]]:
+        news = [json.loads(line) for line in program.stdout.splitlines()]
+        return [(each["name"], each["state"]) for each in news]
+
+    eventually(lambda: len(states()) == 4)
+    assert states()[0] == ("robot1", "missing")
+    fleet.network.kill("outside/robot3")
+    eventually(lambda: print(states()) or states()[4:] == [("robot3", "gone")], within_s=3.0,every_s=1.0)
+    assert told.read_text().split("\n")[:2] == ["robot1 missing", "robot3 gone"]
+    robot(fleet, 3)
+    eventually(lambda: states()[5:] == [("robot3", "there")])
+    assert program.stop() == 0
+
+
+def test_a_wrong_clock_and_a_lost_publisher_come_first(fleet: Bus) -> None:
+    """A robot with problems is in front of the others, and its line says what and how much."""
+    with fleet.network.process(fleet.network.host("robot11", offset_s=2.5), "robot11"):
+        robot(fleet, 11)
+    _, robots = shown(fleet, "--shared", "map")
+    assert next(iter(robots)) == "robot11"
+    assert robots["robot11"]["clock_offset_s"] == pytest.approx(2.5, abs=0.1)
+    assert [each["kind"] for each in robots["robot11"]["problems"]] == ["ahead"]
+    line = fleet.run("fleet").stdout.splitlines()[2].split()
+    assert line[:2] == ["robot11", "there"]
+    assert "+2.5" in line and line[-1] == "ahead"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--expect", "robot[9-1]"), "a range goes up"),
+        (("--expect", "robot[]"), "robot[1-30]"),
+        (("--expect", "nowhere.txt"), "cannot be read"),
+        (("--expect", "robot 7"), "robot 7"),
+        (("--on-gone", "true"), "--watch"),
+    ],
+)
+def test_a_mistake_is_a_usage_error(bus: Bus, arguments: tuple[str, ...], message: str) -> None:
+    """A roster that names no robots, and a command without --watch, exit with 2."""
+    done = bus.run("fleet", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_without_a_robot_it_says_so(bus: Bus) -> None:
+    """A bus without a robot in a namespace exits with 1."""
+    bus.node("tower")
+    done = bus.run("fleet")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "--namespace" in done.stderr

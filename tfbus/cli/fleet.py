@@ -46,7 +46,7 @@ _LINES, _BESIDE_ROBOTS = 24, 4
 _FILE_ENDINGS = (".txt", ".list", ".lst", ".csv")
 
 
-class _RosterNames(click.ParamType):
+class _RosterNames(click.ParamType[tuple[str, ...]]):
     """Names of robots, with ranges, or a file with such a name a line."""
 
     name = "robots"

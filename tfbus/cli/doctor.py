@@ -5,7 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import click
 
@@ -25,11 +25,13 @@ from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, duration, near_names
+from tfbus.wording import and_more, counted, cut, duration, near_names
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
+# Of a fleet, where each robot may have the same trouble.
+_OF_FLEET, _LONGEST_REMEDY = 3, 300
 
 
 class _CheckName(click.Choice[str]):
@@ -115,7 +117,7 @@ def command(
     if bag is not None:
         if watch:
             raise click.UsageError("--watch checks a bus; a recording does not change")
-        _print(_check_recording(settings, fleet, bag, names, as_json), as_json)
+        _print(_check_recording(settings, fleet, bag, names, as_json), as_json, fleet)
         return
     from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
@@ -127,7 +129,7 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(findings, as_json, exit_on_fail, on_fail)
         else:
-            _print(examined(next(examinations), names), as_json)
+            _print(examined(next(examinations), names), as_json, fleet)
 
 
 def _watched(names: tuple[str, ...]) -> list[str]:
@@ -210,7 +212,7 @@ def _check_recording(
     return examined(seen, names)
 
 
-def _print(findings: dict[str, Finding], as_json: bool) -> None:
+def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> None:
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
@@ -219,7 +221,7 @@ def _print(findings: dict[str, Finding], as_json: bool) -> None:
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
             if alone or name not in left_out:
-                print_lines(_lines(name, finding))
+                print_lines(_lines(name, finding if fleet is None else _shortened(finding)))
         if left_out and not alone:
             names = ", ".join(left_out)
             print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", "", ""))
@@ -227,6 +229,13 @@ def _print(findings: dict[str, Finding], as_json: bool) -> None:
             print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
         raise SystemExit(1)
+
+
+def _shortened(finding: Finding) -> Finding:
+    """A finding of a fleet for a screen: its first sentences, as each may be of another robot."""
+    more = and_more(len(finding.evidence), _OF_FLEET)
+    evidence = (*finding.evidence[:_OF_FLEET], *filter(None, (more and f"{more} (--json)",)))
+    return replace(finding, evidence=evidence, remedy=cut(finding.remedy, _LONGEST_REMEDY))
 
 
 def _lines(name: str, finding: Finding) -> list[str]:

@@ -43,6 +43,9 @@ _ASK_NEW_EVERY_S, _ASK_EVERY_S = 2.0, 10.0
 # How a page that is no terminal's is cut, and what stands on it besides robots.
 _LINES, _BESIDE_ROBOTS = 24, 4
 
+# Tools that list frames show robots instead, if a pipe would get more frames than this.
+_MOST_IN_PIPE = 500
+
 _FILE_ENDINGS = (".txt", ".list", ".lst", ".csv")
 
 
@@ -108,7 +111,7 @@ class _RosterNames(click.ParamType[tuple[str, ...]]):
 @listening_options(lambda: own_name("_fleet"), always_fleet=True)
 def command(
     settings: NodeSettings,
-    fleet: Fleet | None,
+    fleet: Fleet,
     bag: BagChoice | None,
     expected: tuple[tuple[str, ...], ...],
     show_all: bool,
@@ -127,8 +130,7 @@ def command(
     if watch and bag is not None:
         raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
     roster = tuple(sorted({name for names in expected for name in names}, key=natural_order))
-    shares = fleet is not None and bool(fleet.shared_frames)
-    robots = FleetWatch(roster, shares_frames=shares)
+    robots = watch_of(fleet, roster)
     if bag is not None:
         from tfbus.cli.recorded import frames_at, moment_lines
 
@@ -240,6 +242,31 @@ def as_lines(robots: Sequence[RobotStatus], at_ns: int, height: int | None = Non
     if well:
         lines.append(f"{counted(well, 'robot')} without a problem (--all shows each)")
     return [_sums(robots), *lines]
+
+
+class FleetPage:
+    """The page of a tool with --fleet that lists frames, once these do not fit: a line a robot."""
+
+    def __init__(self, fleet: Fleet | None) -> None:
+        self._robots = None if fleet is None else watch_of(fleet)
+
+    def lines(self, moment: BusMoment, all_by: str) -> list[str] | None:
+        """The robots at a moment, and the option `all_by` by which all frames are seen; None if the
+        frames fit on a screen (in a pipe, on 500 lines), or are of one robot.
+        """
+        if self._robots is None:
+            return None
+        robots = self._robots.robots(moment)
+        room = _height() if is_terminal() else _MOST_IN_PIPE
+        if len(robots) < 2 or len(moment.frames) < room:
+            return None
+        count = counted(len(moment.frames), "frame")
+        return [*as_lines(robots, moment.at_ns, _height() - 1), f"{count}: {all_by}"]
+
+
+def watch_of(fleet: Fleet, roster: Iterable[str] = ()) -> FleetWatch:
+    """A watch of a fleet with these shared frames."""
+    return FleetWatch(roster, shares_frames=bool(fleet.shared_frames))
 
 
 def _sums(robots: Sequence[RobotStatus]) -> str:

@@ -4,10 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from tests.buses import eventually, keep_sending, send_static
 from tests.simulated_bus import Bus
+from tfbus.cli.fleet import as_lines
+from tfbus.frames.fleet import RobotStatus, worst_first
 
 
 @pytest.fixture
@@ -130,3 +133,24 @@ def test_without_a_robot_it_says_so(bus: Bus) -> None:
     done = bus.run("fleet")
     assert (done.returncode, done.stdout) == (1, "")
     assert "--namespace" in done.stderr
+
+
+@pytest.mark.parametrize("tool", [("frames", "--fleet", "--watch"), ("monitor", "--fleet")])
+def test_frames_that_fit_no_screen_are_shown_by_robot(fleet: Bus, tool: tuple[str, ...]) -> None:
+    """On a small screen a tool shows a line a robot, in natural order, and how to see frames."""
+    page = fleet.run_in_terminal(*tool, until="robot10", lines=9)
+    assert "base_link" not in page
+    assert page.index("robot2") < page.index("robot3") < page.index("robot10")
+    assert "9 frames" in page
+
+
+def test_a_page_of_a_thousand_robots_fits_a_screen() -> None:
+    """It has the worst, and counts the others."""
+    well = [RobotStatus(f"robot{number}", "there", age_s=0.1) for number in range(800)]
+    lost = [RobotStatus(f"robot{number}", "gone", gone_ns=0) for number in range(800, 1000)]
+    lines = as_lines(worst_first([*well, *lost]), 10**12, 24)
+    assert len(lines) <= 24
+    assert max(map(len, map(click.unstyle, lines))) <= 80
+    assert any("robot800" in line for line in lines)
+    assert "800" in lines[-1]
+    assert len(as_lines(worst_first(well), 0)) == 802

@@ -25,7 +25,7 @@ from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import and_more, counted, cut, duration, near_names
+from tfbus.wording import counted, cut, duration, near_names
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
@@ -233,8 +233,9 @@ def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> 
 
 def _shortened(finding: Finding) -> Finding:
     """A finding of a fleet for a screen: its first sentences, as each may be of another robot."""
-    more = and_more(len(finding.evidence), _OF_FLEET)
-    evidence = (*finding.evidence[:_OF_FLEET], *filter(None, (more and f"{more} (--json)",)))
+    evidence = finding.evidence[:_OF_FLEET]
+    if len(finding.evidence) > _OF_FLEET:
+        evidence = (*evidence, "and more: see --json, and tfbus fleet")
     return replace(finding, evidence=evidence, remedy=cut(finding.remedy, _LONGEST_REMEDY))
 
 

@@ -44,7 +44,7 @@ _ASK_NEW_EVERY_S, _ASK_EVERY_S = 2.0, 10.0
 _LINES, _BESIDE_ROBOTS = 24, 4
 
 # Tools that list frames show robots instead, if a pipe would get more frames than this.
-_MOST_IN_PIPE = 500
+_MOST_IN_PIPE = 200
 
 _FILE_ENDINGS = (".txt", ".list", ".lst", ".csv")
 
@@ -252,7 +252,7 @@ class FleetPage:
 
     def lines(self, moment: BusMoment, all_by: str) -> list[str] | None:
         """The robots at a moment, and the option `all_by` by which all frames are seen; None if the
-        frames fit on a screen (in a pipe, on 500 lines), or are of one robot.
+        frames fit on a screen (in a pipe, on 200 lines), or are of one robot.
         """
         if self._robots is None:
             return None

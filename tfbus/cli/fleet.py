@@ -27,7 +27,7 @@ from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.errors import InvalidArgumentException
-from tfbus.frames.fleet import FleetWatch, RobotStatus, gone_for_s, roster_of
+from tfbus.frames.fleet import FleetWatch, RobotStatus, roster_of
 from tfbus.frames.moment import BusMoment
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
@@ -283,35 +283,14 @@ def _sums(robots: Sequence[RobotStatus]) -> str:
 
 def _row(robot: RobotStatus, at_ns: int) -> tuple[str, ...]:
     clock = robot.clock_offset_s
+    role = "" if robot.is_well else "warning" if robot.state == "there" else "bad"
     return (
         paint(robot.name, "name"),
-        _state(robot, at_ns),
+        paint(robot.state_text(at_ns), role) if role else robot.state,
         "" if robot.age_s is None else duration(robot.age_s),
         "" if clock is None else f"{'+' if clock >= 0 else ''}{duration(clock)}",
         "" if robot.messages_hz is None else f"{robot.messages_hz:.1f}",
         "" if robot.bytes_per_s is None else f"{robot.bytes_per_s / 1e3:.1f}",
         listed(robot.versions, most=2),
-        _problems(robot),
+        robot.trouble,
     )
-
-
-def _state(robot: RobotStatus, at_ns: int) -> str:
-    if robot.state == "missing":
-        return paint("missing", "bad")
-    if robot.state == "gone":
-        gone_s = gone_for_s(robot, at_ns)
-        return paint(f"gone {duration(gone_s)}" if gone_s == gone_s else "gone", "bad")
-    return "there" if robot.is_well else paint("there", "warning")
-
-
-def _problems(robot: RobotStatus) -> str:
-    """The kinds of problems, each with how often it is."""
-    if robot.state != "there":
-        return ""
-    count = Counter(each.kind for each in robot.problems)
-    words: Iterable[str] = (
-        kind if times == 1 else f"{times} {kind}" for kind, times in count.items()
-    )
-    stale = [f"{robot.stale} stale"] if robot.stale else []
-    unexpected = [] if robot.is_expected else ["not expected"]
-    return ", ".join([*words, *stale, *unexpected])

@@ -2,9 +2,8 @@
 that are expected.
 """
 
-import math
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,7 +13,7 @@ from tfbus.frames.moment import BusMoment, FrameStatus
 from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.keys import check_namespace, namespace_of_node, relative
-from tfbus.wording import natural_order, printable
+from tfbus.wording import duration, natural_order, printable
 
 RobotState = Literal["gone", "missing", "there"]
 
@@ -64,6 +63,22 @@ class RobotStatus:
     def is_well(self) -> bool:
         """Whether it is there, without any problem."""
         return self.state == "there" and not self.problems and not self.stale
+
+    @property
+    def trouble(self) -> str:
+        """The kinds of its problems, each with how often it is: `gone, 2 stale`; "" for none."""
+        if self.state != "there":
+            return ""
+        count = Counter(each.kind for each in self.problems)
+        words = [kind if times == 1 else f"{times} {kind}" for kind, times in count.items()]
+        words += [f"{self.stale} stale"] if self.stale else []
+        return ", ".join(words if self.is_expected else [*words, "not expected"])
+
+    def state_text(self, at_ns: int) -> str:
+        """Its state at a moment, with how long it has been gone: `gone 3 min`."""
+        if self.gone_ns is None:
+            return self.state
+        return f"gone {duration(max(at_ns - self.gone_ns, 0) / 1e9)}"
 
     @property
     def _rank(self) -> tuple[int, bool, object]:
@@ -153,7 +168,12 @@ class FleetWatch:
         self._counted: deque[tuple[int, Mapping[str, tuple[int, int]]]] = deque()
 
     def robots(self, moment: BusMoment) -> list[RobotStatus]:
-        """The robots at a moment later than the one before, worst first."""
+        """The robots at a moment, worst first. One before the last moment begins again, as of a
+        recording that is played once more.
+        """
+        if self._counted and moment.at_ns < self._counted[-1][0]:
+            for memory in (self._counted, self._gone_ns, self._versions):
+                memory.clear()
         parts = self._parts(moment)
         loads = self._loads(moment, parts)
         known = {*self._roster, *parts, *self._gone_ns}
@@ -311,8 +331,3 @@ def _concerned(
         robots = {of_stream[each] for each in publishers if each in of_stream}
         found |= robots or {_prefix(name, parts)}
     return found & parts.keys()
-
-
-def gone_for_s(robot: RobotStatus, at_ns: int) -> float:
-    """For how long a robot has been gone at a moment, in s; not a number if that is not known."""
-    return math.nan if robot.gone_ns is None else max(at_ns - robot.gone_ns, 0) / 1e9

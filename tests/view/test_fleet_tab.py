@@ -1,0 +1,1 @@
+"""The tab of a fleet in the view."""

@@ -8,6 +8,7 @@ import click
 import pytest
 
 from tests.buses import eventually, keep_sending, send_static
+from tests.recordings import described, gone, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus.cli.fleet import as_lines
 from tfbus.frames.fleet import RobotStatus, worst_first
@@ -154,3 +155,19 @@ def test_a_page_of_a_thousand_robots_fits_a_screen() -> None:
     assert any("robot800" in line for line in lines)
     assert "800" in lines[-1]
     assert len(as_lines(worst_first(well), 0)) == 802
+
+
+def test_a_recording_has_its_fleet(bus: Bus, tmp_path: Path) -> None:
+    """With --bag it is the fleet at a moment; a lost robot is gone since its last frames."""
+    items = []
+    for number, to_s in ((2, 20.0), (10, 5.0)):
+        stream = publisher(f"robot{number}/wheels")
+        items.append(described(stream, 0.0, ("map", "base", False)))
+        items += steadily(stream, 0.0, to_s, ("map", "base"))
+    path = write(tmp_path / "run.mcap", *items, gone(stream, 6.0))
+    code, robots = shown(bus, "--bag", str(path), "--at", "+15s", "--expect", "robot[2,10]")
+    assert (code, list(robots)) == (1, ["robot10", "robot2"])
+    assert [each["state"] for each in robots.values()] == ["gone", "there"]
+    text = bus.run("fleet", "--bag", str(path), "--at", "+15s").stdout
+    assert "gone 10" in text
+    assert shown(bus, "--bag", str(path), "--at", "+3s", "--expect", "robot[2,10]")[0] == 0

@@ -44,7 +44,7 @@ LookupException is no KeyError, whose `str` is the repr of its message.
 from collections.abc import Collection
 from typing import Any
 
-from tfbus.wording import listed, near_names
+from tfbus.wording import listed, natural_order, near_names
 
 
 class TfbusError(Exception):
@@ -111,8 +111,9 @@ def _with_parameter(remedy: str, parameter: str) -> str:
 class LookupException(TransformException, LookupError):
     """A frame is unknown to the buffer.
 
-    `frame` is the unknown name; `nearest` are up to three similar names that are `known`. They are
-    sought, and the advice is made of them, when they are asked for.
+    `frame` is the unknown name; `nearest` are up to three similar names that are `known` in its
+    namespace (of `robot7/base` no `robot27/base`). They are sought, and the advice is made of them,
+    when they are asked for.
     """
 
     def __init__(
@@ -133,8 +134,16 @@ class LookupException(TransformException, LookupError):
     def nearest(self) -> tuple[str, ...]:
         """Up to three known names that are spelt most like the unknown one, best first."""
         if self._nearest is None:
-            self._nearest = near_names(self.frame, self.known or ())
+            self._nearest = near_names(self.frame, self._beside)
         return self._nearest
+
+    @property
+    def _beside(self) -> list[str]:
+        """The known names in the namespace of the unknown one: that of another robot would answer
+        another question.
+        """
+        namespace = self.frame.rpartition("/")[0]
+        return [name for name in self.known or () if name.rpartition("/")[0] == namespace]
 
     @property
     def advice(self) -> str:
@@ -144,8 +153,10 @@ class LookupException(TransformException, LookupError):
             return str(given)
         if self.nearest:
             return f"did you mean {' or '.join(map(repr, self.nearest))}?"
+        if beside := self._beside:
+            return f"available: {listed(sorted(beside, key=natural_order))}"
         if self.known:
-            return f"available: {listed(sorted(self.known))}"
+            return f"no frame is known in {self.frame.rpartition('/')[0]!r}"
         return "no frame is known so far"
 
     @advice.setter

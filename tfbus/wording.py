@@ -1,5 +1,6 @@
 """Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
+import re
 import unicodedata
 from collections.abc import Collection, Iterable
 
@@ -11,10 +12,19 @@ _NAMED = 8
 _MOST_COUNTED = 1000
 _MOST_COMPARED = 64
 
+# Python reads no number of more than 4,300 digits.
+_DIGITS = re.compile(r"([0-9]{1,1000})")
+
 
 def counted(count: int, noun: str) -> str:
     """A number of things: `1 frame`, `2 frames`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def natural_order(name: str) -> tuple[object, ...]:
+    """The key by which lists of names are sorted: numbers count as such, robot2 before robot10."""
+    parts = _DIGITS.split(name)
+    return tuple(int(part) if at % 2 else part for at, part in enumerate(parts)), name
 
 
 def listed(words: Collection[str], *, most: int = _NAMED) -> str:

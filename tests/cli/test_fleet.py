@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from tests.buses import send_static
 from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 
@@ -130,3 +131,28 @@ def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
     assert json.loads(why.stdout)["remedies"][0].endswith("pass --shared map")
     frames = " ".join(robots.run("frames", "--fleet").stdout.split())
     assert "pass --shared map" in frames
+
+
+def test_why_never_advises_a_frame_of_another_robot(robots: Bus) -> None:
+    """For a robot that is off, no remedy and no suggestion names a frame of one that is there."""
+    done = robots.run("why", "map", "robot37/base_link", *SHARED, "--json")
+    assert done.returncode == 1
+    explained = json.loads(done.stdout)
+    said = " ".join([explained["failure"], *explained["remedies"]])
+    assert "robot37/base_link" in said
+    assert "robot3/" not in said and "robot7/" not in said.replace("robot37/", "")
+
+
+def test_the_doctor_shortens_what_each_robot_may_have(bus: Bus) -> None:
+    """The evidence of a fleet is at most three sentences on a screen; as JSON it is all there."""
+    for number in range(6):
+        node = bus.node("mount", namespace=f"robot{number}")
+        send_static(node, "map", "dock")
+    options = ("doctor", "--fleet", "--only", "disconnected", "--for", "0.5")
+    assert robot_trees(bus.run(*options).stdout) == 3
+    assert robot_trees(bus.run(*options, "--json").stdout) == 5
+
+
+def robot_trees(text: str) -> int:
+    """How many trees of robots a text says are separate."""
+    return " ".join(text.split()).count("a separate tree")

@@ -67,11 +67,10 @@ def test_a_goal_is_called_with_its_type(bus: Bus) -> None:
     [
         ("record -o run", "'record'; use: tfbus bag record"),
         ("play run.mcap", "'play'; use: tfbus bag play"),
-        ("fleet", "'fleet'; use --fleet"),
     ],
 )
 def test_a_command_that_is_part_of_another_is_named(command: str, answer: str) -> None:
-    """What `tfbus bag` does, and the option of a fleet, are looked for as commands, too."""
+    """What `tfbus bag` does is looked for as a command, too."""
     assert answer in usage_error(*command.split())
 
 

@@ -32,6 +32,7 @@ TOOLS = {
     "completion": "Print the script that completes tfbus in your shell.",
     "create": "Create a small package with a node, a launch file and a test.",
     "doctor": "Check this host and the bus, and say what to fix; exits with 1 on a failure.",
+    "fleet": "Show a fleet at a glance: which robots are there, gone, missing or in trouble.",
     "frames": "Show the tree of frames, its publishers, and what is wrong with it.",
     "keys": "Make identities for a closed bus: who may do what, encrypted.",
     "launch": "Start the processes of a launch file, and stop them together.",
@@ -76,6 +77,7 @@ JOBS = {
     "Connect networks, robots and other programs": (
         "router",
         "share",
+        "fleet",
         "ros1",
         "ros2",
         "foxglove",
@@ -224,8 +226,6 @@ _OF_BAG = {
     name: f"use: tfbus bag {name}"
     for name in ("cut", "export", "filter", "import", "info", "merge", "play", "record", "recover")
 }
-_FLEET = "use --fleet, which all tools that listen have: tfbus frames --fleet, tfbus top --fleet"
-
 _RUN = "a node is a command itself, as in: tfbus simulator"
 
 # Commands of ROS that have no counterpart.
@@ -248,8 +248,7 @@ _NOT_NEEDED = {
     cls=Commands,
     hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
     | _NOT_NEEDED
-    | _OF_BAG
-    | {"fleet": _FLEET},
+    | _OF_BAG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To get started: tfbus launch turtle",
 )

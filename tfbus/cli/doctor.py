@@ -1,29 +1,37 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
-import os
-import subprocess
 import textwrap
 import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, width
+from tfbus.cli.output import (
+    json_option,
+    paint,
+    print_json,
+    print_lines,
+    run_in_shell,
+    warn,
+    width,
+)
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, duration, near_names
+from tfbus.wording import counted, cut, duration, near_names
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
+# Of a fleet, where each robot may have the same trouble.
+_OF_FLEET, _LONGEST_REMEDY = 3, 300
 
 
 class _CheckName(click.Choice[str]):
@@ -109,7 +117,7 @@ def command(
     if bag is not None:
         if watch:
             raise click.UsageError("--watch checks a bus; a recording does not change")
-        _print(_check_recording(settings, fleet, bag, names, as_json), as_json)
+        _print(_check_recording(settings, fleet, bag, names, as_json), as_json, fleet)
         return
     from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
@@ -121,7 +129,7 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(findings, as_json, exit_on_fail, on_fail)
         else:
-            _print(examined(next(examinations), names), as_json)
+            _print(examined(next(examinations), names), as_json, fleet)
 
 
 def _watched(names: tuple[str, ...]) -> list[str]:
@@ -160,7 +168,12 @@ def _watch(
         is_first = False
         failed = [(name, each) for (name, verdict), each in begun.items() if verdict == "fail"]
         for name, finding in failed if on_fail else ():
-            _run(on_fail or "", name, finding)
+            told = {
+                "TFBUS_CHECK": name,
+                "TFBUS_EVIDENCE": "\n".join(finding.evidence),
+                "TFBUS_REMEDY": finding.remedy,
+            }
+            run_in_shell("--on-fail", on_fail or "", told)
         if failed and exit_on_fail:
             raise SystemExit(1)
 
@@ -177,18 +190,6 @@ def _say(name: str, finding: Finding, as_json: bool, event: str) -> None:
 
 def _now() -> str:
     return time.strftime("%H:%M:%S")
-
-
-def _run(line: str, name: str, finding: Finding) -> None:
-    """Run the command of --on-fail to its end; its own failure is said, and no reason to stop."""
-    told = {
-        "TFBUS_CHECK": name,
-        "TFBUS_EVIDENCE": "\n".join(finding.evidence),
-        "TFBUS_REMEDY": finding.remedy,
-    }
-    code = subprocess.run(line, shell=True, env={**os.environ, **told}, check=False).returncode
-    if code:
-        warn(f"the command of --on-fail exited with {code}: {line}")
 
 
 def _check_recording(
@@ -211,7 +212,7 @@ def _check_recording(
     return examined(seen, names)
 
 
-def _print(findings: dict[str, Finding], as_json: bool) -> None:
+def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> None:
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
@@ -220,7 +221,7 @@ def _print(findings: dict[str, Finding], as_json: bool) -> None:
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
             if alone or name not in left_out:
-                print_lines(_lines(name, finding))
+                print_lines(_lines(name, finding if fleet is None else _shortened(finding)))
         if left_out and not alone:
             names = ", ".join(left_out)
             print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", "", ""))
@@ -228,6 +229,14 @@ def _print(findings: dict[str, Finding], as_json: bool) -> None:
             print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
         raise SystemExit(1)
+
+
+def _shortened(finding: Finding) -> Finding:
+    """A finding of a fleet for a screen: its first sentences, as each may be of another robot."""
+    evidence = finding.evidence[:_OF_FLEET]
+    if len(finding.evidence) > _OF_FLEET:
+        evidence = (*evidence, "and more: see --json, and tfbus fleet")
+    return replace(finding, evidence=evidence, remedy=cut(finding.remedy, _LONGEST_REMEDY))
 
 
 def _lines(name: str, finding: Finding) -> list[str]:

@@ -10,6 +10,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running, warn_of_unanswered
+from tfbus.cli.fleet import FleetPage
 from tfbus.cli.output import json_option, longest_line, paint_state, print_lines, screen, width
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
@@ -17,6 +18,7 @@ from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
 from tfbus.frames import document
 from tfbus.frames.document import edge_lines, tree_lines
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -93,13 +95,13 @@ def command(
     with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
-                _watch(heard, long)
+                _watch(heard, FleetPage(fleet), long)
             return
         heard.ask_nodes()
         moment = heard.moment()
         tree = moment.tree
         hint = "" if tree.frames else heard.hint()
-    _show(tree, outputs, moment.unanswered, long=long, as_json=as_json)
+    _show(moment, FleetPage(fleet), outputs, long=long, as_json=as_json)
     warn_of_unanswered(moment.unanswered)
     if not tree.frames:
         silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
@@ -131,30 +133,34 @@ def _show_recorded(
             )
         if not as_json and not outputs:
             print_lines(moment_lines(bag, heard))
-        _show(tree, outputs, heard.moment().unanswered, long=long, as_json=as_json)
+        _show(heard.moment(), FleetPage(fleet), outputs, long=long, as_json=as_json)
     if check and tree.problems():
         raise SystemExit(1)
 
 
 def _show(
-    tree: FrameTree,
+    moment: BusMoment,
+    page: FleetPage,
     outputs: tuple[Path, ...],
-    unanswered: tuple[str, ...],
     *,
     long: bool,
     as_json: bool,
 ) -> None:
+    tree = moment.tree
     if as_json:
-        told = document.as_map(tree) | {"unanswered": list(unanswered)}
+        told = document.as_map(tree) | {"unanswered": list(moment.unanswered)}
         click.echo(json.dumps(told, indent=2))
     elif tree.frames and not outputs:
-        print_lines(_lines(tree, long))
+        print_lines(_lines(moment, page, long))
     for path in outputs:
         _write(tree, path)
         click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
 
 
-def _lines(tree: FrameTree, long: bool) -> list[str]:
+def _lines(moment: BusMoment, page: FleetPage, long: bool) -> list[str]:
+    tree = moment.tree
+    if not long and (robots := page.lines(moment, "--long shows each, -o FILE writes them")):
+        return robots
     if long:
         return [*edge_lines(tree), *document.summary(tree, [], width=width())]
     shown = tree_lines(tree, width=longest_line(), paint=paint_state)
@@ -166,12 +172,12 @@ def _nothing(heard: "Listening") -> list[str]:
     return [f"No frame yet: {hint}" if hint else "No frame yet"]
 
 
-def _watch(heard: "Listening", long: bool) -> None:
+def _watch(heard: "Listening", page: FleetPage, long: bool) -> None:
     with screen() as show:
         while True:
             heard.ask_about_clocks()
-            tree = heard.tree()
-            show(_lines(tree, long) if tree.frames else _nothing(heard))
+            moment = heard.moment()
+            show(_lines(moment, page, long) if moment.tree.frames else _nothing(heard))
             if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
                 return
 

@@ -13,6 +13,7 @@ import click
 from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import is_running, warn_of_unanswered
+from tfbus.cli.fleet import FleetPage
 from tfbus.cli.output import (
     json_option,
     longest_line,
@@ -27,7 +28,7 @@ from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.frames.moment import BusView, faults, state
+from tfbus.frames.moment import BusMoment, BusView, faults, state
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.columns import EDGES, STREAMS, Column
 from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
@@ -92,16 +93,18 @@ def command(
     from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
 
     pair = PairWatch(target, source) if target is not None and source is not None else None
+    page = FleetPage(None if pair else fleet)
     with listening(settings, fleet, goes_on=not once) as heard:
         heard.ask_nodes()
         warn_of_unanswered(heard.moment().unanswered)
+        _fitting(page, heard.moment())  # the rates of robots begin here
         reports = _reports(heard, pair, period_s)
         first = next(reports, None)
         if first is None:
             raise KeyboardInterrupt
         _check(heard, first, once)
         if once and not as_json:
-            print_lines(as_lines(first))
+            print_lines(_fitting(page, first.moment) or as_lines(first))
             return
         with suppress(KeyboardInterrupt), ExitStack() as stack:  # its usual end
             show = None if as_json else stack.enter_context(screen())
@@ -109,7 +112,8 @@ def command(
                 if show is None:
                     print_json(as_map(report))
                 else:
-                    show(as_lines(report, "" if report.edges() else heard.hint_while_empty()))
+                    hint = "" if report.edges() else heard.hint_while_empty()
+                    show(_fitting(page, report.moment) or as_lines(report, hint))
 
 
 def _measure_recorded(
@@ -139,7 +143,11 @@ def _measure_recorded(
             print_json(as_map(report))
         else:
             print_lines(span_lines(bag, heard, from_ns, to_ns))
-            print_lines(as_lines(report))
+            print_lines(_fitting(FleetPage(fleet), report.moment) or as_lines(report))
+
+
+def _fitting(page: FleetPage, moment: BusMoment) -> list[str] | None:
+    return page.lines(moment, "--json measures each, TARGET SOURCE a path")
 
 
 def _check(heard: BusView, report: Report, once: bool, of_bag: Sequence[str] = ()) -> None:

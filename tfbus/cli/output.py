@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -160,6 +160,17 @@ def warn(what: object) -> None:
 def say(what: object) -> None:
     """Print to stderr what the tool is doing, such as what it waits for."""
     click.echo(paint(sentence(what), "faint"), err=True)
+
+
+def run_in_shell(option: str, line: str, told: Mapping[str, str]) -> None:
+    """Run the command of an option to its end, with `told` in its environment; its own failure is
+    a warning, and no reason to stop.
+    """
+    import subprocess  # which few tools need
+
+    code = subprocess.run(line, shell=True, env={**os.environ, **told}, check=False).returncode
+    if code:
+        warn(f"the command of {option} exited with {code}: {line}")
 
 
 def paint(text: str, role: str) -> str:

@@ -29,10 +29,14 @@ def bus_options(name: str) -> Callable[[F], F]:
     return _with_options(name, _BUS_OPTIONS)
 
 
-def listening_options(name: str | Callable[[], str]) -> Callable[[F], F]:
-    """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms."""
+def listening_options(
+    name: str | Callable[[], str], *, always_fleet: bool = False
+) -> Callable[[F], F]:
+    """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms;
+    with `always_fleet` to those of a fleet, without `--fleet`.
+    """
     options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
-    return lambda function: fleet_options(_with_options(name, options)(function))
+    return lambda function: _with_fleet(_with_options(name, options)(function), always_fleet)
 
 
 def fleet_options(function: F) -> F:
@@ -40,9 +44,15 @@ def fleet_options(function: F) -> F:
 
     Its argument `fleet` is then their value, a Fleet or None, for a TransformListener.
     """
+    return _with_fleet(function)
+
+
+def _with_fleet(function: F, always_fleet: bool = False) -> F:
 
     @functools.wraps(function)
-    def command(*args: Any, fleet: bool, shared_frames: tuple[str, ...], **values: Any) -> Any:
+    def command(
+        *args: Any, shared_frames: tuple[str, ...], fleet: bool = always_fleet, **values: Any
+    ) -> Any:
         from tfbus.wire.fleet import Fleet  # with its reader, which `--help` does not need
 
         if shared_frames and not fleet:
@@ -54,7 +64,7 @@ def fleet_options(function: F) -> F:
         return function(*args, fleet=seen, **values)
 
     decorated: Any = command
-    for option in reversed(_FLEET_OPTIONS):
+    for option in reversed(_FLEET_OPTIONS[1:] if always_fleet else _FLEET_OPTIONS):
         decorated = option(decorated)
     return cast(F, decorated)
 

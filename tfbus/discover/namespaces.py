@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.errors import DecodeError
 from tfbus.wire.keys import namespace_of
+from tfbus.wording import natural_order
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
@@ -46,5 +47,5 @@ def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame
     known = f"{frame!r} is" if frame else "frames are"
     if "" in having:
         return f"{known} known outside of this namespace: look without --namespace"
-    named = " or ".join(sorted(having)[:_NAMED])
+    named = " or ".join(sorted(having, key=natural_order)[:_NAMED])
     return f"{known} known in other namespaces: look with --namespace {named}, or with --fleet"

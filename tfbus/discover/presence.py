@@ -22,7 +22,7 @@ from tfbus.wire.keys import (
     relative_name,
     stream_of,
 )
-from tfbus.wording import did_you_mean, printable
+from tfbus.wording import did_you_mean, natural_order, printable
 
 # A process that is busy, or on a busy host, may take that long to answer; all others at once.
 PATIENCE_S = 5.0
@@ -41,7 +41,8 @@ def list_nodes(session: Session) -> list[str]:
         if not session.linked() or scheduler.monotonic() >= deadline_s:
             break
         scheduler.sleep(_AGAIN_AFTER_S)
-    return sorted(printable(full_name(key, namespace)) for key in living)
+    names = (printable(full_name(key, namespace)) for key in living)
+    return sorted(names, key=natural_order)
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
@@ -163,6 +164,11 @@ class NodeWatch:
     def close(self) -> None:
         """End the watch."""
         self._subscriber.close()
+
+    def names(self) -> frozenset[str]:
+        """The full names of the nodes that are alive."""
+        with self._changed:
+            return frozenset(self._present)
 
     def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
         """Wait for the node of this full name, at most `timeout_s`; whether it is alive."""

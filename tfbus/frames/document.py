@@ -20,7 +20,7 @@ from tfbus.frames.snapshot import FrameTree, who
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.trajectory.trajectory import CSV_COLUMNS
-from tfbus.wording import age, columns, counted, cut, duration, stamp_text
+from tfbus.wording import age, columns, counted, cut, duration, natural_order, stamp_text
 
 Paint = Callable[[str, State], str]
 
@@ -74,7 +74,7 @@ def publisher_lines(tree: FrameTree) -> list[str]:
 def edge_lines(tree: FrameTree) -> list[str]:
     """Each edge with all its facts, one fact a line."""
     lines = []
-    for name in sorted(tree.frames):
+    for name in sorted(tree.frames, key=natural_order):
         frame = tree.frames[name]
         if frame.parent is not None:
             lines += [

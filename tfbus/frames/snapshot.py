@@ -20,7 +20,7 @@ from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.stamps import other_unit
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, duration, listed, printable
+from tfbus.wording import counted, duration, listed, natural_order, printable
 
 ProblemKind = Literal[
     "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit", "ahead"
@@ -82,7 +82,7 @@ class FrameTree:
     def trees(self) -> list[list[tuple[int, FrameInfo]]]:
         """Whole trees as `walk` gives them: the largest first, then by the names of their roots."""
         roots = [frame.name for frame in self.frames.values() if frame.parent is None]
-        trees = [list(self.walk(root)) for root in sorted(roots)]
+        trees = [list(self.walk(root)) for root in sorted(roots, key=natural_order)]
         return sorted(trees, key=len, reverse=True)
 
     @property
@@ -105,8 +105,8 @@ class FrameTree:
 
     def children(self, frame: str) -> list[str]:
         """The frames directly below this one, by name."""
-        # A buffer lists them by name.
-        return [child for child in self.frames[frame].children if child in self.frames]
+        children = [child for child in self.frames[frame].children if child in self.frames]
+        return sorted(children, key=natural_order) if len(children) > 1 else children
 
     def age_s(self, frame: FrameInfo) -> float | None:
         """How old the newest stamp of a frame is, in s; None for a static frame, or no sample."""

@@ -28,7 +28,7 @@ from tfbus.frames.snapshot import (
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, natural_order
 
 Verdict = Literal["ok", "warn", "fail"]
 
@@ -305,7 +305,8 @@ def _remedies_in_other_namespaces(
     if frame in {f"{namespace}/{name}" for namespace, name in frames_in_other_namespaces}:
         yield "look at all robots together: --fleet"
     namespaces = sorted(
-        namespace for namespace, name in frames_in_other_namespaces if name == frame
+        (namespace for namespace, name in frames_in_other_namespaces if name == frame),
+        key=natural_order,
     )
     if namespaces:
         yield (

@@ -9,6 +9,7 @@ from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
 from tfbus.monitor.flow import EdgeFlow, MessageWindow, Meter, Spread, spread_of
 from tfbus.recording.pauses import Pause
+from tfbus.wording import natural_order
 
 _MOST_SAMPLES = 1_000
 
@@ -111,7 +112,9 @@ class Report:
     def edges(self) -> list[FrameInfo]:
         """The frames with a parent, by name; with a pair, those of its chain, in its order."""
         frames = self.tree.frames
-        names = self.pair.chain if self.pair and self.pair.chain else sorted(frames)
+        names = (
+            self.pair.chain if self.pair and self.pair.chain else sorted(frames, key=natural_order)
+        )
         return [frames[name] for name in names if name in frames and frames[name].parent]
 
     def rows(self) -> list[MeasuredEdge]:
@@ -126,7 +129,7 @@ class Report:
         ]
         if chain:
             return sorted(found, key=lambda row: chain.index(row.frame.name))
-        return sorted(found, key=lambda row: (row.frame.name, row.frame.authority))
+        return sorted(found, key=lambda row: (natural_order(row.frame.name), row.frame.authority))
 
 
 def _no_flow(frame: FrameInfo) -> EdgeFlow:

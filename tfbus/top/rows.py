@@ -19,7 +19,7 @@ from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import MeasuredEdge, Report, make_report
 from tfbus.node.node import Node
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import cut, duration, printable
+from tfbus.wording import cut, duration, natural_order, printable
 
 _SERVICE = "service"
 
@@ -234,8 +234,8 @@ def fitting(
 
 
 def _order(value: Any) -> tuple[bool, Any]:
-    """A sort key that puts numbers before texts."""
-    return isinstance(value, str), value
+    """A sort key that puts numbers before texts, and texts in their natural order."""
+    return isinstance(value, str), natural_order(value) if isinstance(value, str) else value
 
 
 def _text(text: str) -> Cell:

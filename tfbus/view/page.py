@@ -268,7 +268,9 @@ class Page:
 
     def _look(self, settings: ViewSettings) -> Frames:
         before = settings.fixed_frame or self.frames.natural_fixed_frame()
-        return frames_of(self._bus.moment(), self._buffer, before)
+        moment = self._bus.moment()
+        self.panel.fleet.refresh(moment)
+        return frames_of(moment, self._buffer, before)
 
     def _choose(self, settings: ViewSettings) -> Choice:
         frames = self.frames

@@ -20,6 +20,7 @@ from tfbus.view.panels.controls import (
     MovesCameras,
     add_camera_commands,
 )
+from tfbus.view.panels.fleet import FleetTab
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.robots import RobotsPanel, progress_text
@@ -153,6 +154,7 @@ class Panel:
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
+        self.fleet = FleetTab(gui, tabs)
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}

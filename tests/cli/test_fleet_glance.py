@@ -1,0 +1,173 @@
+"""`tfbus fleet`: a fleet at a glance, and its roster."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from tests.buses import eventually, keep_sending, send_static
+from tests.recordings import described, gone, publisher, steadily, write
+from tests.simulated_bus import Bus
+from tfbus.cli.fleet import as_lines
+from tfbus.frames.fleet import RobotStatus, worst_first
+
+
+@pytest.fixture
+def fleet(bus: Bus) -> Bus:
+    """The robots robot2, robot3 and robot10, each with base_link in its map and a camera on it;
+    robot3 is a process of its own.
+    """
+    for number in (2, 10):
+        robot(bus, number)
+    with bus.network.process("outside", "robot3"):
+        robot(bus, 3)
+    return bus
+
+
+def robot(bus: Bus, number: int, **given: Any) -> None:
+    """A robot of two nodes."""
+    namespace = f"robot{number}"
+    keep_sending(bus.node("wheels", namespace=namespace, **given), "map", "base_link")
+    send_static(bus.node("mount", namespace=namespace, **given), "base_link", "camera")
+
+
+def shown(bus: Bus, *arguments: str) -> tuple[int, dict[str, dict[str, Any]]]:
+    """The exit code, and the robots by their names, in their order."""
+    done = bus.run("fleet", "--json", *arguments)
+    assert done.stderr == ""
+    return done.returncode, {each["name"]: each for each in json.loads(done.stdout)["robots"]}
+
+
+def test_each_robot_has_a_line(fleet: Bus) -> None:
+    """A robot that is well has its nodes, age, rate, load and version; robot2 is before robot10."""
+    code, robots = shown(fleet)
+    assert (code, list(robots)) == (0, ["robot2", "robot3", "robot10"])
+    for each in robots.values():
+        assert (each["state"], each["problems"], each["stale"]) == ("there", [], 0)
+        assert 0.0 <= each["age_s"] < 0.5
+        assert 10.0 < each["messages_hz"] < 30.0
+        assert each["bytes_per_s"] > 100.0
+        assert len(each["versions"]) == 1
+        assert each["nodes"] == [f"/{each['name']}/mount", f"/{each['name']}/wheels"]
+    lines = fleet.run("fleet").stdout.splitlines()
+    assert [line.split()[0] for line in lines[2:]] == ["robot2", "robot3", "robot10"]
+    assert max(map(len, lines)) <= 80
+
+
+def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
+    """A robot of the roster that is not there is missing, in front of the others, and the exit code
+    is 1; a robot outside of the roster is shown as such.
+    """
+    code, robots = shown(fleet, "--expect", "robot[1-3]")
+    assert (code, list(robots)) == (1, ["robot1", "robot2", "robot3", "robot10"])
+    assert [each["state"] for each in robots.values()] == ["missing", *["there"] * 3]
+    assert [each["is_expected"] for each in robots.values()] == [True, True, True, False]
+    roster = tmp_path / "robots.txt"
+    roster.write_text("# the hall\nrobot[2-3]\nrobot10\n")
+    assert shown(fleet, "--expect", str(roster))[0] == 0
+
+
+def test_a_lost_robot_is_gone_until_it_is_back(fleet: Bus) -> None:
+    """While it watches, a robot that is killed is gone, and there again when it comes back."""
+    program = fleet.start("fleet", "--watch", "--json", "--expect", "robot[1-3]")
+
+    def states() -> list[tuple[str, str]]:
+        news = [json.loads(line) for line in program.stdout.splitlines()]
+        return [(each["name"], each["state"]) for each in news]
+
+    eventually(lambda: len(states()) == 4)
+    assert states()[0] == ("robot1", "missing")
+    fleet.network.kill("outside/robot3")
+    eventually(lambda: states()[4:] == [("robot3", "gone")])
+    assert json.loads(program.stdout.splitlines()[-1])["gone_ns"] is not None
+    robot(fleet, 3)
+    eventually(lambda: states()[5:] == [("robot3", "there")])
+    assert program.stop() == 0
+
+
+@pytest.mark.real
+def test_a_command_runs_for_a_robot_that_is_not_there(bus: Bus, tmp_path: Path) -> None:
+    """The command of --on-gone has the robot and its state in its environment."""
+    told = tmp_path / "told"
+    command = f'echo "$TFBUS_ROBOT $TFBUS_STATE" >> {told}'
+    program = bus.start("fleet", "--watch", "--expect", "robot[1-2]", "--on-gone", command)
+    eventually(lambda: told.exists() and told.read_text().count("missing") == 2)
+    assert told.read_text() == "robot1 missing\nrobot2 missing\n"
+    program.stop()
+
+
+def test_a_wrong_clock_and_a_lost_publisher_come_first(fleet: Bus) -> None:
+    """A robot with problems is in front of the others, and its line says what and how much."""
+    with fleet.network.process(fleet.network.host("robot11", offset_s=2.5), "robot11"):
+        robot(fleet, 11)
+    _, robots = shown(fleet, "--shared", "map")
+    assert next(iter(robots)) == "robot11"
+    assert robots["robot11"]["clock_offset_s"] == pytest.approx(2.5, abs=0.1)
+    assert [each["kind"] for each in robots["robot11"]["problems"]] == ["ahead"]
+    line = fleet.run("fleet").stdout.splitlines()[2].split()
+    assert line[:2] == ["robot11", "there"]
+    assert "+2.5" in line and line[-1] == "ahead"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--expect", "robot[9-1]"), "a range goes up"),
+        (("--expect", "robot[]"), "robot[1-30]"),
+        (("--expect", "nowhere.txt"), "cannot be read"),
+        (("--expect", "robot 7"), "robot 7"),
+        (("--on-gone", "true"), "--watch"),
+    ],
+)
+def test_a_mistake_is_a_usage_error(bus: Bus, arguments: tuple[str, ...], message: str) -> None:
+    """A roster that names no robots, and a command without --watch, exit with 2."""
+    done = bus.run("fleet", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_without_a_robot_it_says_so(bus: Bus) -> None:
+    """A bus without a robot in a namespace exits with 1."""
+    bus.node("tower")
+    done = bus.run("fleet")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "--namespace" in done.stderr
+
+
+@pytest.mark.parametrize("tool", [("frames", "--fleet", "--watch"), ("monitor", "--fleet")])
+def test_frames_that_fit_no_screen_are_shown_by_robot(fleet: Bus, tool: tuple[str, ...]) -> None:
+    """On a small screen a tool shows a line a robot, in natural order, and how to see frames."""
+    page = fleet.run_in_terminal(*tool, until="robot10", lines=9)
+    assert "base_link" not in page
+    assert page.index("robot2") < page.index("robot3") < page.index("robot10")
+    assert "9 frames" in page
+
+
+def test_a_page_of_a_thousand_robots_fits_a_screen() -> None:
+    """It has the worst, and counts the others."""
+    well = [RobotStatus(f"robot{number}", "there", age_s=0.1) for number in range(800)]
+    lost = [RobotStatus(f"robot{number}", "gone", gone_ns=0) for number in range(800, 1000)]
+    lines = as_lines(worst_first([*well, *lost]), 10**12, 24)
+    assert len(lines) <= 24
+    assert max(map(len, map(click.unstyle, lines))) <= 80
+    assert any("robot800" in line for line in lines)
+    assert "800" in lines[-1]
+    assert len(as_lines(worst_first(well), 0)) == 802
+
+
+def test_a_recording_has_its_fleet(bus: Bus, tmp_path: Path) -> None:
+    """With --bag it is the fleet at a moment; a lost robot is gone since its last frames."""
+    items = []
+    for number, to_s in ((2, 20.0), (10, 5.0)):
+        stream = publisher(f"robot{number}/wheels")
+        items.append(described(stream, 0.0, ("map", "base", False)))
+        items += steadily(stream, 0.0, to_s, ("map", "base"))
+    path = write(tmp_path / "run.mcap", *items, gone(stream, 6.0))
+    code, robots = shown(bus, "--bag", str(path), "--at", "+15s", "--expect", "robot[2,10]")
+    assert (code, list(robots)) == (1, ["robot10", "robot2"])
+    assert [each["state"] for each in robots.values()] == ["gone", "there"]
+    text = bus.run("fleet", "--bag", str(path), "--at", "+15s").stdout
+    assert "gone 10" in text
+    assert shown(bus, "--bag", str(path), "--at", "+3s", "--expect", "robot[2,10]")[0] == 0

@@ -1,0 +1,296 @@
+"""`tfbus fleet`: a fleet at a glance, one line a robot."""
+
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import is_running
+from tfbus.cli.output import (
+    first_lines,
+    is_terminal,
+    json_option,
+    paint,
+    print_json,
+    print_lines,
+    run_in_shell,
+    screen,
+    table,
+)
+from tfbus.command.options import listening_options
+from tfbus.command.recordings import BagChoice, bag_options
+from tfbus.command.types import Number, own_name
+from tfbus.errors import InvalidArgumentException
+from tfbus.frames.fleet import FleetWatch, RobotStatus, roster_of
+from tfbus.frames.moment import BusMoment
+from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.wire.fleet import Fleet
+from tfbus.wording import counted, duration, listed, natural_order
+
+if TYPE_CHECKING:
+    from tfbus.discover.presence import NodeWatch
+    from tfbus.frames.command_listener import Listening
+
+# Nodes describe themselves once; a restarted one may do so with another version.
+_ASK_NEW_EVERY_S, _ASK_EVERY_S = 2.0, 10.0
+
+# How a page that is no terminal's is cut, and what stands on it besides robots.
+_LINES, _BESIDE_ROBOTS = 24, 4
+
+# Tools that list frames show robots instead, if a pipe would get more frames than this.
+_MOST_IN_PIPE = 200
+
+_FILE_ENDINGS = (".txt", ".list", ".lst", ".csv")
+
+
+class _RosterNames(click.ParamType[tuple[str, ...]]):
+    """Names of robots, with ranges, or a file with such a name a line."""
+
+    name = "robots"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The names; a usage error for a mistake in one, and a file that cannot be read."""
+        path = Path(value)
+        names = [value]
+        if path.is_file() or path.suffix in _FILE_ENDINGS:
+            try:
+                lines = path.read_text(encoding="utf-8").splitlines()
+            except (OSError, UnicodeDecodeError) as error:
+                self.fail(f"the file {value!r} cannot be read: {error}", param, ctx)
+            names = [name for line in lines if (name := line.partition("#")[0].strip())]
+        try:
+            found = roster_of(names)
+        except InvalidArgumentException as error:
+            self.fail(str(error), param, ctx)
+        if not found:
+            self.fail(f"{value!r} names no robot", param, ctx)
+        return found
+
+
+@click.command(
+    epilog="Examples: tfbus fleet; tfbus fleet --expect 'robot[1-30]' --watch; "
+    "tfbus fleet --expect robots.txt --watch --on-gone 'notify-send $TFBUS_ROBOT'"
+)
+@click.option(
+    "--expect",
+    "expected",
+    type=_RosterNames(),
+    multiple=True,
+    metavar="ROBOTS",
+    help="The roster: names such as 'robot[1-30]', or a file with one a line; repeatable. Exits "
+    "with 1 if one of them is gone or missing.",
+)
+@click.option("--all", "show_all", is_flag=True, help="Show each robot, also those that are well.")
+@click.option("-w", "--watch", is_flag=True, help="Refresh it in place until Ctrl-C.")
+@click.option(
+    "--on-gone",
+    metavar="COMMAND",
+    help="With --watch: run this in a shell for each robot that is gone or missing, with "
+    "TFBUS_ROBOT and TFBUS_STATE (gone, missing) in its environment.",
+)
+@click.option(
+    "-p",
+    "--period",
+    "period_s",
+    type=Number(least=0.1, most=3600.0),
+    default=1.0,
+    metavar="SECONDS",
+    show_default=True,
+    help="How long rates are measured, and the time between pages, at least 0.1.",
+)
+@json_option("Print one JSON object; with --watch a line for each change of a robot's state.")
+@bag_options("at")
+@listening_options(lambda: own_name("_fleet"), always_fleet=True)
+def command(
+    settings: NodeSettings,
+    fleet: Fleet,
+    bag: BagChoice | None,
+    expected: tuple[tuple[str, ...], ...],
+    show_all: bool,
+    watch: bool,
+    on_gone: str | None,
+    period_s: float,
+    as_json: bool,
+) -> None:
+    """Show a fleet at a glance: which robots are there, gone, missing or in trouble.
+
+    A robot is a namespace, as of nodes that run with --namespace robot7. The worst come first, and
+    robots without a problem are counted if a screen has no room for them.
+    """
+    if on_gone and not watch:
+        raise click.UsageError("--on-gone is for --watch")
+    if watch and bag is not None:
+        raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
+    roster = tuple(sorted({name for names in expected for name in names}, key=natural_order))
+    robots = watch_of(fleet, roster)
+    if bag is not None:
+        from tfbus.cli.recorded import frames_at, moment_lines
+
+        with frames_at(bag, settings, fleet) as frames:
+            moment = frames.moment()
+            if not as_json:
+                print_lines(moment_lines(bag, frames))
+        _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
+        return
+    from tfbus.discover.presence import NodeWatch  # Zenoh, which a recording does not need
+    from tfbus.frames.command_listener import listening
+
+    with listening(settings, fleet, goes_on=watch, history_s=0.0) as heard:
+        heard.ask_nodes()
+        present = NodeWatch(heard.node.session)
+        if watch:
+            with suppress(KeyboardInterrupt):  # its usual end
+                _watch(heard, present, robots, period_s, show_all, on_gone, as_json)
+            return
+        robots.robots(_moment(heard, present))
+        if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
+            raise KeyboardInterrupt
+        moment = _moment(heard, present)
+        _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
+
+
+def _moment(heard: "Listening", present: "NodeWatch") -> BusMoment:
+    """The bus now, with the nodes that are there now, described or not."""
+    moment, names = heard.moment(), present.names()
+    nodes = tuple(each for each in moment.nodes if each.name in names)
+    others = names.difference(each.name for each in nodes)
+    return replace(moment, nodes=nodes, unanswered=tuple(sorted(others)))
+
+
+def _show(
+    robots: Sequence[RobotStatus],
+    moment: BusMoment,
+    show_all: bool,
+    as_json: bool,
+    has_roster: bool,
+) -> None:
+    """Print the fleet once; exits with 1 if a robot of the roster is not there."""
+    if as_json:
+        print_json({"at_ns": moment.at_ns, "robots": list(map(asdict, robots))})
+    elif robots:
+        print_lines(as_lines(robots, moment.at_ns, None if show_all else _height()))
+    if not robots:
+        raise click.ClickException(
+            f"no robot in a namespace below: {is_running('node')} (tfbus NODE --namespace robot7)"
+        )
+    if has_roster and any(each.is_expected and each.state != "there" for each in robots):
+        raise SystemExit(1)
+
+
+def _watch(
+    heard: "Listening",
+    present: "NodeWatch",
+    watch: FleetWatch,
+    period_s: float,
+    show_all: bool,
+    on_gone: str | None,
+    as_json: bool,
+) -> None:
+    asked_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
+    with suppress(KeyboardInterrupt), ExitStack() as stack:
+        show = None if as_json else stack.enter_context(screen())
+        while True:
+            moment = _moment(heard, present)
+            robots = watch.robots(moment)
+            news = [each for each in robots if states.get(each.name) != each.state]
+            states = {each.name: each.state for each in robots}
+            if show is None:
+                for robot in news:
+                    print_json({"at_ns": moment.at_ns} | asdict(robot))
+            else:
+                lines = as_lines(robots, moment.at_ns, None if show_all else _height())
+                show(lines if robots else ["No robot yet"])
+            for robot in news if on_gone else ():
+                if robot.state != "there":
+                    told = {"TFBUS_ROBOT": robot.name, "TFBUS_STATE": robot.state}
+                    run_in_shell("--on-gone", on_gone or "", told)
+            if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
+                return
+            now_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+            is_new = any(each.state == "there" and not each.versions for each in robots)
+            if now_s - asked_s >= (_ASK_NEW_EVERY_S if is_new else _ASK_EVERY_S):
+                asked_s = now_s
+                heard.ask_nodes()
+
+
+def _height() -> int:
+    """How many lines a page may have."""
+    return shutil.get_terminal_size((80, _LINES)).lines if is_terminal() else _LINES
+
+
+def as_lines(robots: Sequence[RobotStatus], at_ns: int, height: int | None = None) -> list[str]:
+    """A line of sums, and a table of the robots, worst first, in at most `height` lines: robots
+    without a problem are counted if there is no room for them.
+    """
+    shown = list(robots)
+    if height is not None and len(robots) > height - _BESIDE_ROBOTS:
+        shown = [each for each in robots if not each.is_well]
+    well = len(robots) - len(shown)
+    rows = [_row(each, at_ns) for each in shown]
+    headings = ("robot", "state", "age", "clock", "Hz", "kB/s", "version", "problems")
+    lines = table(headings, rows, right=(2, 3, 4, 5), names=(0,)) if rows else []
+    if height is not None:
+        lines = first_lines(lines, max(height - _BESIDE_ROBOTS, 1))
+    if well:
+        lines.append(f"{counted(well, 'robot')} without a problem (--all shows each)")
+    return [_sums(robots), *lines]
+
+
+class FleetPage:
+    """The page of a tool with --fleet that lists frames, once these do not fit: a line a robot."""
+
+    def __init__(self, fleet: Fleet | None) -> None:
+        self._robots = None if fleet is None else watch_of(fleet)
+
+    def lines(self, moment: BusMoment, all_by: str) -> list[str] | None:
+        """The robots at a moment, and the option `all_by` by which all frames are seen; None if the
+        frames fit on a screen (in a pipe, on 200 lines), or are of one robot.
+        """
+        if self._robots is None:
+            return None
+        robots = self._robots.robots(moment)
+        room = _height() if is_terminal() else _MOST_IN_PIPE
+        if len(robots) < 2 or len(moment.frames) < room:
+            return None
+        count = counted(len(moment.frames), "frame")
+        return [*as_lines(robots, moment.at_ns, _height() - 1), f"{count}: {all_by}"]
+
+
+def watch_of(fleet: Fleet, roster: Iterable[str] = ()) -> FleetWatch:
+    """A watch of a fleet with these shared frames."""
+    return FleetWatch(roster, shares_frames=bool(fleet.shared_frames))
+
+
+def _sums(robots: Sequence[RobotStatus]) -> str:
+    count = Counter(each.state for each in robots)
+    troubled = sum(each.state == "there" and not each.is_well for each in robots)
+    parts = [f"{count['there']:,} of {counted(len(robots), 'robot')} there"]
+    parts += [
+        paint(f"{count[state]:,} {state}", "bad") for state in ("gone", "missing") if count[state]
+    ]
+    if troubled:
+        parts.append(paint(f"{troubled:,} with problems", "warning"))
+    return ", ".join(parts)
+
+
+def _row(robot: RobotStatus, at_ns: int) -> tuple[str, ...]:
+    clock = robot.clock_offset_s
+    role = "" if robot.is_well else "warning" if robot.state == "there" else "bad"
+    return (
+        paint(robot.name, "name"),
+        paint(robot.state_text(at_ns), role) if role else robot.state,
+        "" if robot.age_s is None else duration(robot.age_s),
+        "" if clock is None else f"{'+' if clock >= 0 else ''}{duration(clock)}",
+        "" if robot.messages_hz is None else f"{robot.messages_hz:.1f}",
+        "" if robot.bytes_per_s is None else f"{robot.bytes_per_s / 1e3:.1f}",
+        listed(robot.versions, most=2),
+        robot.trouble,
+    )

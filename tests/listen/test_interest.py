@@ -15,6 +15,7 @@ from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     ConnectivityException,
+    FrameInfo,
     InvalidArgumentException,
     LookupException,
     Node,
@@ -361,3 +362,23 @@ def test_a_message_that_comes_after_its_key_is_left_is_dropped(
         eventually(lambda: "base" not in buffer.frames())
         late[-1]()
         assert "base" not in buffer.frames()
+
+
+def test_the_buffer_is_not_asked_for_an_error_about_each_unknown_frame() -> None:
+    """Such an error compares the names of all frames, and frames that nothing has sent are many."""
+
+    class Asked(Buffer):
+        def frame(self, name: str) -> FrameInfo:
+            raise AssertionError("frame() is for people")
+
+    buffer, read = Asked(), Read()
+    interest = Interest(buffer, read.subscribe, read.forget)
+    tell(interest, "wheels", ("map", "base", False))
+    interest.need("base", "map")
+    eventually(lambda: read.keys == {"tf/wheels"})
+    with pytest.raises(LookupException, match="reading stream 'wheels'"):
+        buffer.lookup_transform("map", "base")
+    interest.close()
+    assert buffer.known_frame("base") is None
+    buffer.set_transform(edge("map", "base"))
+    assert (info := buffer.known_frame("base")) is not None and info.parent == "map"

@@ -321,7 +321,7 @@ class Interest:
             roots = [" or ".join(self._tree.roots(frame)) for frame in (target, source)]
             streams = {edge.stream for edge in self._tree.edges_needed([(target, source)])}
             question = self._asked.get((target, source))
-        missing = [frame for frame in (target, source) if not self._has(frame)]
+        missing = [frame for frame in (target, source) if self._buffer.known_frame(frame) is None]
         for frame in missing:
             if frame in nowhere:
                 return unknown_frame(frame, known.union(self._buffer.frames()))
@@ -348,21 +348,12 @@ class Interest:
             frame=(missing or [source])[0],
         )
 
-    def _has(self, frame: str) -> bool:
-        try:
-            self._buffer.frame(frame)
-        except LookupException:
-            return False
-        return True
-
     # On any thread, with the lock held
 
     def _parent_here(self, frame: str) -> str | None:
         """The parent that a frame has in the buffer, if the application may have put it."""
-        try:
-            return self._buffer.frame(frame).parent
-        except LookupException:
-            return None
+        info = self._buffer.known_frame(frame)
+        return None if info is None else info.parent
 
     # On the thread of the interest
 

@@ -7,6 +7,7 @@ import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 from benchmarks.bus.place import say
 
@@ -14,6 +15,8 @@ FRAMES, STATICS = 50, 20
 # From when a listener has joined until its cost is measured, and for how long that is.
 SETTLE_S, SECONDS = 2.0, 8.0
 JOIN_WITHIN_S = 60.0
+
+Reads = Literal["everything", "needed"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,12 @@ def publish(first: int, count: int, hz: float) -> None:
         robots.append(tfbus.TransformBroadcaster(node, history_s=0.0))
     say("ready")
     ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
+
+    def wait_for_end() -> None:
+        sys.stdin.readline()
+        ended.set()
+
+    threading.Thread(target=wait_for_end, daemon=True).start()
     due_s = time.monotonic()
     while not ended.is_set():
         for robot in robots:
@@ -68,7 +76,7 @@ def publish(first: int, count: int, hz: float) -> None:
     os._exit(0)
 
 
-def listen(robots: int, wanted: int, reads: str) -> None:
+def listen(robots: int, wanted: int, reads: Reads) -> None:
     """The process that reads `wanted` of the robots, from its start on."""
     import tfbus
 

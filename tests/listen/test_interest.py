@@ -365,7 +365,7 @@ def test_a_message_that_comes_after_its_key_is_left_is_dropped(
 
 
 def test_the_buffer_is_not_asked_for_an_error_about_each_unknown_frame() -> None:
-    """Such an error compares the names of all frames, and frames that nothing has sent are many."""
+    """Such an error copies the names of all frames, and frames that nothing has sent are many."""
 
     class Asked(Buffer):
         def frame(self, name: str) -> FrameInfo:

@@ -289,7 +289,7 @@ class Buffer:
         return len(self._store.tree.senders.get(authority, ()))
 
     def known_frame(self, name: str) -> FrameInfo | None:
-        """The state of one frame, as `frame`; None if it is unknown, which compares no names."""
+        """The state of one frame, as `frame`; None if it is unknown, which copies no names."""
         name = check_text(name, "name")
         with self._store.lock:
             return self._store.tree.info(name)

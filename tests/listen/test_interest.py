@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from signal import SIGKILL
 
@@ -15,6 +15,7 @@ from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     ConnectivityException,
+    FrameInfo,
     InvalidArgumentException,
     LookupException,
     Node,
@@ -26,7 +27,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.bus.handles import Declaration
-from tfbus.listen.interest import Interest
+from tfbus.listen.interest import DescribedEdge, DescribedTree, Interest
 
 PATIENCE_S = 20.0
 
@@ -361,3 +362,51 @@ def test_a_message_that_comes_after_its_key_is_left_is_dropped(
         eventually(lambda: "base" not in buffer.frames())
         late[-1]()
         assert "base" not in buffer.frames()
+
+
+def test_the_buffer_is_not_asked_for_an_error_about_each_unknown_frame() -> None:
+    """Such an error copies the names of all frames, and frames that nothing has sent are many."""
+
+    class Asked(Buffer):
+        def frame(self, name: str) -> FrameInfo:
+            raise AssertionError("frame() is for people")
+
+    buffer, read = Asked(), Read()
+    interest = Interest(buffer, read.subscribe, read.forget)
+    tell(interest, "wheels", ("map", "base", False))
+    interest.need("base", "map")
+    eventually(lambda: read.keys == {"tf/wheels"})
+    with pytest.raises(LookupException, match="reading stream 'wheels'"):
+        buffer.lookup_transform("map", "base")
+    interest.close()
+    assert buffer.known_frame("base") is None
+    buffer.set_transform(edge("map", "base"))
+    assert (info := buffer.known_frame("base")) is not None and info.parent == "map"
+
+
+def test_streams_beside_the_paths_cost_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is needed is found anew where a stream changes an edge on the way up, not at what each
+    of two hundred others says, nor where one says the same again.
+    """
+    searches: list[object] = []
+    edges_needed = DescribedTree.edges_needed
+
+    def search(tree: DescribedTree, pairs: Iterable[tuple[str, str]]) -> list[DescribedEdge]:
+        searches.append(pairs)
+        return edges_needed(tree, pairs)
+
+    monkeypatch.setattr(DescribedTree, "edges_needed", search)
+    buffer, read = Buffer(), Read()
+    interest = Interest(buffer, read.subscribe, read.forget, clock=lambda: 0.0)
+    interest.need("map", "tool")
+    tell(interest, "arm", ("base", "tool", True))
+    eventually(lambda: read.keys == {"tf_static/arm"})
+    before = len(searches)
+    for number in range(200):
+        tell(interest, f"robot{number}", ("map", f"base{number}", False))
+        tell(interest, "arm", ("base", "tool", True))
+    tell(interest, "wheels", ("map", "base", False))
+    eventually(lambda: read.keys == {"tf_static/arm", "tf/wheels"})
+    interest.close()
+    # One for the last stream; a wake of before, and that of the end, may be under way.
+    assert len(searches) - before <= 3

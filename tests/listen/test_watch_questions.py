@@ -31,6 +31,9 @@ class Questions:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.takes_s = 0.0
         self.answers: list[bytes] = []
+        # What comes to a question for all streams, by key, and when those were asked.
+        self.answers_together: dict[str, bytes] = {}
+        self.asked_together_at_s: list[float] = []
         self.asked_at_s: list[float] = []
         self.asked_keys: list[str] = []
         # The tokens that are there, whatever has been told of them.
@@ -43,6 +46,7 @@ class Questions:
         self.settings = NodeSettings("listener")
         monkeypatch.setattr(scheduler, "monotonic", lambda: self.now_s)
         monkeypatch.setattr(watch, "ask_for_description", self.ask)
+        monkeypatch.setattr(watch, "ask_for_descriptions", self.ask_together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(
             cast(Session, self), lambda state: None, executor=cast(Executor, self)
@@ -61,6 +65,12 @@ class Questions:
         self.asked_at_s.append(self.now_s)
         self.asked_keys.append(key)
         for answer in self.answers:
+            on_answer(Answer(key, answer))
+        self.after(self.takes_s, on_end)
+
+    def ask_together(self, session: Session, keys: str, on_answer: Any, on_end: Any) -> None:
+        self.asked_together_at_s.append(self.now_s)
+        for key, answer in self.answers_together.items():
             on_answer(Answer(key, answer))
         self.after(self.takes_s, on_end)
 
@@ -240,6 +250,47 @@ def test_tokens_without_end_are_asked_about_in_turns(
     asked = len(questions.asked_keys)
     questions.run(2000.0)
     assert len(questions.asked_keys) == asked
+
+
+def test_a_fleet_is_asked_for_by_one_question(questions: Questions) -> None:
+    """Of two hundred streams that appear at once a few are asked one by one, the others together,
+    and afterwards those that have not answered.
+    """
+    questions.run(50.0)
+    questions.asked_keys.clear()
+    keys = [f"@tfbus/stream/s{number}" for number in range(200)]
+    questions.answers_together = {key: encode_message(description(3)) for key in keys[:-5]}
+    questions.takes_s = 1.0
+    for key in keys:
+        questions.token(key, True)
+    questions.run(50.9)
+    assert questions.asked_together_at_s == [50.1]
+    few = {*questions.asked_keys}
+    assert len(few) <= 20
+    found = questions.watch.streams()
+    assert {found[f"s{number}"].key for number in range(195) if keys[number] not in few} == {
+        state.key for state in found.values() if state.description and state.name != "sim"
+    }
+    questions.run(60.0)
+    assert {*questions.asked_keys} == few | {*keys[-5:]}
+    assert len(questions.asked_together_at_s) == 1
+
+
+def test_an_answer_to_all_is_not_of_a_token_that_came_since(questions: Questions) -> None:
+    """It may describe the process before: the token is asked about again."""
+    questions.takes_s = 1.0
+    keys = [f"@tfbus/stream/s{number}" for number in range(100)]
+    questions.answers_together = {key: encode_message(description(3)) for key in keys}
+    for key in keys:
+        questions.token(key, True)
+    questions.run(0.3)
+    questions.token(keys[-1], False)
+    questions.token(keys[-1], True)
+    questions.run(0.9)
+    assert questions.watch.streams()["s98"].description is not None
+    assert questions.watch.streams()["s99"].description is None
+    questions.run(3.0)
+    assert questions.watch.streams()["s99"].description is not None
 
 
 def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(

@@ -288,6 +288,12 @@ class Buffer:
         """How many frames this authority sent last."""
         return len(self._store.tree.senders.get(authority, ()))
 
+    def known_frame(self, name: str) -> FrameInfo | None:
+        """The state of one frame, as `frame`; None if it is unknown, which copies no names."""
+        name = check_text(name, "name")
+        with self._store.lock:
+            return self._store.tree.info(name)
+
     def senders_of(self, frames: Iterable[str]) -> dict[str, set[str]]:
         """These frames by the authority that sent each last; unknown ones are left out."""
         senders: dict[str, set[str]] = {}
@@ -827,9 +833,7 @@ class Buffer:
 
     def frame(self, name: str) -> FrameInfo:
         """The state of one frame. Raises LookupException if it is unknown."""
-        name = check_text(name, "name")
-        with self._store.lock:
-            info = self._store.tree.info(name)
+        info = self.known_frame(name)
         if info is None:
             raise self._store.unknown_frame(name)
         return info

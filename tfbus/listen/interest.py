@@ -82,15 +82,23 @@ class DescribedTree:
         # How many edges begin at a frame.
         self._below: Counter[str] = Counter()
 
-    def update(self, stream: str, edges: list[DescribedEdge], *, alive: bool) -> None:
-        """Take the edges of a stream in place of its former ones."""
+    def update(self, stream: str, edges: list[DescribedEdge], *, alive: bool) -> set[str]:
+        """Take the edges of a stream in place of its former ones; returns the frames above which
+        that may change something.
+        """
+        former, edges = {*self._streams.get(stream, ())}, [*{e.child: e for e in edges}.values()]
+        is_same = stream in self._streams and alive == (stream not in self._gone)
+        changed = former.symmetric_difference(edges) if is_same else former.union(edges)
+        if not changed:
+            return set()
         self._remove(stream)
-        self._streams[stream] = edges = list({edge.child: edge for edge in edges}.values())
+        self._streams[stream] = edges
         for edge in edges:
             self._above.setdefault(edge.child, {})[stream] = edge
             self._below[edge.parent] += 1
         if not alive:
             self._gone[stream] = None
+        return {edge.child for edge in changed}
 
     def _remove(self, stream: str) -> None:
         self._gone.pop(stream, None)
@@ -124,6 +132,10 @@ class DescribedTree:
         """
         needed = (edge for target, source in pairs for edge in self._between(target, source))
         return list(dict.fromkeys(needed))
+
+    def frames_above(self, frames: Iterable[str]) -> set[str]:
+        """These frames, and all on the ways up from them."""
+        return {above for frame in frames for above in self._ways_up(frame)}
 
     def are_connected(self, target: str, source: str) -> bool:
         """Whether a frame is above both."""
@@ -263,6 +275,8 @@ class Interest:
         self._tree = DescribedTree(self._parent_here)
         self._needed: dict[Pair, None] = {}
         self._asked: dict[Pair, _Question] = {}
+        # The frames whose edges decide what is needed. Of a fleet most streams describe others.
+        self._decisive: set[str] = set()
         self._subscriptions: dict[str, _Subscription] = {}
         self._closed = False
         self._changed = scheduler.Event()
@@ -293,8 +307,10 @@ class Interest:
         if description is not None:
             edges = described_edges(state.name, state.key, description, names)
             with self._lock:
-                self._tree.update(state.name, edges, alive=state.alive)
-            self._changed.set()
+                changed = self._tree.update(state.name, edges, alive=state.alive)
+                is_decisive = not self._decisive.isdisjoint(changed)
+            if is_decisive:
+                self._changed.set()
 
     def keys_of(self, stream_key: str) -> list[str]:
         """The keys of dynamic transforms that are read of the stream of this token."""
@@ -321,7 +337,7 @@ class Interest:
             roots = [" or ".join(self._tree.roots(frame)) for frame in (target, source)]
             streams = {edge.stream for edge in self._tree.edges_needed([(target, source)])}
             question = self._asked.get((target, source))
-        missing = [frame for frame in (target, source) if not self._has(frame)]
+        missing = [frame for frame in (target, source) if self._buffer.known_frame(frame) is None]
         for frame in missing:
             if frame in nowhere:
                 return unknown_frame(frame, known.union(self._buffer.frames()))
@@ -348,21 +364,12 @@ class Interest:
             frame=(missing or [source])[0],
         )
 
-    def _has(self, frame: str) -> bool:
-        try:
-            self._buffer.frame(frame)
-        except LookupException:
-            return False
-        return True
-
     # On any thread, with the lock held
 
     def _parent_here(self, frame: str) -> str | None:
         """The parent that a frame has in the buffer, if the application may have put it."""
-        try:
-            return self._buffer.frame(frame).parent
-        except LookupException:
-            return None
+        info = self._buffer.known_frame(frame)
+        return None if info is None else info.parent
 
     # On the thread of the interest
 
@@ -394,9 +401,9 @@ class Interest:
 
     def _follow(self, now: float) -> None:
         with self._lock:
-            needed = {
-                edge.key: edge for edge in self._tree.edges_needed([*self._needed, *self._asked])
-            }
+            pairs = [*self._needed, *self._asked]
+            self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})
+            needed = {edge.key: edge for edge in self._tree.edges_needed(pairs)}
         for key, edge in needed.items():
             subscription = self._subscriptions.get(key)
             if subscription is None:

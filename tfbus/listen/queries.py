@@ -79,6 +79,20 @@ def ask_for_description(
     )
 
 
+# Of many streams some may not answer; those are asked one by one afterwards.
+_ALL_WITHIN_S = 1.0
+
+
+def ask_for_descriptions(
+    session: Session,
+    keys: str,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the descriptions of all streams whose tokens lie within `keys`, by one question."""
+    ask_retained_later(session, keys, on_answer, on_end, timeout_s=_ALL_WITHIN_S)
+
+
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
 _REQUESTS_BEFORE_WARNING = 7
 

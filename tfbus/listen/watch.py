@@ -13,7 +13,12 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import StreamState
-from tfbus.listen.queries import ANSWER_WITHIN_S, PATIENT_FROM_TURN, ask_for_description
+from tfbus.listen.queries import (
+    ANSWER_WITHIN_S,
+    PATIENT_FROM_TURN,
+    ask_for_description,
+    ask_for_descriptions,
+)
 from tfbus.listen.stream_facts import is_from_future
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
@@ -49,6 +54,11 @@ _LOOKS_APART_S = 4.0
 # that has been asked for five times gives way, and waits again.
 _MOST_ASKED = 200
 _TURNS = 5
+# Tokens that come while so many are asked about are those of a fleet: they are gathered for this
+# time and asked about by one question for all streams, of which the answers so far are then taken.
+_FEW_ASKED = 20
+_GATHERED_FOR_S = 0.1
+_TAKEN_AFTER_S = 0.5
 
 # One that comes by itself and is not signed is taken; one that is may come for this many turns.
 _TURNS_TO_SIGN = 2
@@ -109,6 +119,10 @@ class StreamWatch:
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
         self._to_ask: dict[str, None] = {}
+        # Those that wait for the next question for all streams, and those that the open one is
+        # about, with the descriptions of before; None for no question.
+        self._gathered: dict[str, None] = {}
+        self._asked_together: dict[str, StreamDescription | None] | None = None
         # The questions about disputed epochs, by their stream's key.
         self._claims: dict[str, AskUntil] = {}
         # The questions whether the owner of a stream still answers, likewise.
@@ -119,7 +133,7 @@ class StreamWatch:
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
-        key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
+        self._keys = key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_signed_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
 
@@ -283,10 +297,11 @@ class StreamWatch:
             self._returning[former.name] = came_s
             # It may be another process, which need not be able to sign its description.
             self._states[former.name] = replace(former, confirmed=False, displaced="", held=False)
-        if alive:
+        self._end_questions(key)
+        if alive and len(self._asking) < _FEW_ASKED:
             self._ask_for_description(key)
-        else:
-            self._end_questions(key)
+        elif alive:
+            self._gather(key)
 
     def _take_description(
         self,
@@ -463,6 +478,60 @@ class StreamWatch:
         )
         asking.start()
 
+    def _gather(self, key: str) -> None:
+        """Have the description asked for together with others."""
+        self._gathered[key] = None
+        if len(self._gathered) == 1 and self._asked_together is None:
+            self._executor.after(_GATHERED_FOR_S, self._ask_together)
+
+    def _ask_together(self) -> None:
+        """Ask for the descriptions of all that were gathered, then one by one for those that did
+        not come. An answer counts for a token that was there before the question.
+        """
+        if self._closed or self._asked_together is not None or not self._gathered:
+            return
+        waiting = {key: self._state(key).description for key in self._gathered}
+        self._gathered.clear()
+        self._asked_together = waiting
+        answers: dict[str, dict[str, Answer]] = {}
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None and answer.key in waiting:
+                by = answers.setdefault(answer.key, {})
+                if len(by) < _MOST_ANSWERS or answer.sender in by:
+                    by[answer.sender] = answer
+
+        def take() -> None:
+            for key in [key for key in waiting if key in answers]:
+                known = waiting.pop(key)
+                state = self._state(key)
+                # One that has come by itself in the meantime is at least as new.
+                if not self._closed and (state.description is known or not state.confirmed):
+                    self._take_best(key, [*answers[key].values()])
+
+        def end() -> None:
+            take()
+            self._asked_together = None
+            self._to_ask.update(dict.fromkeys(waiting))
+            if self._gathered:
+                self._executor.after(_GATHERED_FOR_S, self._ask_together)
+            self._ask_next()
+
+        with suppress(BusError):  # the session is closed
+            ask_for_descriptions(self._session, self._keys, on_answer, lambda: self._do(end))
+            self._executor.after(_TAKEN_AFTER_S, take)
+
+    def _take_best(self, key: str, answers: list[Answer]) -> None:
+        """Take the best of all answers about a stream."""
+        read = [(self._read(key, answer.payload), answer.sender) for answer in answers]
+        readable = [(description, sender) for description, sender in read if description]
+        if not readable:
+            self._take_back(key)
+            return
+        self._take_description(key, *max(readable, key=_rank))
+        if len(readable) > 1:
+            self._look_later(key)
+
     def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
         """Ask for the retained description: Zenoh requests it for later publishers too, but not
         at keys that begin with `@`. With an epoch, the description of that one among several
@@ -546,6 +615,9 @@ class StreamWatch:
 
     def _end_questions(self, key: str) -> None:
         self._to_ask.pop(key, None)
+        self._gathered.pop(key, None)
+        if self._asked_together is not None:
+            self._asked_together.pop(key, None)
         asking = self._asking.pop(key, None)
         if asking is not None:
             asking.close()

@@ -1,14 +1,13 @@
 """The graph: topics and services with their ends, from descriptions of nodes and streams."""
 
-import logging
+import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
 from tfbus.cli.bus import look
 from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
-from tfbus.discover.presence import describe_streams
-from tfbus.errors import DecodeError
+from tfbus.discover.presence import ask_streams
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 
@@ -78,27 +77,24 @@ def test_streams_are_asked_for_at_once(bus: Bus) -> None:
     TransformBroadcaster(sim).send_transform(pose)
     StaticTransformBroadcaster(camera).send_transform(pose)
     session = bus.node("looker").session
-    log = logging.getLogger("test")
-    streams = eventually(
-        lambda: len(found := describe_streams(session, log.warning)[0]) == 2 and found
-    )
+    eventually(lambda: len(ask_streams(session).streams) == 2)
+    streams = ask_streams(session).streams
     assert {key: (it.node, it.frames) for key, it in streams.items()} == {
         "@tfbus/stream/camera": ("/camera", (("world", "turtle1", True),)),
         "robot7/@tfbus/stream/sim": ("/robot7/sim", (("world", "turtle1", False),)),
     }
 
 
-def test_streams_that_do_not_answer_are_named(bus: Bus) -> None:
+def test_streams_that_do_not_answer_are_named(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
     """A process that hangs is told from one that is not there, and commands say so."""
     with bus.network.process("outside", "sim") as process:
         pose = TransformStamped(1, "world", "turtle1", Transform.identity())
         TransformBroadcaster(bus.node("sim")).send_transform(pose)
     session = bus.node("looker").session
-    log = logging.getLogger("test")
-    eventually(lambda: describe_streams(session, log.warning)[0])
+    eventually(lambda: ask_streams(session).streams)
     bus.network.stop(process)
-    assert describe_streams(session, log.warning) == ({}, ["@tfbus/stream/sim"])
-    errors: list[DecodeError] = []
-    look(session, errors.append)
-    assert "'/sim'" in str(errors[0])
+    found = ask_streams(session)
+    assert (found.streams, found.silent_streams) == ({}, ("@tfbus/stream/sim",))
+    look(session)
+    assert "'/sim'" in capsys.readouterr().err
     bus.network.go_on(process)

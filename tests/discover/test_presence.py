@@ -6,14 +6,15 @@ import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus import BusError, DecodeError, Node, NodeSettings
+from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
+    Described,
     GraphWatch,
     NodeWatch,
+    ask_nodes,
     describe_nodes,
-    describe_present,
     key_beside,
     list_nodes,
 )
@@ -228,8 +229,11 @@ def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
     session, other = look(bus), bus.node("sim").session
     declared = other.queryable(node_key("odd"), answer)
     tokens = [other.token(node_key(name)) for name in ("odd", "od")]
-    errors: list[DecodeError] = []
-    eventually(lambda: describe_present(session, errors.append)[1] == ["/od"] and errors)
-    assert "'/odd'" in str(errors[0])
+
+    def ask() -> Described:
+        return ask_nodes(session, alive=session.living(ALL_NODES_EVERYWHERE))
+
+    eventually(lambda: ask().silent_nodes == ("/od",) and bool(ask().unreadable))
+    assert "'/odd'" in str(ask().unreadable[0])
     for each in (declared, *tokens):
         each.close()

@@ -8,7 +8,7 @@ from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import GoalHandle, InvalidNameError, Node
 from tfbus.discover.graph import graph_of
-from tfbus.discover.presence import describe_all
+from tfbus.discover.presence import ask_nodes
 from tfbus.messages import Clock, RotateAbsolute, Spawn
 
 
@@ -81,7 +81,7 @@ def test_absolute_names_are_listed_where_they_are(bus: Bus) -> None:
     assert one.describe()["publishes"] == {"/count": "Number", "pose": "Number"}
     viewer = bus.node("viewer")
     nodes = eventually(
-        lambda: [n for n in describe_all(viewer.session, print) if n.name == "/robot7/one"]
+        lambda: [n for n in ask_nodes(viewer.session).nodes if n.name == "/robot7/one"]
     )
     assert sorted(graph_of(nodes, {}).topics) == ["count", "robot7/pose"]
     assert sorted(graph_of(nodes, {}, "robot7").topics) == ["/count", "pose"]

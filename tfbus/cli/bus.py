@@ -1,13 +1,12 @@
 """A session without a node, for commands that look at the bus and exit."""
 
 import sys
-from collections.abc import Callable, Collection, Sized
+from collections.abc import Collection, Sized
 from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say, warn
-from tfbus.discover.graph import Graph, graph_of
-from tfbus.errors import DecodeError
+from tfbus.discover.graph import Graph
 from tfbus.runtime.log import open_log
 from tfbus.wire.keys import stream_of
 from tfbus.wording import listed, printable
@@ -28,23 +27,22 @@ def open_bus(settings: NodeSettings) -> "Session":
     return session
 
 
-def look(session: "Session", on_unreadable: Callable[[DecodeError], object] = warn) -> Graph:
-    """The topics and services; `on_unreadable(error)` is called for each description it skips, and
-    once with all nodes and streams that do not answer in time.
+def look(session: "Session", *, warns: bool = True) -> Graph:
+    """The topics and services. Warns of each description that it skips, and once of all nodes and
+    streams that do not answer in time, if `warns`.
     """
-    from tfbus.discover.presence import describe_present, describe_streams  # Zenoh
+    from tfbus.discover.presence import ask_graph  # Zenoh
 
-    nodes, silent = describe_present(session, on_unreadable, timeout_s=_PATIENCE_S)
-    streams, silent_keys = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
+    found = ask_graph(session, timeout_s=_PATIENCE_S)
+    for error in found.unreadable if warns else ():
+        warn(error)
     left_out = [
-        *(f"node {name!r}" for name in silent),
-        *(f"stream {printable(stream_of(key))!r}" for key in silent_keys),
+        *(f"node {name!r}" for name in found.silent_nodes),
+        *(f"stream {printable(stream_of(key))!r}" for key in found.silent_streams),
     ]
-    if left_out:
-        on_unreadable(
-            DecodeError(f"left out, without an answer in {_PATIENCE_S:g} s: {listed(left_out)}")
-        )
-    return graph_of(nodes, streams, session.settings.namespace)
+    if left_out and warns:
+        warn(f"left out, without an answer in {_PATIENCE_S:g} s: {listed(left_out)}")
+    return found.graph(session.settings.namespace)
 
 
 def is_running(what: str) -> str:

@@ -140,7 +140,7 @@ def _payload(session: Session, service: str, values: dict[str, Any], type_: type
     Raises click.UsageError for values that are no request of that type.
     """
     if type_ is None:
-        info = look(session, lambda error: None).services.get(service)
+        info = look(session, warns=False).services.get(service)
         names = {end.type for end in info.servers} if info else set()
         type_ = supplied_call(names.pop()) if len(names) == 1 else None
     request = request_of(type_)

@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from collections.abc import Iterable
 
 import click
 
@@ -13,10 +14,11 @@ from tfbus.command.names import nodes_in
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName
-from tfbus.discover.presence import describe_nodes, describe_present, list_nodes
+from tfbus.discover.presence import ask_nodes, describe_nodes, list_nodes
 from tfbus.errors import BusError
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 from tfbus.wording import did_you_mean, printable
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
@@ -42,11 +44,13 @@ def list_command(
     else:
         with open_bus(settings) as session:
             present = list_nodes(session)
-            answered, unanswered = describe_present(session, warn)
-            described = {(node.session, node.name) for node in answered}
+            found = ask_nodes(session, alive=session.living(ALL_NODES_EVERYWHERE))
+            for error in found.unreadable:
+                warn(error)
+            described = {(node.session, node.name) for node in found.nodes}
             names = _shown(present, everyone)
             say_if_empty(session, names, "node", is_all=not present)
-        warn_of_unanswered(_shown(unanswered, everyone))
+        warn_of_unanswered(_shown(found.silent_nodes, everyone))
         for name, count in Counter(name for _, name in described).items():
             if count > 1:
                 warn(f"{count} nodes have the name {name}")
@@ -101,7 +105,7 @@ def node_at(choice: BagChoice, settings: NodeSettings, name: str) -> tuple[NodeD
     return nodes[f"/{full}"], at_ns
 
 
-def _shown(names: list[str], everyone: bool) -> list[str]:
+def _shown(names: Iterable[str], everyone: bool) -> list[str]:
     return [name for name in names if everyone or not _is_hidden(name)]
 
 

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
 from tfbus.wire.codec import from_map
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import namespace_of, relative_name
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
+    from tfbus.discover.presence import Described
     from tfbus.recording.items import EventItem
 
 # About as long as typing one line takes.
@@ -65,27 +65,24 @@ def live_names(settings: NodeSettings) -> LiveNames:
 def look_for_names(settings: NodeSettings) -> LiveNames:
     """The names now. Raises BusError if the bus cannot be joined."""
     from tfbus.bus.session import Session  # Zenoh, which cached names do not need
-    from tfbus.discover.presence import describe_all, describe_streams
+    from tfbus.discover.presence import ask_graph
 
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
-        nodes = describe_all(session, _skip, timeout_s=_ANSWER_S)
-        streams, _ = describe_streams(session, _skip, timeout_s=_ANSWER_S)
-    return _names(nodes, streams, settings.namespace)
+        described = ask_graph(session, timeout_s=_ANSWER_S)
+    return _names(described, settings.namespace)
 
 
-def _names(
-    nodes: list[NodeDescription], streams: dict[str, StreamDescription], namespace: str
-) -> LiveNames:
-    graph = graph_of(nodes, streams, namespace)
+def _names(described: "Described", namespace: str) -> LiveNames:
+    graph = described.graph(namespace)
     # A listener reads the streams of its namespace; with a fleet also of those below.
     frames: dict[str, set[str]] = {}
-    for key, stream in streams.items():
+    for key, stream in described.streams.items():
         names = {name for parent, child, _ in stream.frames for name in (parent, child)}
         frames.setdefault(namespace_of(key), set()).update(names)
     parameters = {
         relative_name(node.name, namespace): tuple(each.name for each in node.parameters)
-        for node in nodes
+        for node in described.nodes
         if not node.name.rpartition("/")[2].startswith("_")
     }
     return LiveNames(
@@ -100,10 +97,6 @@ def _names(
         },
         parameters=parameters,
     )
-
-
-def _skip(error: object) -> None:
-    """A completion does not report unreadable nodes."""
 
 
 def _cache_file(settings: NodeSettings) -> Path:
@@ -180,10 +173,9 @@ def nodes_in(events: "Iterable[EventItem]") -> dict[str, NodeDescription]:
 
 def namespaces_serving(session: "Session", service: str) -> list[str]:
     """The namespaces below that have this service or action, sorted; asks all nodes, within 1 s."""
-    from tfbus.discover.presence import describe_all
+    from tfbus.discover.presence import ask_nodes
 
-    nodes = describe_all(session, lambda error: None)
-    services = graph_of(nodes, {}, session.settings.namespace).services.values()
+    services = ask_nodes(session).graph(session.settings.namespace).services.values()
     return sorted(
         each.name.removesuffix(f"/{service}")
         for each in services

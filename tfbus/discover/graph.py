@@ -76,7 +76,7 @@ def graph_of(
     streams: Mapping[str, StreamDescription],
     namespace: str = "",
 ) -> Graph:
-    """The graph as seen from the namespace; `streams` as `describe_streams` returns them."""
+    """The graph as seen from the namespace; `streams` as `ask_streams` returns them."""
     ends: dict[str, dict[str, list[Endpoint]]] = defaultdict(lambda: defaultdict(list))
     for node in nodes:
         above = relative_name(node.name, namespace).rpartition("/")[0]

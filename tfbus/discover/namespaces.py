@@ -3,7 +3,6 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from tfbus.errors import DecodeError
 from tfbus.wire.keys import namespace_of
 from tfbus.wording import natural_order
 
@@ -16,16 +15,11 @@ _NAMED = 3
 
 def frames_in_other_namespaces(session: "Session") -> set[tuple[str, str]]:
     """Namespace and name of each frame in the descriptions of streams in namespaces below."""
+    from tfbus.discover.presence import ask_streams  # Zenoh, which a recording does not need
 
-    def pass_over(error: DecodeError) -> None:
-        """A stream of another namespace is not ours to warn of."""
-
-    from tfbus.discover.presence import describe_streams  # Zenoh, which a recording does not need
-
-    streams, _ = describe_streams(session, pass_over)
     return {
         (namespace, frame)
-        for key, stream in streams.items()
+        for key, stream in ask_streams(session).streams.items()
         if (namespace := namespace_of(key))
         for parent, child, _ in stream.frames
         for frame in (parent, child)

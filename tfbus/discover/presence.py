@@ -1,12 +1,14 @@
 """The nodes and streams on the bus, and how each describes itself."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session
+from tfbus.discover.graph import Graph, graph_of
 from tfbus.discover.out_of_reach import bus_out_of_reach
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime import scheduler
@@ -45,6 +47,82 @@ def list_nodes(session: Session) -> list[str]:
     return sorted(names, key=natural_order)
 
 
+@dataclass(frozen=True)
+class Described:
+    """The nodes and streams on the bus, as they describe themselves.
+
+    `streams` are by their keys; of several at one key that of the session it names counts.
+    `silent_nodes` are the full names, and `silent_streams` the keys, of those that are alive and
+    did not answer in time. `unreadable` are the errors of descriptions that cannot be read.
+    """
+
+    nodes: tuple[NodeDescription, ...] = ()
+    silent_nodes: tuple[str, ...] = ()
+    streams: Mapping[str, StreamDescription] = field(default_factory=dict)
+    silent_streams: tuple[str, ...] = ()
+    unreadable: tuple[DecodeError, ...] = ()
+
+    def graph(self, namespace: str) -> Graph:
+        """The topics and services, as seen from the namespace."""
+        return graph_of(self.nodes, self.streams, namespace)
+
+
+def ask_graph(session: Session, *, timeout_s: float = 1.0) -> Described:
+    """All nodes and streams, and the silent ones; two queries take `timeout_s` each at most."""
+    alive = session.living(ALL_NODES_EVERYWHERE)
+    nodes = ask_nodes(session, alive=alive, timeout_s=timeout_s)
+    streams = ask_streams(session, timeout_s=timeout_s)
+    return replace(
+        nodes,
+        streams=streams.streams,
+        silent_streams=streams.silent_streams,
+        unreadable=nodes.unreadable + streams.unreadable,
+    )
+
+
+def ask_nodes(
+    session: Session, *, alive: Collection[str] = (), timeout_s: float = 1.0
+) -> Described:
+    """All nodes, and of the tokens `alive` (keys) the silent ones; no streams."""
+    described: list[NodeDescription] = []
+    answered: set[str] = set()
+    unreadable: list[DecodeError] = []
+    for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=timeout_s):
+        if answer.refusal is None:
+            answered.add(answer.key)
+            try:
+                described.append(_read(session, answer))
+            except DecodeError as error:
+                unreadable.append(error)
+    lost = {*alive} - answered
+    silent = sorted(printable(full_name(key, session.settings.namespace)) for key in lost)
+    return Described(tuple(described), tuple(silent), unreadable=tuple(unreadable))
+
+
+def ask_streams(session: Session, *, timeout_s: float = 1.0) -> Described:
+    """All streams, and the silent ones; no nodes."""
+    alive = session.living(ALL_STREAMS_EVERYWHERE)
+    described: dict[str, StreamDescription] = {}
+    answered: set[str] = set()
+    signed: set[str] = set()
+    unreadable: list[DecodeError] = []
+    for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
+        if answer.refusal is None:
+            answered.add(answer.key)
+            try:
+                description, _ = read_description(answer.payload)
+                if answer.sender == description.session:
+                    signed.add(answer.key)
+                elif answer.key in signed:
+                    continue
+                described[answer.key] = description
+            except DecodeError as error:
+                name = printable(stream_of(answer.key))
+                unreadable.append(_unreadable(f"stream {name!r}", error))
+    silent = sorted({*alive} - answered)
+    return Described(streams=described, silent_streams=tuple(silent), unreadable=tuple(unreadable))
+
+
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     """The descriptions of the nodes of a full name: several if nodes share the name.
 
@@ -59,76 +137,6 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
             f"node {name!r} did not answer in time" if answers else _absent(name, session)
         )
     return described
-
-
-def describe_all(
-    session: Session,
-    on_unreadable: Callable[[DecodeError], object],
-    *,
-    timeout_s: float = 1.0,
-) -> list[NodeDescription]:
-    """The descriptions of all nodes; calls `on_unreadable(error)` for those it cannot read."""
-    return _ask_all(session, on_unreadable, timeout_s)[0]
-
-
-def describe_present(
-    session: Session,
-    on_unreadable: Callable[[DecodeError], object],
-    *,
-    timeout_s: float = 1.0,
-) -> tuple[list[NodeDescription], list[str]]:
-    """The descriptions of all nodes, and the full names of the nodes that are alive and did not
-    answer in time; calls `on_unreadable(error)` for descriptions it cannot read.
-    """
-    alive = session.living(ALL_NODES_EVERYWHERE)
-    described, answered = _ask_all(session, on_unreadable, timeout_s)
-    namespace = session.settings.namespace
-    return described, sorted(printable(full_name(key, namespace)) for key in {*alive} - answered)
-
-
-def _ask_all(
-    session: Session, on_unreadable: Callable[[DecodeError], object], timeout_s: float
-) -> tuple[list[NodeDescription], set[str]]:
-    """The descriptions of all nodes, and the keys of the nodes that answered."""
-    described, answered = [], set()
-    for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=timeout_s):
-        if answer.refusal is None:
-            answered.add(answer.key)
-            try:
-                described.append(_read(session, answer))
-            except DecodeError as error:
-                on_unreadable(error)
-    return described, answered
-
-
-def describe_streams(
-    session: Session,
-    on_unreadable: Callable[[DecodeError], object],
-    *,
-    timeout_s: float = 1.0,
-) -> tuple[dict[str, StreamDescription], list[str]]:
-    """The descriptions of all streams by their keys, and the keys of the streams that are alive
-    and did not answer in time; calls `on_unreadable(error)` for descriptions it cannot read. Of
-    several at one key that of the session it names counts.
-    """
-    alive = session.living(ALL_STREAMS_EVERYWHERE)
-    described: dict[str, StreamDescription] = {}
-    answered: set[str] = set()
-    signed: set[str] = set()
-    for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
-        if answer.refusal is None:
-            answered.add(answer.key)
-            try:
-                description, _ = read_description(answer.payload)
-                if answer.sender == description.session:
-                    signed.add(answer.key)
-                elif answer.key in signed:
-                    continue
-                described[answer.key] = description
-            except DecodeError as error:
-                name = printable(stream_of(answer.key))
-                on_unreadable(_unreadable(f"stream {name!r}", error))
-    return described, sorted({*alive} - answered)
 
 
 def _read(session: Session, answer: Answer) -> NodeDescription:
@@ -205,20 +213,17 @@ class GraphWatch:
 
     def nodes(self) -> list[NodeDescription]:
         """The descriptions of the nodes of other sessions, now."""
-        described = describe_all(
-            self._session, self._on_unreadable, timeout_s=self._answer_within_s
-        )
-        return [each for each in described if each.session != self._session.id]
+        found = self._read(ask_nodes(self._session, timeout_s=self._answer_within_s))
+        return [each for each in found.nodes if each.session != self._session.id]
 
-    def streams(self) -> dict[str, StreamDescription]:
-        """The descriptions of all streams by their keys, now: as `describe_streams`."""
-        described, _ = describe_streams(
-            self._session, self._on_unreadable, timeout_s=self._answer_within_s
-        )
-        return described
+    def streams(self) -> Mapping[str, StreamDescription]:
+        """The descriptions of all streams by their keys, now."""
+        return self._read(ask_streams(self._session, timeout_s=self._answer_within_s)).streams
 
-    def _on_unreadable(self, error: DecodeError) -> None:
-        self._once.warning(str(error), "%s", error)
+    def _read(self, found: Described) -> Described:
+        for error in found.unreadable:
+            self._once.warning(str(error), "%s", error)
+        return found
 
 
 def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:

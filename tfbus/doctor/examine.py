@@ -30,9 +30,10 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover.presence import Described
 from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
 from tfbus.errors import BusError, DecodeError, SettingsError
-from tfbus.frames.command_listener import Listening, answers_of_nodes, wait_for_clock
+from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
@@ -65,7 +66,7 @@ def examine(
         wait_for_clock(node)
         node.session.settle()
         # Before we subscribe: a listener that nodes report is not ours.
-        answers = answers_of_nodes(node.session, on_unreadable)
+        answers = _ask(node.session, on_unreadable)
         out_of_reach = "" if answers.nodes else bus_out_of_reach(node.session)
         host = examine_host(settings, len(node.session.routers()))
         buffer, before = Buffer(_HISTORY_S), None
@@ -76,7 +77,7 @@ def examine(
                 meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
                 listened_s = _listen(node, listen_s)
                 if before is not None:
-                    answers = answers_of_nodes(node.session, on_unreadable)
+                    answers = _ask(node.session, on_unreadable)
                 heard.note(answers)
                 now = heard.moment()
                 yield Examination(
@@ -92,6 +93,13 @@ def examine(
                 meter.close()
                 before = now
     raise KeyboardInterrupt  # the node's `with` swallowed it
+
+
+def _ask(session: Session, on_unreadable: Callable[[DecodeError], object]) -> Described:
+    answers = ask_others(session)
+    for error in answers.unreadable:
+        on_unreadable(error)
+    return answers
 
 
 def _listen(node: Node, listen_s: float) -> float:

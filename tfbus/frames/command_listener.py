@@ -2,18 +2,17 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.presence import describe_present, describe_streams
-from tfbus.errors import DecodeError, TimeoutException
-from tfbus.frames.clocks import SimulatedTime, simulated_time
+from tfbus.discover.presence import Described, ask_graph
+from tfbus.errors import TimeoutException
+from tfbus.frames.clocks import simulated_time
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
@@ -21,7 +20,6 @@ from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.stamps import MOST_AHEAD_NS
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet
 
 # This much of what publishers sent before gives their rates at once.
@@ -61,7 +59,8 @@ class Listening:
     def tree(self) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
-        return frame_tree(self.buffer, streams, self.now_ns(), self._asked.answers.simulated)
+        simulated = simulated_time(self._asked.answers.nodes)
+        return frame_tree(self.buffer, streams, self.now_ns(), simulated)
 
     def ask_about_clocks(self) -> None:
         """Query the nodes, of which some follow a simulated time, if ages of frames look as if.
@@ -77,9 +76,9 @@ class Listening:
         """Ask the nodes of other processes for their descriptions, from which `moment` is made; it
         takes up to twice this time. Unreadable ones are left out.
         """
-        self.note(answers_of_nodes(self.node.session, lambda error: None, timeout_s))
+        self.note(ask_others(self.node.session, timeout_s))
 
-    def note(self, answers: "Answers") -> None:
+    def note(self, answers: Described) -> None:
         """Take answers of nodes that were asked for."""
         self._asked.answers = answers
 
@@ -89,7 +88,7 @@ class Listening:
             at_ns=SYSTEM_CLOCK.now_ns(),
             tree=self.tree(),
             nodes=self._asked.answers.nodes,
-            unanswered=self._asked.answers.unanswered,
+            unanswered=self._asked.answers.silent_nodes,
             rejected=dict(self.buffer.rejected),
             dropped=self.dropped,
             elsewhere=self._asked.answers.streams,
@@ -107,37 +106,17 @@ class Listening:
         return self._asked.hint
 
 
-@dataclass(frozen=True)
-class Answers:
-    """The answers of the nodes of other processes: their descriptions, those of all streams by
-    their keys, and the full names of the nodes that did not answer in time.
-    """
-
-    nodes: tuple[NodeDescription, ...] = ()
-    unanswered: tuple[str, ...] = ()
-    streams: dict[str, StreamDescription] = field(default_factory=dict)
-
-    @cached_property
-    def simulated(self) -> SimulatedTime:
-        """The publishers of a simulated time, and the nodes that follow it."""
-        return simulated_time(self.nodes)
-
-
-def answers_of_nodes(
-    session: Session, on_unreadable: Callable[[DecodeError], object], timeout_s: float = 1.0
-) -> Answers:
-    """Ask all nodes and streams; calls `on_unreadable(error)` for descriptions it cannot read."""
-    found, unanswered = describe_present(session, on_unreadable, timeout_s=timeout_s)
-    streams, _ = describe_streams(session, on_unreadable, timeout_s=timeout_s)
-    nodes = tuple(each for each in found if each.session != session.id)
-    return Answers(nodes, tuple(unanswered), streams)
+def ask_others(session: Session, timeout_s: float = 1.0) -> Described:
+    """All streams, and the nodes of other processes."""
+    found = ask_graph(session, timeout_s=timeout_s)
+    return replace(found, nodes=tuple(each for each in found.nodes if each.session != session.id))
 
 
 @dataclass
 class _Asked:
     """The last words of other processes, and when."""
 
-    answers: Answers = field(default_factory=Answers)
+    answers: Described = field(default_factory=Described)
     hint: str = ""
     at_s: float = -math.inf
 

@@ -26,7 +26,7 @@ from tfbus.runtime.installation import installed_version
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS, NodeDescription
-from tfbus.wire.keys import ALL_NODES_EVERYWHERE, clock_key, node_key
+from tfbus.wire.keys import clock_key, node_key
 from tfbus.wording import counted, listed, printable
 
 # After a link to another process has opened, its declarations take a moment to arrive.
@@ -101,8 +101,6 @@ class DuplicateNameWatch:
             )
 
 
-_ANSWER_WITHIN_S = 1.0
-
 # A busy machine finds the others late: while no node answers, the question is repeated.
 _FOUND_WITHIN_S = 2.0
 _AGAIN_AFTER_S = 0.1
@@ -118,33 +116,20 @@ def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: fl
     taken = id_in_file(settings.config)
     if taken is None:
         return
+    from tfbus.discover.presence import ask_nodes  # few files set an id
+
     with Session(settings, log, patience_s=patience_s, is_second=True) as session:
         session.settle()
-        for other in _others(session, min(patience_s, _FOUND_WITHIN_S)):
-            if other.session == taken:
-                raise BusError(
-                    f"{settings.config} sets Zenoh's id {taken}, which node "
-                    f"'{printable(other.name)}' on {printable(other.host)} with pid {other.pid} "
-                    "has: remove 'id' from the file, or give each process its own"
-                )
-
-
-def _others(session: Session, within_s: float) -> list[NodeDescription]:
-    """The nodes on the bus, once one of them has answered; empty if none does in time."""
-    deadline = scheduler.monotonic() + within_s
-    while True:
-        answers = session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S)
-        found = [other for other in map(_described, answers) if other is not None]
-        if found or scheduler.monotonic() >= deadline:
-            return found
-        scheduler.sleep(_AGAIN_AFTER_S)
-
-
-def _described(answer: Answer) -> NodeDescription | None:
-    if answer.refusal is None:
-        with suppress(DecodeError):
-            return decode_message(NodeDescription, answer.payload)
-    return None
+        deadline_s = scheduler.monotonic() + min(patience_s, _FOUND_WITHIN_S)
+        while not (others := ask_nodes(session).nodes) and scheduler.monotonic() < deadline_s:
+            scheduler.sleep(_AGAIN_AFTER_S)
+    for other in others:
+        if other.session == taken:
+            raise BusError(
+                f"{settings.config} sets Zenoh's id {taken}, which node "
+                f"'{printable(other.name)}' on {printable(other.host)} with pid {other.pid} "
+                "has: remove 'id' from the file, or give each process its own"
+            )
 
 
 # A router that is started together with the node answers by then.

@@ -207,7 +207,7 @@ def _heard(node: "Node", topic: str, wanted: int, watch: "HeardWatch") -> int:
     if wanted == 1:
         return 1
     node.wait(_ASK_AGAIN_S, clock=SYSTEM_CLOCK)
-    info = look(node.session, lambda error: None).topics.get(topic)
+    info = look(node.session, warns=False).topics.get(topic)
     return len(info.subscribers or ()) if info else 0
 
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 
-from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo, graph_of
-from tfbus.discover.presence import describe_all, describe_streams
+from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
+from tfbus.discover.presence import ask_graph, ask_nodes
 from tfbus.node.action import CancelGoal
 from tfbus.node.node import Node as TfbusNode
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.ros.definitions import TF_MESSAGE, interfaces_of
-from tfbus.wire.descriptions import NodeDescription
 
 NamesAndTypes = list[tuple[str, list[str]]]
 
@@ -24,7 +23,7 @@ class NodeGraph:
 
     def nodes(self) -> list[tuple[str, str]]:
         """The names of nodes, each with its namespace, `/` for none."""
-        names = sorted({each.name for each in self._described()})
+        names = sorted({each.name for each in ask_nodes(self._node.session).nodes})
         parts = (each.strip("/").rpartition("/") for each in names)
         return [(name, f"/{above}") for above, _, name in parts]
 
@@ -57,12 +56,8 @@ class NodeGraph:
         found = self._topic(topic)
         return len(found.subscribers or ()) if found else 0
 
-    def _described(self) -> list[NodeDescription]:
-        return describe_all(self._node.session, lambda error: None)
-
     def _graph(self) -> Graph:
-        streams, _ = describe_streams(self._node.session, lambda error: None)
-        return graph_of(self._described(), streams, self._node.namespace)
+        return ask_graph(self._node.session).graph(self._node.namespace)
 
     def _topic(self, name: str) -> TopicInfo | None:
         wanted = self._full(name)

@@ -32,9 +32,9 @@ from tfbus.wording import stamp_text
 
 # Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
-# News of a token that change places come within a moment: of so many the order is known.
+# News of a token may arrive in the wrong order, moments apart: times are kept of this many tokens.
 _MOST_NEWS = 1000
-# An end that is told so soon after the begin may be that of the process before.
+# News this soon after a token appeared that it is gone may be about the previous process's token.
 _ENDS_LATE_S = 10.0
 
 # A token may come before its publisher can answer, or has anything to describe.
@@ -47,8 +47,8 @@ _PATIENCE = 4
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
 _CLAIMS_APART_S = 1.0
-# Where two sessions publish a stream no token tells the end of one: so often it is asked for.
-_LOOKS_APART_S = 4.0
+# If two sessions publish a stream and one ends, no token says so: the watch asks this often.
+_OWNER_RECHECKS_APART_S = 4.0
 
 # The descriptions of at most this many tokens are asked for at a time. Where further ones wait, one
 # that has been asked for five times gives way, and waits again.
@@ -86,8 +86,8 @@ class StreamWatch:
     epoch: a second process that publishes the stream. Where the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
     answers; neither does one with a later epoch in the future. What others send at the key is
-    `rejected`. As long as both answer, the watch asks every few seconds who is left: the end of one
-    is told by no token.
+    `rejected`. While both answer, the watch asks every few seconds which of them are left: no
+    token shows that one of them has ended.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class StreamWatch:
         self._living: set[str] = set()
         # When the latest news of a token came.
         self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
-        # The questions whether a token is there whose end has been told, by its key.
+        # The questions whether a token that was reported gone is still there, by its key.
         self._checks: dict[str, object] = {}
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
@@ -127,8 +127,8 @@ class StreamWatch:
         self._claims: dict[str, AskUntil] = {}
         # The questions whether the owner of a stream still answers, likewise.
         self._challenges: dict[str, AskUntil] = {}
-        # The streams that several sessions publish, of which it will be asked who is left.
-        self._looks: set[str] = set()
+        # The streams of several sessions, whose owners will be asked again if they are there.
+        self._rechecked: set[str] = set()
         self._received = FairQueue()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
@@ -265,13 +265,13 @@ class StreamWatch:
             self._check_end(key)
 
     def _check_end(self, key: str) -> None:
-        """Ask whether a token is there whose end has been told: it was that of the process before
-        if the thread that brought it had no processor.
+        """Ask whether a token that was reported gone is still there: the report may be about the
+        previous process's token, and late because its thread had to wait for a processor.
         """
         check = self._checks[key] = object()
 
         def take(is_there: bool) -> None:
-            # What has been told of the token in the meantime is newer.
+            # Any news of the token in the meantime is newer.
             if self._checks.get(key) is check:
                 del self._checks[key]
                 if is_there and not self._closed:
@@ -339,15 +339,15 @@ class StreamWatch:
         self._returning.pop(former.name, None)
         self._set(StreamState(former.name, alive, description, former.key, is_own, displaced, held))
         if former.owner and former.alive and sender != former.owner:
-            self._look_later(former.key)
+            self._recheck_owner_later(former.key)
 
-    def _look_later(self, key: str) -> None:
-        """Ask in a while who is left of the sessions that publish a stream."""
-        if key not in self._looks and len(self._looks) < _MOST_CLAIMS and not self._closed:
-            self._looks.add(key)
-            self._executor.after(_LOOKS_APART_S, lambda: self._look(key))
+    def _recheck_owner_later(self, key: str) -> None:
+        """Ask in a while which of the sessions that publish a stream are left."""
+        if key not in self._rechecked and len(self._rechecked) < _MOST_CLAIMS and not self._closed:
+            self._rechecked.add(key)
+            self._executor.after(_OWNER_RECHECKS_APART_S, lambda: self._recheck_owner(key))
 
-    def _look(self, key: str) -> None:
+    def _recheck_owner(self, key: str) -> None:
         """Have another session take the stream over if it answers, and the owner does not."""
         owner = self._state(key).owner
         answers: dict[str, Answer] = {}
@@ -360,15 +360,15 @@ class StreamWatch:
                 answers[answer.sender] = answer
 
         def on_over() -> None:
-            self._looks.discard(key)
+            self._rechecked.discard(key)
             others = [answer for sender, answer in list(answers.items()) if sender != owner]
             if owner not in answers and self._state(key).owner == owner and not self._closed:
                 self._take_one_of(key, others)
             if others or owner not in answers:
-                self._look_later(key)
+                self._recheck_owner_later(key)
 
         if not self._state(key).alive:
-            self._looks.discard(key)
+            self._rechecked.discard(key)
             return
         AskUntil(
             self._executor,
@@ -590,7 +590,7 @@ class StreamWatch:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, *max(readable, key=_rank))
                 if len(readable) > 1:
-                    self._look_later(key)
+                    self._recheck_owner_later(key)
             elif answers:
                 self._take_back(key)
             return bool(answers if epoch_ns is None else readable)

@@ -530,7 +530,7 @@ class StreamWatch:
             return
         self._take_description(key, *max(readable, key=_rank))
         if len(readable) > 1:
-            self._look_later(key)
+            self._recheck_owner_later(key)
 
     def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
         """Ask for the retained description: Zenoh requests it for later publishers too, but not

@@ -45,7 +45,7 @@ def test_it_is_refused_with_a_sentence(
 def test_a_module_may_run_a_program_while_it_is_imported(
     network: Network, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As matplotlib does where no list of fonts is cached yet, beside a timer of Python's own."""
+    """As matplotlib does where no list of fonts is cached yet, beside a timer."""
     (tmp_path / "lists_fonts.py").write_text(
         "import subprocess, threading\n"
         "timer = threading.Timer(60, print)\n"

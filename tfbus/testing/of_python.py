@@ -2,8 +2,9 @@
 
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
 in a simulated process these are the simulation's, also if a module has `from time import sleep`.
-Outside of its tasks, and for what a module does while it is imported, they stay Python's own:
-matplotlib runs a program that lists the fonts. Any other call that cannot be simulated is refused.
+Outside of its tasks, and for locks and programs of a module that is being imported, they stay
+Python's own: matplotlib asks a program for the fonts. Any other call that cannot be simulated is
+refused.
 `datetime.now()` tells the real time.
 """
 
@@ -248,7 +249,7 @@ class _Threads:
         real_start, real_join, real_is_alive = real.start, real.join, real.is_alive
 
         def start(thread: threading.Thread) -> None:
-            if _thread.get_ident() not in tasks.thread_ids or is_importing():
+            if _thread.get_ident() not in tasks.thread_ids:
                 real_start(thread)
                 return
             if thread._started.is_set():  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""What a fleet costs a listener: python -m benchmarks.fleet --robots 100
+"""The cost of a fleet to a listener: python -m benchmarks.fleet --robots 100
 
 A hub, a router for each 25 robots connected to it, and robots of 50 frames, 20 of them static,
 each with its namespace and session, several to a process. CPU time counts, since the machine may be

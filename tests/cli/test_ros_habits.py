@@ -70,7 +70,7 @@ def test_a_goal_is_called_with_its_type(bus: Bus) -> None:
     ],
 )
 def test_a_command_that_is_part_of_another_is_named(command: str, answer: str) -> None:
-    """What `tfbus bag` does is looked for as a command, too."""
+    """Jobs of `tfbus bag` are looked for as commands, too."""
     assert answer in usage_error(*command.split())
 
 

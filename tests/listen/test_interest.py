@@ -385,8 +385,8 @@ def test_the_buffer_is_not_asked_for_an_error_about_each_unknown_frame() -> None
 
 
 def test_streams_beside_the_paths_cost_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is needed is found anew where a stream changes an edge on the way up, not at what each
-    of two hundred others says, nor where one says the same again.
+    """An interest is followed again if a stream changes an edge on the way up, not
+    for two hundred other streams, nor for one that says the same again.
     """
     searches: list[object] = []
     edges_needed = DescribedTree.edges_needed

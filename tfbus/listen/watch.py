@@ -54,7 +54,7 @@ _OWNER_RECHECKS_APART_S = 4.0
 # that has been asked for five times gives way, and waits again.
 _MOST_ASKED = 200
 _TURNS = 5
-# Tokens that come while so many are asked about are those of a fleet: they are gathered for this
+# Tokens beyond this number of questions are those of a fleet: they are gathered for this
 # time and asked about by one question for all streams, of which the answers so far are then taken.
 _FEW_ASKED = 20
 _GATHERED_FOR_S = 0.1

@@ -1294,6 +1294,7 @@ def a_message_sent_while_apart_is_lost(stage: Stage) -> None:
     a.expect("heard", "k", gives=True)
     stage.set_cable("h1", plugged=False)
     a.expect("links", gives=[])
+    a.expect("heard", "k", gives=False)
     a.put("k", "lost")
     stage.set_cable("h1", plugged=True)
     a.expect("heard", "k", gives=True)

@@ -18,8 +18,7 @@ from tests.fakes import Lines
 from tfbus.bag.keeping import PartsWritten, Splits
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
-from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.trigger import Condition, Triggers
+from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers
 from tfbus.bus.query import Answer
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem

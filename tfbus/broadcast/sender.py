@@ -75,7 +75,7 @@ class NewestStamps:
     def _note_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         # Views for this call only: an array with views cannot grow.
         newest, at = np.frombuffer(self._newest, np.int64), np.frombuffer(rows, np.int64)
-        stamps = np.frombuffer(stamps_ns, np.int64)
+        stamps = np.frombuffer(stamps_ns, np.int64)  # type: ignore[call-overload]
         too_old = stamps < newest[at] - MOST_BACK_NS
         if np.count_nonzero(too_old):
             return int(too_old.argmax())

@@ -23,7 +23,7 @@ from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import Names, Scene, SelectedMarks
-from tfbus.view.server import Access, Guard, serve, silent_viser
+from tfbus.view.server import Access, Guard, serve, stop
 from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
 
@@ -255,8 +255,7 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self.robots.close()
-        with silent_viser():
-            self.server.stop()
+        stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
         self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))

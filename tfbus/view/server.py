@@ -118,7 +118,16 @@ def _cookie_of(headers: Mapping[str, str], name: str) -> str:
 
 
 # viser connects while its document has the focus. One in a frame has not, until it is clicked.
-_SCRIPT = b"<script>if(parent!==window)document.hasFocus=()=>true</script>"
+# It tries again each second, and whenever the document gets the focus, and gives up the attempt
+# before: over a link with a longer way it never connects. Here each attempt lasts to its end.
+_SCRIPT = b"""<script>if(parent!==window)document.hasFocus=()=>true;{
+const post=Worker.prototype.postMessage,trying=new Set,known=new WeakSet;
+Worker.prototype.postMessage=function(message,...more){const type=message&&message.type;
+if(type==='retry'&&trying.has(this))return;
+if(type==='retry'||type==='set_server'){trying.add(this);if(!known.has(this)){known.add(this);
+this.addEventListener('message',({data})=>{
+if(data.type==='connected'||data.type==='closed')trying.delete(this)})}}
+return post.call(this,message,...more)}}</script>"""
 _HEAD = b"<head>"
 
 
@@ -266,6 +275,19 @@ def serve(
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+# On a busy machine the thread of a server ends, and says so, after viser's `stop` has returned.
+_STOP_S = 20.0
+
+
+def stop(server: viser.ViserServer) -> None:
+    """Stop a server of viser, without a word of it on standard output."""
+    thread = getattr(getattr(server, "_websock_server", None), "_server_thread", None)
+    with silent_viser():
+        server.stop()
+        if thread is not None:
+            thread.join(_STOP_S)
 
 
 @contextmanager

@@ -43,7 +43,7 @@ _TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</
 
 
 @dataclass(frozen=True)
-class Answer:
+class PageReply:
     """The answer to a request in place of what it asks for; `reason` is for a log."""
 
     status: HTTPStatus
@@ -72,7 +72,7 @@ class Access:
         """The end of the printed address; "" if the token was given, so is known."""
         return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
 
-    def answer(self, path: str, headers: Mapping[str, str], address: str) -> Answer | None:
+    def answer(self, path: str, headers: Mapping[str, str], address: str) -> PageReply | None:
         """The answer to a request from an address in place of what it asks for; None if it has the
         cookie.
         """
@@ -80,16 +80,16 @@ class Access:
             return None
         given = parse_qs(path.partition("?")[2]).get("token", [""])[0]
         if not given or headers.get("Upgrade"):
-            return Answer(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
+            return PageReply(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
         match self.token.judge(given, address):
             case "too often":
                 body = _FORM.replace("<!-- why -->", _TOO_OFTEN)
-                return Answer(
+                return PageReply(
                     HTTPStatus.TOO_MANY_REQUESTS, (*_AS_PAGE, ("Retry-After", "60")), body
                 )
             case "wrong":
                 body = _FORM.replace("<!-- why -->", _WRONG)
-                return Answer(
+                return PageReply(
                     HTTPStatus.UNAUTHORIZED, _AS_PAGE, body, f"a wrong token from {address}"
                 )
             case "right":
@@ -97,7 +97,7 @@ class Access:
                 # framed, no script and no websocket has it.
                 cookie = f"{self._cookie}={self._value}; Path=/; HttpOnly; Secure; SameSite=Lax"
                 moved = (("Location", "/"), ("Set-Cookie", cookie))
-                return Answer(HTTPStatus.SEE_OTHER, (*_UNSEEN, *moved))
+                return PageReply(HTTPStatus.SEE_OTHER, (*_UNSEEN, *moved))
 
 
 _UNSEEN = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"))

@@ -35,7 +35,7 @@ _FOV_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Viewport:
     """A browser's canvas, `size_px` wide and high, and the camera that draws it.
 
     The camera looks along its z; its y is down. `fov_rad` is from top to bottom.
@@ -47,12 +47,12 @@ class Window:
     size_px: tuple[int, int]
 
     @staticmethod
-    def of(camera: Any) -> "Window":
+    def of(camera: Any) -> "Viewport":
         """The window of a client of viser."""
         w, x, y, z = camera.wxyz
         rotation = Transform((0.0, 0.0, 0.0), (x, y, z, w)).as_matrix()[:3, :3]
         size_px = (camera.image_width, camera.image_height)
-        return Window(camera.position, rotation, camera.fov, size_px)
+        return Viewport(camera.position, rotation, camera.fov, size_px)
 
     def project(self, xyz: Floats) -> tuple[Floats, Floats]:
         """Pixels (N, 2) from the upper left corner, and distances (N,) ahead of the camera in m."""

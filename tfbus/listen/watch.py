@@ -157,6 +157,10 @@ class StreamWatch:
         """Whether this token is there now."""
         return key in self._living
 
+    def is_asking(self, key: str) -> bool:
+        """Whether a question about the stream of this token is open, or is to be asked."""
+        return any(key in q for q in (self._asking, self._to_ask, self._claims, self._challenges))
+
     def take_for_alive(self, key: str) -> None:
         """Take a stream that sends for alive, as if its token had come. Call it on the executor's
         thread.

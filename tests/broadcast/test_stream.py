@@ -29,9 +29,14 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.broadcast import sender
-from tfbus.broadcast.keys import RowsOfKey, StreamOptions
 from tfbus.broadcast.retained import FrameAnnouncer
-from tfbus.broadcast.sender import MOST_BACK_NS, NewestStamps, TransformSender
+from tfbus.broadcast.sender import (
+    MOST_BACK_NS,
+    NewestStamps,
+    RowsOfKey,
+    StreamOptions,
+    TransformSender,
+)
 from tfbus.broadcast.stream import NodeStreams
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns

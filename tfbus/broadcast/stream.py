@@ -14,9 +14,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from tfbus.broadcast.keys import StreamOptions
 from tfbus.broadcast.retained import Edges, FrameAnnouncer, FrameRows
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.sender import StreamOptions, TransformSender
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session

@@ -1,4 +1,4 @@
-"""Sends the dynamic transforms of a stream, on one key or a key a frame, and keeps the last ones."""
+"""Sends the dynamic transforms of a stream, on one key or one a frame, and keeps the last ones."""
 
 import math
 import sys

@@ -125,7 +125,7 @@ class StreamRights:
         self._namespace = namespace
 
     @classmethod
-    def of(cls, settings: NodeSettings) -> "StreamRights | None":
+    def of_settings(cls, settings: NodeSettings) -> "StreamRights | None":
         """The rights of a closed bus; None on an open one."""
         closed = settings.closed
         return None if closed is None else cls(closed.rights, settings.namespace)

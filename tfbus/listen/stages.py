@@ -11,7 +11,7 @@ from tfbus.buffer.info import Change
 from tfbus.errors import TransformException
 from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.conflicts import Resolution, name_some
-from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts, Verdict
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts, Verdict
 from tfbus.runtime import scheduler
 from tfbus.wording import stamp_text
 
@@ -110,7 +110,7 @@ class Admission:
     """
 
     def __init__(
-        self, facts: StreamFacts, marks: Marks, around: Listening, now_s: Callable[[], float]
+        self, facts: StreamFacts, marks: Marks, around: ReceptionHooks, now_s: Callable[[], float]
     ) -> None:
         self._facts = facts
         self._marks = marks
@@ -282,7 +282,9 @@ class Contest:
     streams list, and this one does not, are not its own either.
     """
 
-    def __init__(self, facts: StreamFacts, around: Listening, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self, facts: StreamFacts, around: ReceptionHooks, now_s: Callable[[], float]
+    ) -> None:
         self.excluded: frozenset[str] = frozenset()
         self._facts = facts
         self._listing = facts.listing

@@ -7,7 +7,7 @@ from tests.builders import S, payload, x_of
 from tfbus import Buffer, TransformListener, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.registry import Registry
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.transforms import TransformReader
 
@@ -27,7 +27,7 @@ def receive(listener: TransformListener, key: str, data: bytes) -> None:
     listener._on_message(key, data)
 
 
-class Takeovers(Listening):
+class Takeovers(ReceptionHooks):
     """Notes which stream's other process counts from which epoch on."""
 
     def __init__(self, noted: list[tuple[str, int]]) -> None:

@@ -29,7 +29,7 @@ class RosStream:
         self.name = name
         self.gids: set[str] = set()
         self._node = node
-        self._streams = NodeStreams.of(node)
+        self._streams = NodeStreams.of_node(node)
         self._stream: Stream | None = None
         self._sender: TransformSender | None = None
         self._statics: dict[str, TransformStamped] = {}

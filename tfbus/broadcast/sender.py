@@ -21,7 +21,7 @@ from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime import scheduler
 from tfbus.wire.keys import escape, transforms_key
-from tfbus.wire.one_message import OneMessage
+from tfbus.wire.transform_bytes import OneMessage
 from tfbus.wire.transforms import TransformEncoder
 
 
@@ -224,14 +224,14 @@ class NewestStamps:
         """The rows of these frames, valid until one of them is forgotten."""
         return array("q", [self._row(child) for child in children])
 
-    def note(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
+    def advance(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         """Note the stamps that are sent now, one a row; None if all are noted.
 
         `stamps_ns` has a buffer of signed integers of 64 bits. If one is more than 1 s older
         than the newest of its row, nothing is noted, and its position returned.
         """
         if len(rows) >= _MANY:
-            return self._note_many(rows, stamps_ns)
+            return self._advance_many(rows, stamps_ns)
         newest = self._newest
         for position, (row, stamp_ns) in enumerate(zip(rows, stamps_ns, strict=True)):
             if stamp_ns < newest[row] - MOST_BACK_NS:
@@ -242,7 +242,7 @@ class NewestStamps:
                 newest[row] = stamp_ns
         return None
 
-    def _note_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
+    def _advance_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         # Views for this call only: an array with views cannot grow.
         newest, at = np.frombuffer(self._newest, np.int64), np.frombuffer(rows, np.int64)
         stamps = np.frombuffer(stamps_ns, np.int64)
@@ -267,8 +267,8 @@ class NewestStamps:
         """Forget all stamps; the rows stay valid."""
         self._newest = array("q", [_NEVER]) * len(self._newest)
 
-    def note_one(self, row: int, stamp_ns: int) -> int | None:
-        """As `note` of one row, in a fraction of the time."""
+    def advance_one(self, row: int, stamp_ns: int) -> int | None:
+        """As `advance` of one row, in a fraction of the time."""
         newest_ns = self._newest[row]
         if stamp_ns < newest_ns - MOST_BACK_NS:
             return 0
@@ -425,7 +425,7 @@ class TransformSender:
         single.sent_ns = stamp_ns
         if self._history is not None:
             self._history.append(key.key, payload)
-        self._newest.note_one(single.stamp_row, stamp_ns)
+        self._newest.advance_one(single.stamp_row, stamp_ns)
 
     def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
         """Send one transform, and remember what the next ones of its frames have in common."""
@@ -442,11 +442,11 @@ class TransformSender:
 
     def _send(self, columns: Columns) -> _Table:
         table = self._table(columns)
-        late = self._note(table, columns)
+        late = self._advance(table, columns)
         if late is not None:
             self._restart(columns, late, table.stamp_rows[late])
             table = self._table(columns)
-            self._note(table, columns)
+            self._advance(table, columns)
         if not self._singles.keys().isdisjoint(table.by_child.keys()):
             for child in table.by_child:
                 self._singles.pop(child, None)
@@ -480,11 +480,11 @@ class TransformSender:
                 if self._history is not None:
                     self._history.remove(child)
 
-    def _note(self, table: _Table, columns: Columns) -> int | None:
+    def _advance(self, table: _Table, columns: Columns) -> int | None:
         """Note the stamps; if one is too far back, note none and return its row."""
         if columns.count == 1:
-            return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
-        return self._newest.note(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))
+            return self._newest.advance_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
+        return self._newest.advance(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))
 
     def _table(self, columns: Columns) -> _Table:
         edges, frames = columns.edges, columns.frames

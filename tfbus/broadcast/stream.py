@@ -272,7 +272,7 @@ class NodeStreams:
         self._by_name: dict[str, Stream] = {}
 
     @classmethod
-    def of(cls, node: Node) -> "NodeStreams":
+    def of_node(cls, node: Node) -> "NodeStreams":
         """The streams of the node, made at the first call."""
         if (found := cls._found(node)) is not None:
             return found
@@ -337,4 +337,4 @@ def stream_of_node(node: Node, name: str | None = None) -> Stream:
             "a broadcaster takes a Node, as in TransformBroadcaster(node), not "
             f"{type(node).__name__}"
         )
-    return NodeStreams.of(node).get(node, name or node.name)
+    return NodeStreams.of_node(node).get(node, name or node.name)

@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, quote
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.secure.server_access import AccessToken, Gate, ServerTls, machine_names
+from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, machine_names
 
 if TYPE_CHECKING:
     from tfbus.foxglove.server import Server  # websockets, which `tfbus foxglove --help` may lack
@@ -73,7 +73,7 @@ class Front:
     ) -> None:
         self.clients = 0
         self._host, self._wanted_port = serving.host, serving.port
-        self._gate = Gate(
+        self._gate = PageGate(
             machine_names(serving.host),
             serving.origins,
             _is_foxglove,

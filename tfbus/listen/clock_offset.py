@@ -110,7 +110,7 @@ class ClockOffsets:
         with self._changed:
             self._leave(stream)
 
-    def of(self, session: str) -> ClockOffset | None:
+    def last_of(self, session: str) -> ClockOffset | None:
         """The last offset of the node of a session; None before the first."""
         if session == self._session.id:
             return ClockOffset(0.0, 0.0)

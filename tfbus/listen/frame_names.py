@@ -14,7 +14,7 @@ from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import last_name, namespace_of
-from tfbus.wire.scan import NameTables
+from tfbus.wire.transform_bytes import NameTables
 from tfbus.wire.transforms import TransformReader
 from tfbus.wording import listed
 
@@ -80,7 +80,7 @@ class StreamRights:
         self._namespace = namespace
 
     @classmethod
-    def of(cls, settings: NodeSettings) -> "StreamRights | None":
+    def of_settings(cls, settings: NodeSettings) -> "StreamRights | None":
         """The rights of a closed bus; None on an open one."""
         closed = settings.closed
         return None if closed is None else cls(closed.rights, settings.namespace)

@@ -12,7 +12,7 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.errors import TransformException
 from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.conflicts import Resolution, name_some
-from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts, Verdict
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts, Verdict
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.secure.rights import matches
@@ -113,7 +113,7 @@ class Admission:
     """
 
     def __init__(
-        self, facts: StreamFacts, marks: Marks, around: Listening, now_s: Callable[[], float]
+        self, facts: StreamFacts, marks: Marks, around: ReceptionHooks, now_s: Callable[[], float]
     ) -> None:
         self._facts = facts
         self._marks = marks
@@ -329,7 +329,9 @@ class Contest:
     streams list, and this one does not, are not its own either.
     """
 
-    def __init__(self, facts: StreamFacts, around: Listening, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self, facts: StreamFacts, around: ReceptionHooks, now_s: Callable[[], float]
+    ) -> None:
         self.excluded: frozenset[str] = frozenset()
         self._facts = facts
         self._listing = facts.listing

@@ -100,7 +100,7 @@ class StreamWatch:
         executor: Executor | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
-        self._rights = StreamRights.of(session.settings)
+        self._rights = StreamRights.of_settings(session.settings)
         self._session = session
         self._on_change = on_change
         log = log or logging.getLogger(__name__)

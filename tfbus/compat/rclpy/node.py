@@ -24,7 +24,7 @@ from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.task import Work
 from tfbus.compat.rclpy.time import ClockType
 from tfbus.node.node import Node as TfbusNode
-from tfbus.runtime.callback_groups import join
+from tfbus.runtime.callbacks import join
 from tfbus.runtime.structs import replace
 
 __all__ = [

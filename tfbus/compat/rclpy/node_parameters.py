@@ -18,7 +18,7 @@ from tfbus.compat.rclpy.task import Work
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
-from tfbus.runtime.callback_groups import MutuallyExclusiveCallbackGroup
+from tfbus.runtime.callbacks import MutuallyExclusiveCallbackGroup
 
 ParameterDescriptor: Any = message_class("rcl_interfaces/msg/ParameterDescriptor")
 SetParametersResult: Any = message_class("rcl_interfaces/msg/SetParametersResult")

@@ -29,9 +29,14 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.broadcast import sender
-from tfbus.broadcast.keys import RowsOfKey, StreamOptions
 from tfbus.broadcast.retained import FrameAnnouncer
-from tfbus.broadcast.sender import MOST_BACK_NS, NewestStamps, TransformSender
+from tfbus.broadcast.sender import (
+    MOST_BACK_NS,
+    NewestStamps,
+    RowsOfKey,
+    StreamOptions,
+    TransformSender,
+)
 from tfbus.broadcast.stream import NodeStreams
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
@@ -299,7 +304,7 @@ def judge_as_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
         stamps = [seconds * S + i for i in range(len(children))]
         late = [i for i, f in enumerate(children) if stamps[i] < known.get(f, 0) - MOST_BACK_NS]
         rows = newest.rows(children)
-        assert newest.note(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
+        assert newest.advance(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
         if not late:
             for child, stamp in zip(children, stamps, strict=True):
                 known[child] = max(stamp, known.get(child, 0))
@@ -608,7 +613,7 @@ def test_a_closed_stream_retains_nothing(sender: Node, receiver: Node) -> None:
         return [answer.key for key in within for answer in ask_retained(receiver.session, key)]
 
     eventually(lambda: sorted(set(retained())) == ["@tfbus/stream/sender", "tf_static/sender"])
-    NodeStreams.of(sender).close(sender.name)
+    NodeStreams.of_node(sender).close(sender.name)
     assert retained() == []
 
 

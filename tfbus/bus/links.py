@@ -86,7 +86,7 @@ def _address(endpoint: str) -> tuple[str, int] | None:
 _SAME_LOSS_S = 5.0
 
 
-class Link(NamedTuple):
+class LinkEnds(NamedTuple):
     """A link, by its two endpoints."""
 
     src: str
@@ -95,7 +95,7 @@ class Link(NamedTuple):
 
 class _Event(NamedTuple):
     zid: str
-    link: Link | None  # None for the connection as a whole
+    link: LinkEnds | None  # None for the connection as a whole
     has_come: bool
     at_s: float
 
@@ -103,22 +103,22 @@ class _Event(NamedTuple):
 class _Connection(Struct, frozen=False):
     """The links to one process; all share what was declared when the first one came."""
 
-    links: set[Link] = field(default_factory=set)
+    links: set[LinkEnds] = field(default_factory=set)
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
     dst: str = ""
 
 
-class Changes(NamedTuple):
+class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
     are new, those that were lost, and those of processes that are half linked.
     """
 
     lost: dict[str, str]
-    new: set[Link]
-    ended: set[Link]
-    half: set[Link]
+    new: set[LinkEnds]
+    ended: set[LinkEnds]
+    half: set[LinkEnds]
 
 
 class Links:
@@ -136,7 +136,7 @@ class Links:
     def note_link(self, event: zenoh.LinkEvent) -> None:
         """Note that a link opens or ends."""
         link, has_come = event.link, event.kind == zenoh.SampleKind.PUT
-        ends = Link(link.src, link.dst)
+        ends = LinkEnds(link.src, link.dst)
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
     def __contains__(self, zid: str) -> bool:
@@ -145,7 +145,7 @@ class Links:
     def __bool__(self) -> bool:
         return bool(self._connections)
 
-    def all(self) -> set[Link]:
+    def all(self) -> set[LinkEnds]:
         """The links that are open."""
         return {link for each in self._connections.values() for link in each.links}
 
@@ -154,21 +154,21 @@ class Links:
         for zid in self._connections.keys() - zids:
             del self._connections[zid]
 
-    def take(self) -> Changes:
-        """Take what was noted."""
+    def poll(self) -> LinkChanges:
+        """The changes since the last call."""
         lost: dict[str, str] = {}
-        ended: set[Link] = set()
+        ended: set[LinkEnds] = set()
         former = self.all()
         while self._events:
-            self._take_event(self._events.popleft(), lost, ended)
-        half: set[Link] = set()
+            self._apply(self._events.popleft(), lost, ended)
+        half: set[LinkEnds] = set()
         for each in self._connections.values():
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-        return Changes(lost, self.all() - former, ended, half)
+        return LinkChanges(lost, self.all() - former, ended, half)
 
-    def _take_event(self, event: _Event, lost: dict[str, str], ended: set[Link]) -> None:
+    def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
         zid, link, has_come, at_s = event
         if link is None and has_come:
             self._connections.setdefault(zid, _Connection())

@@ -24,7 +24,7 @@ from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
-from tfbus.bus.links import Link, Links, host_of, split_endpoint
+from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
@@ -110,7 +110,7 @@ class Neighbours:
 
     def _run(self) -> None:
         try:
-            self._look()
+            self._update()
             while not self._closing.is_set():
                 self._wait()
         except Exception:
@@ -131,7 +131,7 @@ class Neighbours:
                 poll.register(each, select.POLLIN)
 
         on(self._woken, self._take_wake)
-        on(self._watch.socket, self._look_soon)
+        on(self._watch.socket, self._update_soon)
         if self._answers is not None:
             on(self._answers.socket, self._answer)
         if self._scouts is not None:
@@ -142,7 +142,7 @@ class Neighbours:
             if not self._closing.is_set():
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
-            self._look()
+            self._update()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
@@ -155,17 +155,17 @@ class Neighbours:
     def _take_wake(self) -> None:
         with suppress(OSError):
             self._woken.recv(4096)
-        self._look_soon()
+        self._update_soon()
 
-    def _look_soon(self) -> None:
-        """Look once the changes that come together have come."""
+    def _update_soon(self) -> None:
+        """Update once the changes that come together have come."""
         self._closing.wait(_SETTLED_S)
         self._watch.drain()
         if not self._closing.is_set():
-            self._look()
+            self._update()
 
-    def _look(self) -> None:
-        self._look_at_links()
+    def _update(self) -> None:
+        self._update_links()
         now = places(self._only)
         if now != self._places:
             former, self._places, self._has_changed = self._places, now, True
@@ -173,10 +173,10 @@ class Neighbours:
             if self._answers is not None:
                 self._answers.take_over(former, now)
             self._end_links_without_address()
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_at_links(self) -> None:
-        lost, new, ended, half = self._links.take()
+    def _update_links(self) -> None:
+        lost, new, ended, half = self._links.poll()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
@@ -190,9 +190,9 @@ class Neighbours:
         known |= {host_of(link.dst) for link in self._links.all()}
         missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
         if half or (lost and not self._links) or missed - known:
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_for_neighbours(self) -> None:
+    def _begin_scouting(self) -> None:
         if self._scouts is not None:
             self._scouts.begin()
 
@@ -242,7 +242,7 @@ def _is_here(address: str) -> bool:
     return True
 
 
-def _ends(links: Iterable[Link]) -> set[Ends]:
+def _ends(links: Iterable[LinkEnds]) -> set[Ends]:
     return {(_end_of(link.src), _end_of(link.dst)) for link in links}
 
 

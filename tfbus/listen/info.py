@@ -91,7 +91,7 @@ _COUNTED = tuple(
 )
 
 
-class Counts:
+class StreamCounts:
     """The counts of one stream, under the names that they have in `StreamInfo`, which says what
     they are.
 

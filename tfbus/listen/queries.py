@@ -118,6 +118,11 @@ class StaticRecovery:
         if stream.statics.are_lacking():
             self._executor.submit(_STATICS, lambda: self._begin(key, stream))
 
+    def is_asking(self, stream: str) -> bool:
+        """Whether the static transforms of this stream are asked for."""
+        asking = self._asking.get(stream)
+        return asking is not None and not asking.is_over
+
     def leave(self, stream: str) -> None:
         """The static transforms of this stream are no longer read."""
         asking = self._asking.pop(stream, None)
@@ -131,8 +136,7 @@ class StaticRecovery:
             self.leave(stream)
 
     def _begin(self, key: str, stream: StreamReception) -> None:
-        former = self._asking.get(stream.name)
-        if self._closed or (former is not None and not former.is_over):
+        if self._closed or self.is_asking(stream.name):
             return
 
         def on_answer(answer: Answer) -> None:

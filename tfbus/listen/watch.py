@@ -100,7 +100,7 @@ class StreamWatch:
         executor: Executor | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
-        self._rights = StreamRights.of(session.settings)
+        self._rights = StreamRights.of_settings(session.settings)
         self._session = session
         self._on_change = on_change
         log = log or logging.getLogger(__name__)
@@ -156,6 +156,10 @@ class StreamWatch:
     def has_token(self, key: str) -> bool:
         """Whether this token is there now."""
         return key in self._living
+
+    def is_asking(self, key: str) -> bool:
+        """Whether a question about the stream of this token is open, or is to be asked."""
+        return any(key in q for q in (self._asking, self._to_ask, self._claims, self._challenges))
 
     def take_for_alive(self, key: str) -> None:
         """Take a stream that sends for alive, as if its token had come. Call it on the executor's

@@ -1,6 +1,8 @@
 """Classes of ROS's messages, services and actions, made from their definitions when first used."""
 
+import sys
 from array import array
+from collections.abc import Callable
 from functools import cache
 from typing import Any, ClassVar
 
@@ -38,8 +40,13 @@ class RosMessage:
         return {name: codec.shown for name, codec in cls.__codecs__.items()}
 
     def __bus_map__(self) -> dict[str, Any]:
-        """The message as it goes over the bus, with lists in the place of arrays."""
-        written: dict[str, Any] = _with_lists(self.__write__(self, ""))
+        """The message as it goes over the bus, with the memory of its arrays."""
+        written: dict[str, Any] = _written(self.__write__(self, ""), _in_memory)
+        return written
+
+    def __listed__(self) -> dict[str, Any]:
+        """The same with lists in the place of arrays."""
+        written: dict[str, Any] = _written(self.__write__(self, ""), array.tolist)
         return written
 
     @classmethod
@@ -197,12 +204,20 @@ def _doc(message: MessageType) -> str:
     return f"ROS's {message.name}: {', '.join(field.name for field in message.fields) or 'empty'}."
 
 
-def _with_lists(value: Any) -> Any:
+def _written(value: Any, of_array: Callable[["array[Any]"], Any]) -> Any:
     if isinstance(value, array):
-        return value.tolist()
+        return of_array(value)
     if type(value) is dict:
-        return {name: _with_lists(each) for name, each in value.items()}
-    return [_with_lists(each) for each in value] if type(value) is list else value
+        return {name: _written(each, of_array) for name, each in value.items()}
+    return [_written(each, of_array) for each in value] if type(value) is list else value
+
+
+def _in_memory(numbers: "array[Any]") -> bytes:
+    """The numbers as they are on the bus, little-endian."""
+    if sys.byteorder == "big":
+        numbers = numbers[:]
+        numbers.byteswap()
+    return numbers.tobytes()
 
 
 def _are_equal(one: Any, other: Any) -> bool:

@@ -13,7 +13,8 @@ from typing import Any
 
 from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
-from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
+from tfbus.ros.value_codec import array_of
 
 Convert = Callable[[Any, str], Any]
 
@@ -193,6 +194,8 @@ def _sequence(type_: Sequence, default: Any, class_of: ClassOf) -> FieldCodec:
 
 
 def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
+    rows = rows_of(type_) if isinstance(type_.item, MessageType) else None
+
     def make() -> list[Any]:
         return list(default) if default else [item.make() for _ in range(type_.size or 0)]
 
@@ -208,7 +211,9 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
         return [item.write(each, f"{path}[{at}]") for at, each in enumerate(value)]
 
     def read(value: Any, path: str) -> list[Any]:
-        if isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
+        if rows is not None and (array := array_of(value, rows)) is not None:
+            value = rows.maps_of(array)
+        elif isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
             value = list(value)
         if not isinstance(value, list):
             raise DecodeError(f"field {path!r} must be a list, not {_kind(value)}")
@@ -228,6 +233,7 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
 
 def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
     is_fixed = type_.size is not None
+    rows = rows_of(type_)
     assert isinstance(type_.item, Scalar)
     shown = _SHOWN.get(type_.item.name, type_.item.name)
 
@@ -270,12 +276,16 @@ def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
         _check_size(value, type_, path)
         if type_.is_octets:
             return bytes(packed(value, path))
-        return packed(value, path)
+        return packed(value, path).tolist() if is_fixed else packed(value, path)
 
     def read(value: Any, path: str) -> Any:
-        if not isinstance(value, list | bytes | array) and not hasattr(value, "dtype"):
+        if not isinstance(value, list | bytes | memoryview | array) and not hasattr(value, "dtype"):
             raise DecodeError(f"field {path!r} must be a list of numbers, not {_kind(value)}")
         _check_received(value, type_, path)
+        if rows is not None and isinstance(value, bytes | memoryview):
+            value = array_of(value, rows)
+            if value is None:
+                raise DecodeError(f"field {path!r} must be a multiple of {rows.size} bytes")
         try:
             numbers = packed(value, path)
         except (TypeError, ValueError) as error:

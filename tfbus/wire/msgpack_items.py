@@ -31,6 +31,46 @@ def _refuse_extension(code: int, data: bytes) -> object:
     raise ValueError(f"it has an extension of type {code}")
 
 
+# Stands for a binary that is left where it is, with its number.
+_LEFT = 100
+_AS_LEFT = b"\xd6" + bytes([_LEFT])
+
+
+def unpacked_in_place(data: bytes) -> Any:
+    """As `unpacked`, but each binary of 4 kB or more is a memoryview of the payload: nothing of it
+    is copied. A payload of at most 64 KiB is copied whole.
+    """
+    if len(data) <= HARMLESS_SIZE:
+        return unpacked(data)
+    binaries: list[tuple[int, int, int]] = []
+    values_in(data, MOST_ITEMS, binaries)
+    if not binaries or binaries[-1][2] > len(data):
+        return unpacked(data)
+    pieces: list[bytes] = []
+    at = 0
+    for number, (head, _, end) in enumerate(binaries):
+        pieces += (data[at:head], _AS_LEFT, number.to_bytes(4, "big"))
+        at = end
+    pieces.append(data[at:])
+    whole = memoryview(data)
+
+    def left(code: int, number: bytes) -> object:
+        # A payload may have such an extension, too; it has no number as ours.
+        at = int.from_bytes(number, "big")
+        if code != _LEFT or len(number) != 4 or at >= len(binaries):
+            return _refuse_extension(code, number)
+        _, start, end = binaries[at]
+        return whole[start:end]
+
+    return msgpack.unpackb(
+        b"".join(pieces), strict_map_key=True, timestamp=_AS_NANOSECONDS, ext_hook=left
+    )
+
+
+# A binary of so many bytes is not worth a copy.
+_LARGE = 4096
+
+
 def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
     """Why the payload is not read, as a sentence; "" if it has at most `most` values.
 
@@ -46,6 +86,7 @@ def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
 _BYTES = [0] * 256
 _VALUES = [0] * 256
 _LENGTH_WIDTH = [0] * 256
+_BINARIES = range(0xC4, 0xC7)
 _EXTENSIONS = range(0xC7, 0xCA)
 _ARRAYS = range(0xDC, 0xDE)
 _MAPS = range(0xDE, 0xE0)
@@ -64,9 +105,9 @@ def _fill_tables() -> None:
 _fill_tables()
 
 
-def values_in(data: bytes, most: int) -> int:
+def values_in(data: bytes, most: int, binaries: list[tuple[int, int, int]] | None = None) -> int:
     """How many values the payload says it has; if they are more than `most`, some number above
-    it.
+    it. `binaries` gets the places of binaries of 4 kB or more: of the head, the data and the end.
     """
     at, end = 0, len(data)
     seen, announced = 0, 1
@@ -84,6 +125,8 @@ def values_in(data: bytes, most: int) -> int:
                 announced += 2 * length
             else:
                 at += length + (head in _EXTENSIONS)
+                if length >= _LARGE and head in _BINARIES and binaries is not None:
+                    binaries.append((at - length - width - 1, at - length, at))
         if seen + announced > most:
             break
     return seen + announced

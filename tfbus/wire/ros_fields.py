@@ -2,18 +2,18 @@
 all else has the same name. Names that fields had before are read as well.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 _SECOND_NS = 1_000_000_000
 
 HEADER = "header"
-_OURS = ("stamp_ns", "frame_id")
+OF_HEADER = ("stamp_ns", "frame_id")
 
 
 def has_header(fields: Mapping[str, object]) -> bool:
     """Whether a type with these fields of ours has a header in ROS."""
-    return HEADER not in fields and all(name in fields for name in _OURS)
+    return HEADER not in fields and all(name in fields for name in OF_HEADER)
 
 
 def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
@@ -34,7 +34,7 @@ def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
         raise TypeError("stamp_ns must be an integer")
     seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
     stamp = {"sec": seconds, "nanosec": nanoseconds}
-    others = {name: value for name, value in values.items() if name not in _OURS}
+    others = {name: value for name, value in values.items() if name not in OF_HEADER}
     return {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **others}
 
 
@@ -50,8 +50,38 @@ def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
         raise TypeError("the stamp must be of integers")
     stamp_ns = seconds * _SECOND_NS + nanoseconds
     of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
-    others = {name: value for name, value in values.items() if name != HEADER and name not in _OURS}
+    others = {
+        name: value for name, value in values.items() if name != HEADER and name not in OF_HEADER
+    }
     return {**of_header, **others}
+
+
+def as_time(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """The fields of a message with these times, `lifetime_ns`, as ROS has them: a `lifetime` of
+    seconds and nanoseconds.
+    """
+    made = {}
+    for name, value in values.items():
+        if name in names:
+            sec, nanosec = divmod(value, _SECOND_NS)
+            made[name.removesuffix("_ns")] = {"sec": sec, "nanosec": nanosec}
+        else:
+            made[name] = value
+    return made
+
+
+def of_time(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The fields of a message of ROS with a time as ours, `lifetime_ns`; if it has that already, as
+    it is. Raises KeyError and TypeError for a time with other fields than ROS's own.
+    """
+    in_ros = name.removesuffix("_ns")
+    if name in values or in_ros not in values:
+        return values
+    sec, nanosec = values[in_ros]["sec"], values[in_ros]["nanosec"]
+    if type(sec) is not int or type(nanosec) is not int:
+        raise TypeError("the time must be of integers")
+    others = {key: value for key, value in values.items() if key != in_ros}
+    return {**others, name: sec * _SECOND_NS + nanosec}
 
 
 def renewed(

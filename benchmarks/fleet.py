@@ -157,9 +157,11 @@ def _known(listeners: Sequence[Process], awaited: Awaited, since_s: float | None
     since_s = time.monotonic() if since_s is None else since_s
     for listener in listeners:
         listener.tell(json.dumps(asdict(awaited)))
-    at_s = [listener.hear() for listener in listeners]
-    late = f"not in {WITHIN_S:.0f} s"
-    return late if None in at_s else f"{max(0.0, max(at_s) - since_s):.1f} s"
+    answers = [listener.hear() for listener in listeners]
+    at_s, left = max(at_s for at_s, _ in answers), max(left for _, left in answers)
+    if left:
+        return f"{len(awaited.robots) - left} in {WITHIN_S:.0f} s"
+    return f"{max(0.0, at_s - since_s):.1f} s"
 
 
 def _client(at: Place, router: str) -> dict[str, str]:

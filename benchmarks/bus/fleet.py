@@ -153,17 +153,18 @@ class Awaited:
     gone: bool = False
     since_ns: int = 0
 
-    def wait(self, listener: "tfbus.TransformListener", read: set[str] | None) -> float | None:
-        """When it knew the last of them, by the monotonic clock; None if that took a minute. `read`
-        are those that it reads, None for all.
+    def wait(
+        self, listener: "tfbus.TransformListener", read: set[str] | None
+    ) -> tuple[float, int]:
+        """When it knew the last of them, by the monotonic clock, and how many it does not know
+        after a minute. `read` are those that it reads, None for all.
         """
-        end_s, awaited = time.monotonic() + WITHIN_S, set(self.robots)
-        while time.monotonic() < end_s:
-            there = awaited & {*self._there(listener, read)}
-            if there == (set() if self.gone else awaited):
-                return time.monotonic()
-            time.sleep(0.05)
-        return None
+        end_s, left = time.monotonic() + WITHIN_S, set(self.robots)
+        while left and time.monotonic() < end_s:
+            there = {*self._there(listener, read)}
+            left = set(self.robots) & there if self.gone else set(self.robots) - there
+            time.sleep(0.05 if left else 0.0)
+        return time.monotonic(), len(left)
 
     def _there(self, listener: "tfbus.TransformListener", read: set[str] | None) -> Iterator[str]:
         for stream in listener.streams():

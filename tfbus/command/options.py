@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
+from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.command.option_kinds import NodeOption, RosArgs, help_all_option
 from tfbus.command.types import LogLevel, Number
@@ -256,6 +257,11 @@ _BUS_OPTIONS = {
         type=click.Path(),
         metavar="DIR",
         help="Join a closed bus by the identity in DIR (tfbus keys).",
+    ),
+    "network": _option(
+        "--network",
+        type=click.Choice(NETWORK_NAMES),
+        help="The network to the others (default lan); auto: that of this host's interface.",
     ),
     "log_level": _option(
         "--log-level", type=LogLevel(), help="The lowest level to log (default info)."

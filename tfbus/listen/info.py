@@ -22,7 +22,8 @@ class StreamState(Struct):
     first. `key` is that of its token and its description. `confirmed` is whether the description
     came from the session that it names, since the token did. `displaced` is the session
     that was there before others took over with later epochs, "" for none; `held` is whether it has
-    come back since, as it lives.
+    come back since, as it lives. `silent` is whether its token is lost, as with its link, and it
+    is not gone yet.
     """
 
     name: str
@@ -32,6 +33,7 @@ class StreamState(Struct):
     confirmed: bool = False
     displaced: str = ""
     held: bool = False
+    silent: bool = False
 
     @property
     def owner(self) -> str:
@@ -44,7 +46,8 @@ class StreamInfo(Struct):
 
     `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
     stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.
-    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
+    `alive` is whether its publisher is there, and `silent` whether its link is lost, on a network
+    on which it is not gone at once. `epoch_ns` is that of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
@@ -83,11 +86,14 @@ class StreamInfo(Struct):
     last_delay_s: float | None = None
     origin: tuple[str, ...] = ()
     kept_delay_s: float | None = None
+    silent: bool = False
 
 
 # What is counted of the messages of a stream.
 _COUNTED = tuple(
-    each.name for each in fields_of(StreamInfo)[9:] if each.name not in ("clock_offset_s", "origin")
+    each.name
+    for each in fields_of(StreamInfo)[9:]
+    if each.name not in ("clock_offset_s", "origin", "silent")
 )
 
 
@@ -148,7 +154,7 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
     """The report of a stream, from its token, its description, and what has been received."""
     info = StreamInfo(name)
     if state is not None:
-        info = replace(info, alive=state.alive)
+        info = replace(info, alive=state.alive, silent=state.silent)
     if state is not None and state.description is not None:
         description = state.description
         info = replace(

@@ -9,12 +9,12 @@ import argparse
 import json
 import os
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks import machine
 from benchmarks.bus.links import Heard
-from benchmarks.bus.place import Place, Process, place
+from benchmarks.bus.place import Process, place
 from benchmarks.parts import Table
 from tests.hosts.lossy_link import Conditions
 from tests.hosts.network import Hosts

@@ -30,7 +30,7 @@ from tfbus.bus.zenoh_sockets import (
     ZenohSockets,
     end_datagrams,
     end_links,
-    repeat_steadily,
+    fit_to_losses,
     shorten_close,
 )
 from tfbus.runtime import scheduler
@@ -186,8 +186,8 @@ class Neighbours:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
-            if self._network.is_lossy:
-                repeat_steadily(_ends(new), self._network.unsent_bytes)
+            if self._network.tcp_bytes:
+                fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:

@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterable
 
 from tfbus.errors import SettingsError
+from tfbus.runtime import scheduler
 from tfbus.runtime.structs import Struct
 
 # As on the command line and in the environment.
@@ -20,9 +21,8 @@ class Network(Struct):
     are lost. Messages of dynamic transforms, and the packets of links, have at most so many bytes
     (0: without bound); `urgent_batches` of these wait on a link. A try to open a link ends after
     `open_s`; the next one follows after `retry_s`, twice as much later, and at most `longest_s`.
-    `is_lossy` makes TCP repeat at a steady pace, and measure the bandwidth instead of taking lost
-    packets for a full link; of what it has not sent yet it holds at most `unsent_bytes` (0: as the
-    system does).
+    With `tcp_bytes` TCP holds at most so many that have not arrived yet, repeats lost packets at a
+    steady pace, and measures the bandwidth instead of taking a loss for a full link.
     """
 
     name: str
@@ -35,8 +35,7 @@ class Network(Struct):
     open_s: float = 5.0
     retry_s: float = 0.5
     longest_s: float = 1.0
-    is_lossy: bool = False
-    unsent_bytes: int = 0
+    tcp_bytes: int = 0
 
     @property
     def is_bad(self) -> bool:
@@ -63,8 +62,7 @@ NETWORKS = {
             urgent_batches=2,
             open_s=1.0,
             retry_s=0.25,
-            is_lossy=True,
-            unsent_bytes=16384,
+            tcp_bytes=65536,
         ),
         Network(
             "mobile",
@@ -75,8 +73,7 @@ NETWORKS = {
             urgent_batches=1,
             open_s=2.0,
             retry_s=0.25,
-            is_lossy=True,
-            unsent_bytes=4096,
+            tcp_bytes=16384,
         ),
         Network(
             "satellite",
@@ -88,8 +85,7 @@ NETWORKS = {
             urgent_batches=1,
             open_s=3.0,
             retry_s=0.25,
-            is_lossy=True,
-            unsent_bytes=4096,
+            tcp_bytes=32768,
         ),
     )
 }
@@ -111,18 +107,20 @@ def network_of(name: str, connect: Iterable[str] = ()) -> Network:
 
     Wi-Fi and mobile networks are known on Linux. A satellite is not: it is behind a cable.
     """
-    if name != AUTO:
-        return NETWORKS[name or "lan"]
+    if name != AUTO or scheduler.is_simulated:
+        return NETWORKS.get(name, LAN)
     interface = _interface_to(next(iter(connect), ""))
     if not interface:
         return LAN
-    device = f"/sys/class/net/{interface}"
+    device = f"{_DEVICES}/{interface}"
     if os.path.isdir(f"{device}/wireless") or os.path.exists(f"{device}/phy80211"):
         return NETWORKS["wifi"]
     if "DEVTYPE=wwan" in _text(f"{device}/uevent") or interface.startswith(("wwan", "ppp")):
         return NETWORKS["mobile"]
     return LAN
 
+
+_DEVICES = "/sys/class/net"
 
 # Any address that is not here: nothing is sent to it.
 _ELSEWHERE = ("192.0.2.1", 9)

@@ -22,7 +22,6 @@ _CLOSE_WITHIN_S = 1
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
 _THIN_LINEAR_TIMEOUTS = 16
-_NOTSENT_LOWAT = 25
 
 # Zenoh's Close of a whole session, sent so often, since one may be lost.
 _CLOSE_SESSION = b"\x23\x00"
@@ -130,18 +129,18 @@ def shorten_close(links: Container[Ends]) -> None:
         _set_linger(each, _CLOSE_WITHIN_S)
 
 
-def repeat_steadily(links: Container[Ends], unsent_bytes: int) -> None:
-    """Have these links of TCP repeat lost packets at a steady pace, where they carry little, and
-    keep at most so many bytes that are not sent yet (0: as the system does).
+def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
+    """Have these links of TCP hold at most so many bytes that have not arrived, repeat lost packets
+    at a steady pace where they carry little, and take no loss for a full link.
 
-    Linux doubles the time before each further repetition, and takes a lost packet for a sign that
-    the link is full; BBR measures how much the link carries.
+    Linux holds up to some megabytes, which a narrow link carries for minutes; it doubles the time
+    before each further repetition; and it sends less after each loss.
     """
     for each in _connections(links):
         with suppress(OSError):
+            # The system counts twice as much, and takes half of it for its own.
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
             each.setsockopt(socket.IPPROTO_TCP, _THIN_LINEAR_TIMEOUTS, 1)
-            if unsent_bytes:
-                each.setsockopt(socket.IPPROTO_TCP, _NOTSENT_LOWAT, unsent_bytes)
         with suppress(OSError):  # the system has not got it
             each.setsockopt(socket.IPPROTO_TCP, _CONGESTION, b"bbr")
 

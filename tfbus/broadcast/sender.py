@@ -15,7 +15,7 @@ from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import lazy_numpy as np
 from tfbus.core import packed
-from tfbus.core.packed import ONE_EDGE, POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.transform import TransformStamped
@@ -106,11 +106,23 @@ class StreamKeys(Protocol):
         """End what it has declared. Twice is fine."""
 
 
+# What a message takes besides its rows, and each row beside the names of its frames.
+_HEAD_BYTES = 100
+_ROW_BYTES = EDGE_SIZE + STAMP_SIZE + POSE_SIZE
+
+
+def _name_bytes(frame: str) -> int:
+    return len(frame.encode()) + 3
+
+
 class OneKey:
-    """All rows go on the stream's own key, as of `transforms_key`."""
+    """All rows go on the stream's own key, as of `transforms_key`: in one message or, on a network
+    that wants small ones, in as many as it takes.
+    """
 
     def __init__(self, key: str, session: Session) -> None:
         self.expression = key
+        self._most_bytes = session.network.message_bytes
         self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
 
     @property
@@ -119,9 +131,32 @@ class OneKey:
         return self._key.publisher.heard
 
     def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """All rows in one message."""
+        """All rows in one message, or in several."""
+        if self._most_bytes and len(groups := self._groups(columns)) > 1:
+            pairs = columns.pairs()
+            return [
+                _rows(self._key, columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+                for rows in groups
+            ]
         encoder = TransformEncoder(epoch_ns, columns.frames, columns.edges_bytes())
         return [RowsOfKey(self._key, None, encoder)]
+
+    def _groups(self, columns: Columns) -> list[list[int]]:
+        """The rows of each message; one row may be larger than a message should be."""
+        groups: list[list[int]] = []
+        left, named = 0, set[int]()
+        for row, pair in enumerate(columns.pairs()):
+            new = {*pair} - named
+            size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in new)
+            if not groups or size > left:
+                groups.append([])
+                named = set()
+                size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in {*pair})
+                left = self._most_bytes - _HEAD_BYTES
+            groups[-1].append(row)
+            named.update(pair)
+            left -= size
+        return groups
 
     def restart(self) -> None:
         """Number messages from 0 again."""
@@ -156,7 +191,7 @@ class KeyPerFrame:
         for row, (_, child) in enumerate(pairs):
             rows_by_child.setdefault(columns.frames[child], []).append(row)
         return [
-            self._rows(columns.frames, [pairs[row] for row in rows], child, rows, epoch_ns)
+            _rows(self._key(child), columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
             for child, rows in rows_by_child.items()
         ]
 
@@ -173,27 +208,30 @@ class KeyPerFrame:
         """End what it has declared. Twice is fine."""
         self._publishers.close()
 
-    def _rows(
-        self,
-        frames: Sequence[str],
-        pairs: Sequence[tuple[int, int]],
-        child: str,
-        rows: list[int],
-        epoch_ns: int,
-    ) -> RowsOfKey:
+    def _key(self, child: str) -> StreamKey:
         if child not in self._keys:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
-        # A frame nearly always has one row in a send.
-        if len(rows) == 1:
-            names = [frames[pairs[0][0]], child]
-            encoder = TransformEncoder(epoch_ns, names, ONE_EDGE)
-            return RowsOfKey(self._keys[child], rows, encoder)
-        used = sorted({frame for pair in pairs for frame in pair})
-        at = {frame: number for number, frame in enumerate(used)}
-        edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
-        encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
-        return RowsOfKey(self._keys[child], rows, encoder)
+        return self._keys[child]
+
+
+def _rows(
+    key: StreamKey,
+    frames: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    rows: list[int],
+    epoch_ns: int,
+) -> RowsOfKey:
+    """A message of some rows, with the names of their frames alone."""
+    # On a key for each frame a frame nearly always has one row in a send.
+    if len(rows) == 1:
+        names = [frames[frame] for frame in pairs[0]]
+        return RowsOfKey(key, rows, TransformEncoder(epoch_ns, names, ONE_EDGE))
+    used = sorted({frame for pair in pairs for frame in pair})
+    at = {frame: number for number, frame in enumerate(used)}
+    edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
+    encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
+    return RowsOfKey(key, rows, encoder)
 
 
 # Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the

@@ -149,6 +149,7 @@ class TransformListener:
             only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
+            is_heard=self._is_heard,
         )
         if fleet is not None:
             self._reading.find(fleet, self._want)
@@ -399,6 +400,12 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         self._reading.update(described, self._names.at(state.key))
 
+    def _is_heard(self, name: str, last_s: float) -> bool:
+        """Whether a message of a stream came in the last seconds."""
+        reception = self._registry.reception(name)
+        heard_ns = None if reception is None else reception.counts.last_heard_ns
+        return heard_ns is not None and scheduler.time_ns() - heard_ns < last_s * 1e9
+
     def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
             self._history.leave(self._reading.keys_of(state.key), state.name)
@@ -406,6 +413,14 @@ class TransformListener:
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
             self._warn_gone(state)
+        elif state.silent and not former.silent:
+            self._history.leave(self._reading.keys_of(state.key), state.name)
+            self._around.lines.info(
+                ("silent", state.name),
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",
+                _name(state),
+                self._node.session.network.gone_after_s,
+            )
         elif state.alive and not former.alive:
             stream.reception.arrive()
             if stream.lost_s is not None:
@@ -425,7 +440,7 @@ class TransformListener:
     def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
         """Request what messages do not say of a stream one of whose keys is read."""
         description = state.description
-        if not state.alive or description is None:
+        if not state.alive or state.silent or description is None:
             return
         self._offsets.watch(state.name, description)
         if description.history_s > 0.0:

@@ -49,7 +49,8 @@ def ask_for_statics(
     """Query the static transforms of the stream of this token; `turn` counts from 0."""
     key = static_transforms_key_beside(stream_key)
     if turn % 2:
-        session.ask_later(key, None, on_answer, on_end, timeout_s=_answer_within_s(turn))
+        within_s = _answer_within_s(turn)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, urgent=True)
     else:
         ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
 
@@ -105,6 +106,7 @@ def _ask_beside(
         on_end,
         timeout_s=within_s,
         answers_at=stream_key,
+        urgent=True,
     )
 
 

@@ -55,6 +55,7 @@ NO_KEYS = {
     "definitions_selector",
     "description_selector",
     "kept_transforms_selector",
+    "page_selector",
     "TRANSFORMS",
     "STATIC_TRANSFORMS",
 }

@@ -317,10 +317,12 @@ class Session(NetworkSession):
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
+        is_urgent: bool = True,
         cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked. `cancellation.cancel()` ends it.
+        `on_end()`. With `others` this session itself is not asked; all else on the link goes before
+        a query that is not urgent, and its answers. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -349,6 +351,7 @@ class Session(NetworkSession):
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 cancellation_token=cancellation,
+                priority=None if is_urgent else zenoh.Priority.BACKGROUND,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

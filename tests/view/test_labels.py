@@ -12,10 +12,10 @@ from tfbus import FrameInfo
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.moment import State
-from tfbus.view.model.frames import ViewFrame
-from tfbus.view.model.settings import ViewSettings
+from tfbus.view.frames import ViewFrame
 from tfbus.view.scene.camera import Window, overview
 from tfbus.view.scene.scene import MOST_NAMES, readable
+from tfbus.view.settings import ViewSettings
 
 # Looks down on the origin from 10 m above, x to the right: a metre is 50 pixels on the ground.
 ABOVE = Window(

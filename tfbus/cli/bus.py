@@ -96,7 +96,7 @@ def warn_of_unanswered(names: Collection[str]) -> None:
 
 def out_of_reach(session: "Session") -> str:
     """A bus here that the session, which finds no node, gets no link to; "" for none."""
-    from tfbus.discover.out_of_reach import bus_out_of_reach
+    from tfbus.discover.presence import bus_out_of_reach
 
     return bus_out_of_reach(session)
 

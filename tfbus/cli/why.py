@@ -12,7 +12,6 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain, explain_recorded
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
@@ -61,6 +60,8 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
+    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh
+
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
     ) as heard:

@@ -103,11 +103,9 @@ class EdgeFlow:
     between them and `period_s` their median, `delays_s` their ages at arrival, by their stamps and
     our clock, below zero for stamps in the future. Since the meter was made: `longest_gap_s`
     between two stamps, `out_of_order` counts samples older than one before, `at_zero` those with
-    the stamp 0.
-
-    In a span of a recording all are of the whole span, and times between samples are of their
-    arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the longest
-    begins at the log time `gap_from_ns`, None without one.
+    the stamp 0. In a span of a recording all are of the whole span, and times between samples are
+    of their arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the
+    longest begins at the log time `gap_from_ns`, None without one.
     """
 
     stream: str

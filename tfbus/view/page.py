@@ -14,18 +14,17 @@ from tfbus.frames.moment import BusView
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
+from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.guest import Guest, Region
-from tfbus.view.model.frames import Floats, Frames, Placed, frames_of, place, trail
-from tfbus.view.model.robots import GivenRobots, RobotSource
-from tfbus.view.model.settings import Selections, ViewSettings, ViewState
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
-from tfbus.view.scene.axes import SelectedMarks
+from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.robots import RobotScenes
-from tfbus.view.scene.scene import Names, Scene
+from tfbus.view.scene.scene import Names, Scene, SelectedMarks
 from tfbus.view.server import Access, Guard, serve, silent_viser
+from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
 
 

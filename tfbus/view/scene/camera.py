@@ -11,8 +11,8 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.geometry.transform import Transform
+from tfbus.view.frames import Floats, Placed
 from tfbus.view.guest import Region
-from tfbus.view.model.frames import Floats, Placed
 
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)

@@ -5,19 +5,17 @@ Its events give most marks at once; gaps and how busy it was are in the index of
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.frames.track import least_gap_between
 from tfbus.recording.items import EventItem
+from tfbus.recording.part import Part
 from tfbus.recording.pauses import Pause, waits_between
+from tfbus.recording.reader import RecordingReader
 from tfbus.wording import counted, duration, listed, printable
-
-if TYPE_CHECKING:
-    from tfbus.recording.part import Part
-    from tfbus.recording.reader import RecordingReader
 
 Ints = NDArray[np.int64]
 
@@ -278,14 +276,14 @@ def _children(facts: Mapping[str, Any]) -> frozenset[str]:
 _BARS = 240
 
 
-def known_timeline(reader: "RecordingReader", start_ns: int, end_ns: int) -> Timeline:
+def known_timeline(reader: RecordingReader, start_ns: int, end_ns: int) -> Timeline:
     """The span, with the marks of the events."""
     marks = marks_of_events(reader.events, reader.end_ns)
     return Timeline(start_ns, end_ns, cut_to(in_order(marks), start_ns, end_ns))
 
 
 def whole_timeline(
-    reader: "RecordingReader", known: Timeline, is_ended: Callable[[], bool]
+    reader: RecordingReader, known: Timeline, is_ended: Callable[[], bool]
 ) -> Timeline | None:
     """The same with the silence of streams, their restarts if there are no events of them, and how
     busy the recording was: from the index of the file. None if `is_ended` before.
@@ -316,7 +314,7 @@ def whole_timeline(
     return replace(known, marks=shown, activity=tuple(busy.counts.tolist()))
 
 
-def _times_of(part: "Part") -> Iterator[tuple[str, int, Ints]]:
+def _times_of(part: Part) -> Iterator[tuple[str, int, Ints]]:
     """Stream, epoch and log times of the dynamic transforms in each chunk."""
     for chunk in part.file.chunks:
         for number, log_ns in part.file.log_times(chunk).items():

@@ -158,7 +158,7 @@ UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "his
 
 
 @dataclass
-class Counts:
+class RecordingCounts:
     """Counts of recorded and lost messages.
 
     `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
@@ -228,7 +228,7 @@ class Recorder:
         source: SourceOf = lambda key: None,
         on_file: Callable[[Path, WrittenPart, str], object] = lambda path, written, why: None,
     ) -> None:
-        self.counts = Counts()
+        self.counts = RecordingCounts()
         self.failure = ""
         # How many messages came, also such as are only held.
         self.received = 0

@@ -256,7 +256,7 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
             _check_names(hints[name], value, f"{path}{name}.")
 
 
-class _Typed(Protocol):
+class _HasTypes(Protocol):
     @property
     def types(self) -> tuple[str, ...]: ...
 
@@ -273,7 +273,7 @@ def is_of_type(announced: str, type_name: str) -> bool:
     return announced in (type_name, bare(type_name)) or bare(announced) == type_name
 
 
-def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
+def names_of_type(known: Mapping[str, _HasTypes], type_name: str, kind: str) -> list[str]:
     """The names of those of this type.
 
     Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".

@@ -155,7 +155,7 @@ STARS: dict[str, set[str]] = {
         *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
         "wire",
     },
-    "launch": {"secure", "wire"},
+    "launch": {"bus", "secure", "wire"},
     "cli": {
         *("bag", "buffer", "bus", "command", "compat", "discover", "doctor", "geometry", "launch"),
         *("monitor", "node", "recording", "ros", "secure", "top", "wire"),
@@ -209,7 +209,7 @@ def test_no_star_imports_another_star() -> None:
     ],
 )
 def test_halves_do_not_know_each_other(halves: tuple[list[str], list[str]]) -> None:
-    """Reading a launch file and running it know nothing of each other, the view's model nothing of the page."""
+    """Reading and running launch files are apart, and the view's model knows no page."""
     lower, upper = halves
     files = [
         path
@@ -261,7 +261,7 @@ SIMULATED = ["runtime", "buffer", "bus", "discover", "node", "broadcast", "liste
 REAL = {
     "runtime/scheduler.py": "it is the one place",
     "runtime/signals.py": "signals come to the main thread of a real process",
-    "runtime/callback_thread.py": "what belongs to a thread of Python's",
+    "runtime/callbacks.py": "what belongs to a thread of Python's",
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",

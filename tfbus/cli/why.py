@@ -60,7 +60,7 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh
+    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh: no recording needs it
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -120,12 +120,12 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines = [
         paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
     ]
-    lines += _wrapped(it.failure, "  ") if it.failure else []
+    lines += wrapped(it.failure, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
-        lines += [line for remedy in it.remedies for line in _wrapped(remedy, "  - ")]
+        lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
     return lines
 
 
@@ -144,12 +144,12 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
     text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = _wrapped(text, "        ")
+    lines = wrapped(text, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
-    return lines + (_wrapped(step.reason, "        ") if step.reason else [])
+    return lines + (wrapped(step.reason, "        ") if step.reason else [])
 
 
-def _wrapped(text: str, lead: str) -> list[str]:
+def wrapped(text: str, lead: str) -> list[str]:
     """The text in lines of at most 80 characters, indented by `lead`, without a break at `-`."""
     return textwrap.wrap(
         text,

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
+from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
 from tfbus.command.types import LogLevel, Number
 from tfbus.core.sampling import TF2, Sampling
@@ -464,6 +465,11 @@ _BUS_OPTIONS = {
         type=click.Path(),
         metavar="DIR",
         help="Join a closed bus by the identity in DIR (tfbus keys).",
+    ),
+    "network": _option(
+        "--network",
+        type=click.Choice(NETWORK_NAMES),
+        help="The network to the others (default lan); auto: that of this host's interface.",
     ),
     "log_level": _option(
         "--log-level", type=LogLevel(), help="The lowest level to log (default info)."

@@ -28,7 +28,7 @@ from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
@@ -108,7 +108,7 @@ class RecordedFrames:
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _HeardStream] = {}
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
-        self._around = _RecordedListener(self._conflicts, self._described_reception)
+        self._around = _RecordedHooks(self._conflicts, self._described_reception)
         self._full_names: dict[str, _HeardStream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
@@ -501,7 +501,7 @@ class RecordedFrames:
         return where_to_look(elsewhere, frame)
 
 
-class _RecordedListener(Listening):
+class _RecordedHooks(ReceptionHooks):
     """The listener that there was: a frame that two streams sent was judged as on a bus."""
 
     def __init__(

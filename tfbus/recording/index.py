@@ -16,7 +16,7 @@ from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.records import of_zstd
-from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wire.codec import too_many_items
 
 if TYPE_CHECKING:
     from mcap.writer import Writer

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
+from tfbus.trajectory import Trajectory, check_count, of_checked, read_echo
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,8 +80,6 @@ def track_from_file(path: Path) -> Trajectory:
 
     Raises DecodeError, which names the line, if the file is neither.
     """
-    from tfbus.trajectory.files import read_echo  # numpy, which the command line starts without
-
     return read_echo(path)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory.trajectory import FRAME_COLUMNS, POSE_COLUMNS
+from tfbus.trajectory import FRAME_COLUMNS, POSE_COLUMNS
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,6 +6,7 @@ from typing import Any
 from tests.builders import S, payload, x_of
 from tfbus import Buffer, TransformListener, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.registry import Registry
 from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.transforms import TransformReader
@@ -14,6 +15,11 @@ from tfbus.wire.transforms import TransformReader
 def watch_of(listener: TransformListener) -> StreamWatch:
     """How a listener knows its streams: whose descriptions it took, and which it rejected."""
     return listener._watch
+
+
+def registry_of(listener: TransformListener) -> Registry:
+    """What a listener keeps of each stream."""
+    return listener._registry
 
 
 def receive(listener: TransformListener, key: str, data: bytes) -> None:

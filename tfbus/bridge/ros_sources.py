@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.bridge.common import Common
 from tfbus.bridge.routes import RateLimit, Routes
-from tfbus.broadcast.keys import StreamOptions
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.sender import StreamOptions, TransformSender
 from tfbus.broadcast.stream import NodeStreams, Stream
 from tfbus.errors import RightsError
 from tfbus.geometry.columns import Columns

@@ -84,7 +84,7 @@ class Front:
         # Those that have not sent their request, by their addresses, the first first.
         self._waiting: dict[asyncio.Task[None], str] = {}
         self._on_refused = on_refused
-        self._sockets = _listening(serving.host, serving.port)
+        self._sockets = listening_sockets(serving.host, serving.port)
         self.port: int = self._sockets[0].getsockname()[1]
         self._loop = scheduler.new_event_loop()
         self._ended = asyncio.Event()
@@ -272,7 +272,7 @@ def _response(status: str, text: str, headers: str = "") -> bytes:
     return head.encode() + body
 
 
-def _listening(host: str, port: int) -> list[socket.socket]:
+def listening_sockets(host: str, port: int) -> list[socket.socket]:
     """Sockets that listen at a host, on the first free port of these."""
     error: OSError | None = None
     for each in range(port, min(port + _PORTS, 65536)) if port else (0,):

@@ -24,7 +24,6 @@ from tfbus.frames.clocks import (
     simulated_time,
 )
 from tfbus.frames.moment import BusMoment, key_of_stream
-from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
@@ -212,7 +211,7 @@ class RecordedFrames:
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
         spans = (
-            last_chunks(self._source, name, self._outside_of(name), missing, end_ns)
+            self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
             if self._source.is_complete
             else {(end_ns - _MOST_BACK_S * S, end_ns)}
         )

@@ -101,6 +101,10 @@ class ClockOffsets:
                 self._publishers[session].streams.add(stream)
                 self._sessions[stream] = session
 
+    def is_watching(self, stream: str) -> bool:
+        """Whether the clock of the node that publishes a stream is measured."""
+        return stream in self._sessions
+
     def forget(self, stream: str) -> None:
         """The stream is gone: stop measuring its node, unless another stream of it is there."""
         with self._changed:

@@ -1,7 +1,7 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
@@ -146,9 +146,13 @@ class TransformListener:
             node.session,
             self._on_stream,
             everywhere=everywhere,
+            only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
+            is_heard=self._is_heard,
         )
+        if fleet is not None:
+            self._reading.find(fleet, self._want)
         self._still_sending = StillSending(self._registry, self._watch, self._executor)
         self._executor.every(_TIDY_EVERY_S, self._forget_unconfirmed)
         self._forget_close = node.session.at_close(self.close)
@@ -367,6 +371,9 @@ class TransformListener:
 
     # Tokens and descriptions
 
+    def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
+        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
+
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
         described, state = state, self._names.called(state)
@@ -393,6 +400,12 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         self._reading.update(described, self._names.at(state.key))
 
+    def _is_heard(self, name: str, last_s: float) -> bool:
+        """Whether a message of a stream came in the last seconds."""
+        reception = self._registry.reception(name)
+        heard_ns = None if reception is None else reception.counts.last_heard_ns
+        return heard_ns is not None and scheduler.time_ns() - heard_ns < last_s * 1e9
+
     def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
             self._history.leave(self._reading.keys_of(state.key), state.name)
@@ -400,6 +413,14 @@ class TransformListener:
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
             self._warn_gone(state)
+        elif state.silent and not former.silent:
+            self._history.leave(self._reading.keys_of(state.key), state.name)
+            self._around.lines.info(
+                ("silent", state.name),
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",
+                _name(state),
+                self._node.session.network.gone_after_s,
+            )
         elif state.alive and not former.alive:
             stream.reception.arrive()
             if stream.lost_s is not None:
@@ -419,7 +440,7 @@ class TransformListener:
     def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
         """Request what messages do not say of a stream one of whose keys is read."""
         description = state.description
-        if not state.alive or description is None:
+        if not state.alive or state.silent or description is None:
             return
         self._offsets.watch(state.name, description)
         if description.history_s > 0.0:

@@ -14,9 +14,15 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.frame_names import FrameRights
 from tfbus.listen.info import StreamCounts
-from tfbus.listen.stages import Admission, Contest, Marks, StaticRetries
+from tfbus.listen.stages import (
+    Admission,
+    Contest,
+    FrameRights,
+    Insertion,
+    Marks,
+    StaticRetries,
+)
 from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
@@ -28,37 +34,6 @@ _GROWS_AFTER = 1000
 
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
-
-
-class Insertion:
-    """The fourth stage of a stream's reception: stores rows."""
-
-    def __init__(self, facts: StreamFacts) -> None:
-        self._facts = facts
-        self._buffer = facts.buffer
-        self._stream = facts.name
-        self._rejected = facts.buffer.rejected
-
-    def insert(self, rows: Columns, static: bool, permit: Permit) -> bool | None:
-        """Store the rows; whether none was refused. None if the permit was taken back before all
-        were stored.
-        """
-        rejected = self._rejected
-        refused = rejected.rows
-        stored = self._buffer.set_transforms(
-            rows, static=static, authority=self._stream, permit=permit
-        )
-        # Rows that are only too old are not stored either, but not refused.
-        if stored == rows.count:
-            return True
-        if not permit.is_valid:
-            return None
-        if rejected.rows == refused:
-            return True
-        self._facts.warn_once(
-            "refused", "Refused a transform of stream %r: %s", self._stream, rejected.last
-        )
-        return False
 
 
 class StreamReception:

@@ -122,7 +122,7 @@ def cut_to(marks: Sequence[Mark], start_ns: int, end_ns: int) -> tuple[Mark, ...
 
 
 @dataclass
-class _Stream:
+class _ListedStream:
     """A stream as its events described it last; `gone_ns` is since when it is gone."""
 
     epoch: int
@@ -135,7 +135,7 @@ class _Stream:
 class _Sweep:
     """The open events while they pass by."""
 
-    streams: dict[str, _Stream] = field(default_factory=dict)
+    streams: dict[str, _ListedStream] = field(default_factory=dict)
     # By frame, the living streams that list it.
     claims: dict[str, set[str]] = field(default_factory=dict)
     # By pair of streams: since when, and the frames that both list.
@@ -173,7 +173,7 @@ def _of_event(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
 
 def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
     at_ns, name = event.log_ns, event.name
-    now = _Stream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
+    now = _ListedStream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
     former = sweep.streams.get(name)
     if former is not None:
         restarted = bool(former.epoch and now.epoch > former.epoch)
@@ -224,7 +224,7 @@ def _still_open(sweep: _Sweep, end_ns: int) -> Iterator[Mark]:
         yield _paused(sweep.paused_ns, end_ns)
 
 
-def _gone(name: str, stream: _Stream, since_ns: int, until_ns: int) -> Mark:
+def _gone(name: str, stream: _ListedStream, since_ns: int, until_ns: int) -> Mark:
     return Mark("gone", since_ns, until_ns, "gone", (name,), stream.publisher)
 
 

@@ -2,8 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 import viser
@@ -25,15 +24,6 @@ MOST_ROWS = 150
 _RATE_TOLERANCE = 0.15
 
 
-@dataclass(frozen=True)
-class _Browser:
-    """The tree as one browser sees it: with the frame that it has selected."""
-
-    tree: Html
-    actions: Html
-    facts: Html
-
-
 class TreePanel:
     """The fixed frame, the tree, and the facts of the frame that each browser has selected."""
 
@@ -49,7 +39,7 @@ class TreePanel:
         self._tab = tab
         self._view = view
         self._selections = selections
-        self._browsers: dict[int, _Browser] = {}
+        self._browsers: dict[int, list[Html]] = {}
         self._rates: dict[str, float] = {}
         self._listed: tuple[str, ...] = ()
         self._fixed = FrameDropdown(
@@ -77,37 +67,34 @@ class TreePanel:
         automatic = f"automatic ({natural})" if natural else "automatic"
         self._fixed.offer(sorted(frames.by_name), settings.fixed_frame, automatic)
         rows = self._rows(frames, placed, settings)
-        self._meet()
         stamp_ns = self._view.playback.stamp_ns
-        for number, browser in self._browsers.items():
+        clients = self._server.get_clients()
+        known, self._browsers = self._browsers, {}
+        for number, client in clients.items():
             name = self._selections.of(number)
             selected = frames.by_name.get(name)
+            tree = f'<div class="tf" role="tree">{"".join(_marked(rows, name))}</div>'
             if selected is None:
-                actions, facts = "", _nothing_selected(name) if len(frames) else ""
+                shown = (tree, "", _nothing_selected(name) if len(frames) else "")
             else:
-                actions = _actions(selected, settings)
                 facts = _details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns)
+                shown = (tree, _actions(selected, settings), facts)
             with unless_it_left(self._server, number):
-                tree = "".join(_marked(rows, name))
-                browser.tree.show(f'<div class="tf" role="tree">{tree}</div>')
-                browser.actions.show(actions)
-                browser.facts.show(facts)
+                self._browsers[number] = known.get(number) or self._add(client, shown)
+                for element, content in zip(self._browsers[number], shown, strict=True):
+                    element.show(content)
 
-    def _meet(self) -> None:
-        """Add the elements of new browsers, and forget those of browsers that have left."""
-        clients = self._server.get_clients()
-        self._browsers = {
-            number: self._browsers.get(number) or self._add(client)
-            for number, client in clients.items()
-        }
-
-    def _add(self, client: viser.ClientHandle) -> _Browser:
-        def html(place: int) -> Html:
-            # Right below the fixed frame, whatever comes further down.
-            return Html(client.gui.add_html("", order=self._fixed.order + 0.1 * place))
-
+    def _add(self, client: viser.ClientHandle, shown: Sequence[str]) -> list[Html]:
+        """The elements of a browser: the tree, and what can be done with the frame that is selected
+        there, and its facts. With their content at once: a busy browser may mistake the order of
+        messages, and loses changes of elements that it does not have yet.
+        """
         with self._tab:
-            return _Browser(html(1), html(2), html(3))
+            # Right below the fixed frame, whatever comes further down.
+            return [
+                Html(client.gui.add_html(content, order=self._fixed.order + 0.1 * place))
+                for place, content in enumerate(shown, start=1)
+            ]
 
     def _rows(self, frames: Frames, placed: Placed, settings: ViewSettings) -> dict[str, str]:
         """The rows, by their frames; other lines have keys that no frame can have."""

@@ -12,7 +12,7 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
-from tfbus.view.meshes.mesh import Color, Part, bounds_of
+from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
 from tfbus.view.robots import RobotSource, ShownRobot
 from tfbus.view.settings import ViewSettings
 from tfbus.wording import printable
@@ -48,12 +48,12 @@ class _Node:
     handle: Any
     is_collision: bool
     opacity: float = 1.0
-    textured: Part | None = None
+    textured: MeshPart | None = None
     twin: Any = None
 
 
 @dataclass(eq=False)
-class _Waiting:
+class _AwaitedMesh:
     """A mesh that is being loaded, and what to do with its parts."""
 
     source: MeshSource
@@ -84,7 +84,7 @@ class RobotScene:
         self._loader = loader
         self._look = Look()
         self.nodes: list[_Node] = []
-        self._waiting: list[_Waiting] = []
+        self._waiting: list[_AwaitedMesh] = []
         self._sources: dict[MeshSource, bool] = {}
         self._added: set[bool] = set()
         self._root = scene.add_frame(path, show_axes=False)
@@ -191,7 +191,7 @@ class RobotScene:
                         self._note(shape, f"is not shown: mesh {shape.shape.name}: {source}")
                         continue
                     self._sources.setdefault(source, False)
-                    self._waiting.append(_Waiting(source, shape))
+                    self._waiting.append(_AwaitedMesh(source, shape))
                     self._loader.load(source, self.robot.sender)
                 case _:
                     if texture:
@@ -223,7 +223,7 @@ class RobotScene:
         self._keep(shape, handle, getattr(shape, "opacity", 1.0))
         self._enclose(shape, np.array([-corner, corner]), (1.0, 1.0, 1.0))
 
-    def _add_parts(self, shape: Visual | Collision, parts: Sequence[Part]) -> None:
+    def _add_parts(self, shape: Visual | Collision, parts: Sequence[MeshPart]) -> None:
         assert isinstance(shape.shape, Mesh)
         scale = shape.shape.scale
         self._enclose(shape, bounds_of(parts), scale)
@@ -240,7 +240,7 @@ class RobotScene:
             handle = self._add_part(shape, part, self._color(shape, color))
             self._keep(shape, handle, opacity)
 
-    def _add_part(self, shape: Visual | Collision, part: Part, color: Color) -> Any:
+    def _add_part(self, shape: Visual | Collision, part: MeshPart, color: Color) -> Any:
         assert isinstance(shape.shape, Mesh)
         return self._scene.add_mesh_simple(
             self._next_path(shape),
@@ -257,7 +257,7 @@ class RobotScene:
         shape: Visual | Collision,
         handle: Any,
         opacity: float,
-        textured: Part | None = None,
+        textured: MeshPart | None = None,
     ) -> None:
         node = _Node(shape.link, handle, isinstance(shape, Collision), opacity, textured)
         if textured is not None:

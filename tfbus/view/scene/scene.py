@@ -23,7 +23,7 @@ from tfbus.view.frames import (
     arrow_points,
     arrow_rows,
 )
-from tfbus.view.scene.camera import Window
+from tfbus.view.scene.camera import Viewport
 from tfbus.view.settings import Selections, ViewSettings
 from tfbus.wording import listed
 
@@ -415,7 +415,7 @@ _HEIGHT = 18.0
 _LONGEST = 32
 
 
-class Names:
+class FrameLabels:
     """The names in the scenes of all browsers: those that can be read from each one's camera."""
 
     def __init__(self, server: viser.ViserServer, selections: Selections) -> None:
@@ -440,7 +440,7 @@ class Names:
             if frames is None:
                 labels.move(placed, size)
             else:
-                window = Window.of(clients[number].camera)
+                window = Viewport.of(clients[number].camera)
                 own = replace(settings, selected=self._selections.of(number))
                 labels.choose(frames, placed, own, size, window)
 
@@ -459,7 +459,7 @@ class Labels:
         placed: Placed,
         settings: ViewSettings,
         size: float,
-        window: Window,
+        window: Viewport,
     ) -> None:
         """Write names at the frames; with names off, only at the selected one."""
         texts = readable(frames, placed.xyz, settings, size, window, frozenset(self._shown))
@@ -492,7 +492,7 @@ def readable(
     xyz: Floats,
     settings: ViewSettings,
     size: float,
-    window: Window,
+    window: Viewport,
     shown: frozenset[str] = frozenset(),
 ) -> dict[str, str]:
     """The names to write, by frame: none over another, none out of sight.
@@ -508,7 +508,7 @@ def readable(
     importance = np.array([_importance(frames[row], settings.selected, shown) for row in at])
     order = np.lexsort((depth_m, importance))
     order = order[window.sees(pixels, depth_m)[order]][:_CONSIDERED]
-    written: list[_Written] = []
+    written: list[_Label] = []
     for nearest in order:
         row = int(at[nearest])
         beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
@@ -523,7 +523,7 @@ def readable(
             beside.rows.append(row)
             beside.box = box
         else:
-            written.append(_Written([row], pixel, box))
+            written.append(_Label([row], pixel, box))
     # Names in one label are in the order of the tree.
     return {
         frames[one.rows[0]].name: _text([frames[row] for row in sorted(one.rows)])
@@ -532,7 +532,7 @@ def readable(
 
 
 @dataclass
-class _Written:
+class _Label:
     rows: list[int]
     pixel: Floats
     box: Floats

@@ -254,7 +254,7 @@ SIMULATED = ["runtime", "buffer", "bus", "discover", "node", "broadcast", "liste
 REAL = {
     "runtime/scheduler.py": "it is the one place",
     "runtime/signals.py": "signals come to the main thread of a real process",
-    "runtime/callback_thread.py": "what belongs to a thread of Python's",
+    "runtime/callbacks.py": "what belongs to a thread of Python's",
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",

@@ -246,11 +246,13 @@ def test_stamps_of_now_are_moved_by_one_number(played: Any, buffer: Buffer, rece
     assert first.transform.x == 1.0
 
 
-def test_static_transforms_reach_who_comes_late(played: Any, bus: Bus) -> None:
+def test_static_transforms_reach_who_comes_late(
+    played: Any, bus: Bus, states: dict[str, Any]
+) -> None:
     """They are retained, as those of a broadcaster."""
     items = [described(0, ("drone", True)), static(0, at(5.0, "drone")), moving(1, 1.0)]
-    run = played(items)
-    eventually(lambda: run.replay._is_there("sim"))
+    played(items)
+    eventually(lambda: "sim" in states and states["sim"].alive)
     buffer = Buffer()
     with TransformListener(buffer, bus.node("late")):
         eventually(lambda: x_of(buffer, source="drone") == 5.0)

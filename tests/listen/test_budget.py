@@ -1,7 +1,5 @@
 """How much memory the streams of a listener take, and which of them go."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.builders import at, payload, x_of
@@ -54,26 +52,24 @@ def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None
 
 
 @pytest.fixture
-def narrow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Listeners with room for some ten streams that do not say whose they are."""
-    monkeypatch.setattr(
-        module, "Budget", lambda: Budget(most_bytes=200_000, most_bytes_a_peer=60_000)
-    )
-    yield
+def narrow(monkeypatch: pytest.MonkeyPatch) -> Budget:
+    """The budget of a listener: room for some ten streams that do not say whose they are."""
+    budget = Budget(most_bytes=200_000, most_bytes_a_peer=60_000)
+    monkeypatch.setattr(module, "Budget", lambda: budget)
+    return budget
 
 
-@pytest.mark.usefixtures("narrow")
-def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus) -> None:
+def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus, narrow: Budget) -> None:
     """Of 200 keys of a stranger the last are kept, one line says so, and another's static stays."""
     receiver = bus.node("receiver")
     log, buffer = Lines(receiver.log), Buffer()
-    with TransformListener(buffer, receiver) as listener:
+    with TransformListener(buffer, receiver):
         sim = bus.node("sim")
         broadcaster = StaticTransformBroadcaster(sim)
         broadcaster.send_transform(at(2, "post"))
         eventually(lambda: x_of(buffer, "world", "post") == 2)
         # Until then the stream counts as one of a stranger.
-        eventually(lambda: listener._budget.peer_of("sim") == sim.session.id)
+        eventually(lambda: narrow.peer_of("sim") == sim.session.id)
         session = bus.node("stranger").session
         assert session.watch_heard("tf_static/stranger0").wait(20.0)
 

@@ -24,7 +24,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime import scheduler
 from tfbus.wire.keys import transforms_key
-from tfbus.wire.one_message import OneMessage
+from tfbus.wire.transform_bytes import OneMessage
 
 # Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the
 # clock itself was set back: a simulator was reset, or a recording starts again.

@@ -1,4 +1,5 @@
-"""Meets the neighbours again after the network of this host has changed.
+"""The neighbours: which of them answer scouting, and how a session meets them again after the
+network of this host has changed.
 
 Zenoh looks at the interfaces once in a process. A network that comes later it neither scouts on nor
 answers on, and its answers name the addresses of the start. So from the first change on tfbus
@@ -19,11 +20,15 @@ from typing import Any
 
 import zenoh
 
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
 from tfbus.bus.links import Link, Links, host_of, split_endpoint
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
 from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
@@ -243,3 +248,42 @@ def _ends(links: Iterable[Link]) -> set[Ends]:
 
 def _end_of(endpoint: str) -> str:
     return f"{host_of(endpoint)}:{split_endpoint(endpoint)[2]}"
+
+
+# For each process its id and its endpoints.
+Hellos = dict[str, tuple[str, ...]]
+
+
+def scout(
+    settings: NodeSettings,
+    timeout_s: float,
+    *,
+    until: Callable[[str, tuple[str, ...]], bool],
+    what: str = "peer|router",
+) -> Hellos:
+    """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
+    of one. Raises BusError if this host cannot ask.
+    """
+    zenoh_library.begin_use()
+    configure_zenoh_threads()
+    found: Hellos = {}
+    is_found = scheduler.Event()
+
+    def on_hello(hello: zenoh.Hello) -> None:
+        zid, endpoints = str(hello.zid), tuple(hello.locators)
+        found[zid] = endpoints
+        if until(zid, endpoints):
+            is_found.set()
+
+    with bus_errors("look for others by scouting"):
+        scout = _scout(direct(on_hello), what, settings)
+    is_found.wait(timeout_s)
+    scout.stop()
+    return found.copy()
+
+
+def _scout(handler: Any, what: str, settings: NodeSettings) -> Any:
+    network = zenoh_library.simulated()
+    if network is not None:
+        return network.scout(handler, what)
+    return zenoh.scout(handler, what=what, config=zenoh_config(settings))

@@ -71,7 +71,7 @@ def warn_if_out_of_reach(session: "Session") -> bool:
     """Warn of a bus here that the session, which finds no node, gets no link to; whether there is
     one.
     """
-    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh
+    from tfbus.discover.presence import bus_out_of_reach  # Zenoh
 
     what = bus_out_of_reach(session)
     if what:

@@ -201,11 +201,11 @@ def _check_recording(
 ) -> dict[str, Finding]:
     from tfbus.cli.recorded import span_lines
     from tfbus.doctor.recorded import examine_recorded
-    from tfbus.frames.recorded_poses import frames_of
+    from tfbus.frames.recorded_poses import frames_of_bag
 
     with bag.opened() as recording:
         from_ns, to_ns = recording.span
-        frames = frames_of(recording, settings, fleet)
+        frames = frames_of_bag(recording, settings, fleet)
         seen = examine_recorded(frames, settings, from_ns, to_ns)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))

@@ -20,8 +20,7 @@ from tfbus.command.types import absolute, matching, names_at
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import as_map, encode_map, from_map, type_name
-from tfbus.wire.ros_fields import renewed
+from tfbus.wire.codec import as_map, encode_map, from_map, renewed, type_name
 from tfbus.wording import did_you_mean
 
 

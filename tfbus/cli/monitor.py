@@ -125,7 +125,7 @@ def _measure_recorded(
     as_json: bool,
 ) -> None:
     from tfbus.cli.recorded import span_lines
-    from tfbus.frames.recorded_poses import frames_of
+    from tfbus.frames.recorded_poses import frames_of_bag
     from tfbus.monitor.meter import MOST_LOOKS, measured
 
     pair = None
@@ -133,7 +133,7 @@ def _measure_recorded(
         pair = PairWatch(target, source, MOST_LOOKS)
     with bag.opened() as recording:
         from_ns, to_ns = recording.span
-        heard = frames_of(recording, settings, fleet)
+        heard = frames_of_bag(recording, settings, fleet)
         report = measured(heard, from_ns, to_ns, pair)
         of_bag = [word for path in bag.paths for word in ("--bag", str(path))]
         if bag.end is not None:

@@ -8,7 +8,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint
 from tfbus.command.recordings import BagChoice, wall
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.recorded_poses import frames_of
+from tfbus.frames.recorded_poses import frames_of_bag
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, duration, printable
 
@@ -20,7 +20,7 @@ def frames_at(
     """The frames at the moment that was chosen."""
     with choice.opened() as bag:
         at_ns = bag.at_ns
-        frames = frames_of(bag, settings, fleet)
+        frames = frames_of_bag(bag, settings, fleet)
         frames.seek(at_ns)
         yield frames
 

@@ -12,7 +12,6 @@ from tfbus.cli.recorded import frames_at, moment_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain, explain_recorded
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
@@ -61,7 +60,10 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh: no recording needs it
+    from tfbus.discover.presence import (  # Zenoh: no recording needs it
+        bus_out_of_reach,
+        frames_in_other_namespaces,
+    )
     from tfbus.frames.command_listener import listening
 
     with listening(

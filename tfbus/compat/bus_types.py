@@ -23,7 +23,7 @@ from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
-from tfbus.wire.scan import TransformMessage
+from tfbus.wire.transform_bytes import TransformMessage
 from tfbus.wire.transforms import decode_transforms
 
 

@@ -25,12 +25,11 @@ from pathlib import Path
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.bus.interfaces import interfaces
 from tfbus.bus.links import why_unreachable
-from tfbus.bus.scout import scout
+from tfbus.bus.neighbours import scout
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
-from tfbus.discover.out_of_reach import bus_out_of_reach
-from tfbus.discover.presence import Described
+from tfbus.discover.presence import Described, bus_out_of_reach
 from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
 from tfbus.errors import BusError, DecodeError, SettingsError
 from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.namespaces import where_to_look
+from tfbus.discover.graph import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.clocks import (
     NOT_SIMULATED,

@@ -50,7 +50,7 @@ _FIRST_PART_NS, _LONGEST_PART_NS = 2 * S, 512 * S
 _LOOKED_BACK_NS = 2 * S
 
 
-def frames_of(
+def frames_of_bag(
     bag: OpenBag, settings: NodeSettings, fleet: Fleet | None, *, cache_time_s: float = 10.0
 ) -> RecordedFrames:
     """The frames of an open recording, as a tool with these settings saw them."""
@@ -85,7 +85,7 @@ def recorded_transform(
     """
     with choice.opened() as bag:
         at_ns = bag.at_ns
-        frames = frames_of(bag, settings, fleet)
+        frames = frames_of_bag(bag, settings, fleet)
         stamp_ns = at_ns
         if frames.follows_clock:
             frames.seek(at_ns)
@@ -189,7 +189,7 @@ def _parts(
     """The poses of `recorded_transforms`, part by part: stamps (N,) and poses."""
     with choice.opened() as bag:
         from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet)
+        frames = frames_of_bag(bag, settings, fleet)
         recording = recording_of(frames)
         span = stamps_of(bag)
         has_any = False

@@ -15,7 +15,7 @@ from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import last_name, namespace_of
-from tfbus.wire.scan import NameTables
+from tfbus.wire.transform_bytes import NameTables
 from tfbus.wire.transforms import TransformReader
 from tfbus.wording import listed
 

@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
-from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover.graph import where_to_look
+from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.clock_offset import ClockOffsets

@@ -8,9 +8,8 @@ from functools import partial
 from typing import Any, Protocol
 
 from tfbus.runtime.arguments import is_async, shown
-from tfbus.runtime.callback_groups import CallbackGroup, join
+from tfbus.runtime.callbacks import CallbackGroup, Delays, join
 from tfbus.runtime.clock import Clock, SimulatedClock, Timer
-from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import is_message_type, type_name
 

@@ -32,7 +32,7 @@ from tfbus.node.surroundings import (
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt

@@ -13,7 +13,7 @@ import msgpack
 
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wire.codec import too_many_items
 
 if TYPE_CHECKING:
     import numpy as np

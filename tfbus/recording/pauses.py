@@ -91,6 +91,10 @@ class Waits:
     length_ns: Ints
     is_whole: NDArray[np.bool_]
 
+    def period_s(self) -> float:
+        """The median time from a message to the next; 0 for too few."""
+        return float(np.median(self.length_ns)) * 1e-9 if len(self.length_ns) else 0.0
+
     def rate_hz(self) -> float | None:
         """Messages a second while it was recorded; None for too few."""
         span_s = float(self.length_ns[self.is_whole].sum()) * 1e-9

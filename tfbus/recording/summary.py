@@ -140,14 +140,15 @@ class FileFacts:
 @dataclass(frozen=True)
 class Flow:
     """How messages came: how many, at which log times the first and the last, how many a second
-    while it was recorded (None for fewer than two), and the longest time without one, from when on,
-    but for pauses of the recorder.
+    while it was recorded (None for fewer than two), the median time from one to the next, and the
+    longest time without one, from when on, but for pauses of the recorder.
     """
 
     messages: int
     first_ns: int | None = None
     last_ns: int | None = None
     rate: float | None = None
+    period_s: float | None = None
     longest_gap_s: float | None = None
     gap_from_ns: int | None = None
 
@@ -298,6 +299,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
         times[0],
         times[-1],
         waits.rate_hz(),
+        waits.period_s(),
         int(waits.length_ns[longest]) * 1e-9,
         int(waits.from_ns[longest]),
     )

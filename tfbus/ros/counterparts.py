@@ -16,8 +16,7 @@ from tfbus.errors import DecodeError
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
 from tfbus.ros.value_codec import UnfitError, buffer_of
-from tfbus.wire.codec import renewed_map
-from tfbus.wire.ros_fields import HEADER, with_header, without_header
+from tfbus.wire.codec import HEADER, renewed_map, with_header, without_header
 from tfbus.wording import printable
 
 _SECOND_NS = 1_000_000_000

@@ -26,7 +26,7 @@ from tfbus.ros.message_type import (
     Text,
     Type,
 )
-from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
+from tfbus.wire.codec import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
 
 # What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
 # as they are shared: a map of 10,000 by 10,000 cells is read.

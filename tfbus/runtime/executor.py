@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
-from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.callback_thread import Bell, ExecutorEnd, here
+from tfbus.runtime.callbacks import SLOW_S, Bell, CallbackGroup, Delays, ExecutorEnd, Ran, here
 from tfbus.runtime.clock import SimulatedClock, Timer
-from tfbus.runtime.delays import SLOW_S, Delays, Ran
 from tfbus.wording import counted
 
 if TYPE_CHECKING:

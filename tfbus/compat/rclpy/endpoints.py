@@ -17,7 +17,7 @@ from tfbus.node.endpoint import Endpoint
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 from tfbus.runtime.clock import Clock, timer_name
 from tfbus.runtime.clock import Timer as TfbusTimer
 

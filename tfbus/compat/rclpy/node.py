@@ -28,7 +28,7 @@ from tfbus.node.action import CancelGoal
 from tfbus.node.node import Node as TfbusNode
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.ros.definitions import TF_MESSAGE, interfaces_of
-from tfbus.runtime.callback_groups import join
+from tfbus.runtime.callbacks import join
 from tfbus.runtime.structs import replace
 
 NamesAndTypes = list[tuple[str, list[str]]]

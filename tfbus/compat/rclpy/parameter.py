@@ -19,7 +19,7 @@ from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
-from tfbus.runtime.callback_groups import MutuallyExclusiveCallbackGroup
+from tfbus.runtime.callbacks import MutuallyExclusiveCallbackGroup
 
 __all__ = ["Parameter", "ParameterValue"]
 

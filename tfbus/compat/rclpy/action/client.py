@@ -11,7 +11,7 @@ from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import TfbusError
 from tfbus.node.action import GOAL_TIMEOUT_S, SentGoal
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 
 __all__ = ["ActionClient", "ClientGoalHandle"]
 

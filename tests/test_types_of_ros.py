@@ -62,7 +62,7 @@ every_type = pytest.mark.parametrize("message", MESSAGES, ids=lambda each: type(
 def test_each_type_has_a_message_here() -> None:
     """Each type that names its type in ROS as its own on the bus, and each fits its definition."""
     kinds = [each for each in vars(messages).values() if hasattr(each, "__msgtype__")]
-    assert [*map(type, MESSAGES)] == [each for each in kinds if is_dataclass(each)]
+    assert {*map(type, MESSAGES)} == {each for each in kinds if is_dataclass(each)}
 
 
 @every_type

@@ -155,7 +155,7 @@ STARS: dict[str, set[str]] = {
         *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
         "wire",
     },
-    "launch": {"secure", "wire"},
+    "launch": {"bus", "secure", "wire"},
     "cli": {
         *("bag", "buffer", "bus", "command", "compat", "discover", "doctor", "geometry", "launch"),
         *("monitor", "node", "recording", "ros", "secure", "top", "wire"),

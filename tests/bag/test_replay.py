@@ -17,6 +17,7 @@ from tests.builders import S, at, x_of
 from tests.buses import eventually
 from tests.fakes import Clock as FakeClock
 from tests.fakes import InAThread, Lines
+from tests.listen.received import registry_of
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -165,7 +166,7 @@ class Played:
         eventually(lambda: all(self._is_known(each) for each in streams if each.is_there))
 
     def _is_known(self, stream: ReplayedStream) -> bool:
-        known = self._listener._registry.get(stream.name)
+        known = registry_of(self._listener).get(stream.name)
         return known is not None and (
             known.reception.facts.epochs.confirmed_ns == stream._description.epoch
         )

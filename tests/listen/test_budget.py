@@ -20,31 +20,31 @@ def small() -> Budget:
 
 def test_the_oldest_of_a_peer_that_takes_too_much_goes(small: Budget) -> None:
     """Its own streams make room, and none of another peer."""
-    assert small.note("honest", "h", 10) == []
-    assert [small.note(f"s{number}", "largest", 25) for number in range(4)] == [
+    assert small.resize("honest", "h", 10) == []
+    assert [small.resize(f"s{number}", "largest", 25) for number in range(4)] == [
         [],
         [],
         ["s0"],
         ["s1"],
     ]
     assert small.bytes == 60
-    assert small.note("s9", "largest", 1000) == ["s2", "s3", "s9"]
+    assert small.resize("s9", "largest", 1000) == ["s2", "s3", "s9"]
     assert small.bytes == 10
 
 
 def test_where_all_take_too_much_the_largest_gives(small: Budget) -> None:
     """However it is divided, those who take little keep what they have."""
-    small.note("honest", "h", 10)
-    small.note("a", "first", 50)
-    assert small.note("b", "second", 45) == ["a"]
-    assert small.note("honest", "h", 20) == []
+    small.resize("honest", "h", 10)
+    small.resize("a", "first", 50)
+    assert small.resize("b", "second", 45) == ["a"]
+    assert small.resize("honest", "h", 20) == []
 
 
 def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None:
     """What counts is how much it takes now, and whose it is now."""
-    small.note("a", "first", 50)
-    assert small.note("a", "first", 5) == []
-    assert small.note("a", "second", 6) == []
+    small.resize("a", "first", 50)
+    assert small.resize("a", "first", 5) == []
+    assert small.resize("a", "second", 6) == []
     assert (small.bytes, small.peer_of("a")) == (6, "second")
     small.forget("a")
     small.forget("unknown")

@@ -145,10 +145,10 @@ def test_a_stream_of_a_new_process_has_its_clock(bus: Bus) -> None:
         eventually(lambda key=key: list(node.session.ask(key)))
         description = StreamDescription(1, robot.full_name, 1, (), session=session)
         offsets.watch("robot", description)
-        eventually(lambda session=session: offsets.of(session))
-    assert offsets.of(former.session.id) is None
+        eventually(lambda session=session: offsets.last_of(session))
+    assert offsets.last_of(former.session.id) is None
     offsets.forget("robot")
-    assert offsets.of(later.session.id) is None
+    assert offsets.last_of(later.session.id) is None
     offsets.close()
 
 
@@ -170,7 +170,7 @@ def test_a_node_that_joins_is_measured_at_once(bus: Bus, monkeypatch: pytest.Mon
         asked.clear()
         begun_s = scheduler.monotonic()
         offsets.watch(robot.name, StreamDescription(1, robot.full_name, 1, (), session=session))
-        eventually(lambda session=session: offsets.of(session))
+        eventually(lambda session=session: offsets.last_of(session))
         assert scheduler.monotonic() - begun_s < 10.0
         assert set(asked) == {key}
         # From then on it rests.

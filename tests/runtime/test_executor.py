@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.buses import DEADLINE_S, eventually
-from tfbus.runtime.callback_thread import ExecutorEnd, here
+from tfbus.runtime.callbacks import ExecutorEnd, here
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.testing.network import Network

@@ -24,12 +24,20 @@ from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
-from tfbus.bus.links import Link, Links, host_of, split_endpoint
+from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
+from tfbus.bus.networks import Network
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
-from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
+from tfbus.bus.zenoh_sockets import (
+    Ends,
+    ZenohSockets,
+    end_datagrams,
+    end_links,
+    fit_to_losses,
+    shorten_close,
+)
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
 from tfbus.wording import listed
@@ -44,7 +52,7 @@ class Neighbours:
     """Watches the network for one session, on a thread of its own, until `close()`.
 
     Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
-    `lease_s` is the time after which a silent link is lost.
+    `lease_s` is the time after which a silent link is lost, and `network` the one between them.
     """
 
     def __init__(
@@ -53,6 +61,7 @@ class Neighbours:
         scouting: Scouting | None,
         sockets: ZenohSockets,
         lease_s: float,
+        network: Network,
         log: logging.Logger | None,
         remedy: str,
     ) -> None:
@@ -64,7 +73,8 @@ class Neighbours:
         self._woken.setblocking(False)
         self._closing = scheduler.Event()
         self._places = places_at_start() if not self._only else places(self._only)
-        self._links = Links()
+        self._links = Links(lease_s)
+        self._network = network
         self._scouts: Scouts | None = None
         self._answers: ScoutAnswers | None = None
         if scouting is not None:
@@ -110,7 +120,7 @@ class Neighbours:
 
     def _run(self) -> None:
         try:
-            self._look()
+            self._update()
             while not self._closing.is_set():
                 self._wait()
         except Exception:
@@ -131,7 +141,7 @@ class Neighbours:
                 poll.register(each, select.POLLIN)
 
         on(self._woken, self._take_wake)
-        on(self._watch.socket, self._look_soon)
+        on(self._watch.socket, self._update_soon)
         if self._answers is not None:
             on(self._answers.socket, self._answer)
         if self._scouts is not None:
@@ -142,7 +152,7 @@ class Neighbours:
             if not self._closing.is_set():
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
-            self._look()
+            self._update()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
@@ -155,17 +165,17 @@ class Neighbours:
     def _take_wake(self) -> None:
         with suppress(OSError):
             self._woken.recv(4096)
-        self._look_soon()
+        self._update_soon()
 
-    def _look_soon(self) -> None:
-        """Look once the changes that come together have come."""
+    def _update_soon(self) -> None:
+        """Update once the changes that come together have come."""
         self._closing.wait(_SETTLED_S)
         self._watch.drain()
         if not self._closing.is_set():
-            self._look()
+            self._update()
 
-    def _look(self) -> None:
-        self._look_at_links()
+    def _update(self) -> None:
+        self._update_links()
         now = places(self._only)
         if now != self._places:
             former, self._places, self._has_changed = self._places, now, True
@@ -173,26 +183,31 @@ class Neighbours:
             if self._answers is not None:
                 self._answers.take_over(former, now)
             self._end_links_without_address()
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_at_links(self) -> None:
-        lost, new, ended, half = self._links.take()
+    def _update_links(self) -> None:
+        lost, new, ended, half, left = self._links.poll()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            if self._network.tcp_bytes:
+                fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
+        # What was under way on the other link is lost, and so may be a declaration.
+        if left:
+            end_datagrams(_ends(left))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
         known |= {host_of(link.dst) for link in self._links.all()}
         missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
         if half or (lost and not self._links) or missed - known:
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_for_neighbours(self) -> None:
+    def _begin_scouting(self) -> None:
         if self._scouts is not None:
             self._scouts.begin()
 
@@ -242,7 +257,7 @@ def _is_here(address: str) -> bool:
     return True
 
 
-def _ends(links: Iterable[Link]) -> set[Ends]:
+def _ends(links: Iterable[LinkEnds]) -> set[Ends]:
     return {(_end_of(link.src), _end_of(link.dst)) for link in links}
 
 

@@ -249,9 +249,9 @@ class RtpsWatch:
         self._ends = threading.Event()
         self._found: dict[bytes, Participant] = {}
         port = _FIRST_PORT + _PORTS_OF_A_DOMAIN * domain
-        self.is_port_taken = _is_taken(port)
+        self.is_port_taken = is_taken(port)
         try:
-            self._socket = _joined(port)
+            self._socket = joined_socket(port)
         except OSError:  # as on a host without a network: nothing is heard
             self._thread = None
             return
@@ -285,7 +285,7 @@ class RtpsWatch:
             self._found[participant.id] = participant
 
 
-def _is_taken(port: int) -> bool:
+def is_taken(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", port))
@@ -294,7 +294,7 @@ def _is_taken(port: int) -> bool:
     return False
 
 
-def _joined(port: int) -> socket.socket:
+def joined_socket(port: int) -> socket.socket:
     """A socket that hears the group on every interface, beside the others of this host."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -345,7 +345,7 @@ class RosWatch:
         self._master_nodes: int | None = None
         self._threads = [
             threading.Thread(target=look, name="ros", daemon=True)
-            for look in (self._look_at_router, self._look_at_master)
+            for look in (self.look_at_router, self._look_at_master)
         ]
         for thread in self._threads:
             thread.start()
@@ -383,7 +383,7 @@ class RosWatch:
             self._master_nodes,
         )
 
-    def _look_at_router(self) -> None:
+    def look_at_router(self) -> None:
         """The tokens at rmw_zenoh's router, which this bus need not be connected to."""
         with suppress(OSError):
             socket.create_connection((_ROUTER_HOST, _ROUTER_PORT), _ANSWER_WITHIN_S).close()

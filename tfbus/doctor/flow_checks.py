@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tfbus.core import lazy_numpy as np
 from tfbus.doctor.examination import (
     Examination,
     Finding,
@@ -23,11 +24,7 @@ from tfbus.monitor.flow import EdgeFlow
 from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from tfbus.monitor.meter import EdgeSamples
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 def check_clock(seen: Examination) -> Finding:

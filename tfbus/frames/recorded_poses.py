@@ -7,11 +7,13 @@ times, and errors that say where in the recording to look.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from tfbus.buffer.explain import LATER, LATEST
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -29,15 +31,10 @@ from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from tfbus.frames.recording import Recording
     from tfbus.recording.reader import RecordingReader
 
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 S = 1_000_000_000
 

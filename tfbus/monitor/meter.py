@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.frames.changes import Ticks
 from tfbus.frames.recorded import RecordedFrames
@@ -29,14 +31,9 @@ from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from tfbus.node.node import Node  # Zenoh, which a recording does not need
 
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 RECENT_S = 10.0
 _MOST_SAMPLES = 5_000

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.recording.items import EventItem
 from tfbus.wording import printable
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 # Why nothing was recorded, where the recorder was not paused: the fact "why" of the event.
 STOPPED, CUT_OUT = "stopped", "cut out"

@@ -4,11 +4,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.recording.index import Edge
 from tfbus.recording.items import EventItem
 from tfbus.recording.part import StreamChannel
@@ -16,14 +14,6 @@ from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
 from tfbus.recording.selection import Viewpoint
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from tfbus.recording.reader import RecordingReader
-else:
-    from tfbus.core import lazy_numpy as np
-
 
 # A stream in one epoch.
 StreamKey = tuple[str, int]

@@ -265,7 +265,7 @@ class Rights(Struct):
                         f"{owner}_* for its own nodes; use {identity.name.replace('_', '-')!r}"
                     )
 
-    def of(self, name: str) -> Identity:
+    def identity(self, name: str) -> Identity:
         """The identity of this name. Raises SettingsError if there is none."""
         if name not in self.identities:
             raise SettingsError(

@@ -24,7 +24,7 @@ from websockets.http11 import Request, Response
 
 from tfbus.errors import TfbusError
 from tfbus.runtime.addresses import own_names
-from tfbus.secure.server_access import AccessToken, Gate, ServerTls, is_same, machine_names
+from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -150,7 +150,7 @@ class Guard:
         names = machine_names(self.host)
         if self.access is not None:
             names |= own_names() | self.access.tls.names
-        self._gate = Gate(names, knows_neighbours=not names, advice="open the view directly")
+        self._gate = PageGate(names, knows_neighbours=not names, advice="open the view directly")
 
     def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
         """The answer to a request, None for a websocket: that of `then`, or why it is refused."""

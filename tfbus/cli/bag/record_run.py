@@ -22,8 +22,7 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.trigger import Condition, Triggers, unmatched
+from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
     Rating,

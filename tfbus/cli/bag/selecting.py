@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from tfbus.cli.output import warn
-from tfbus.command.option_kinds import Several
+from tfbus.command.options import Several
 from tfbus.command.types import FrameName, TopicName
 from tfbus.errors import InvalidArgumentException
 from tfbus.wording import listed

@@ -142,7 +142,7 @@ class ActionClient(TakesTypes):
 
     def _send(self, goal: Any, callback: Callable[[Any], object] | None, future: Future) -> None:
         what = f"feedback of {self._client.name}"
-        feedbacks = _Feedbacks(
+        feedbacks = Feedbacks(
             callback, lambda call: self._node.work.submit(call, self._group, what)
         )
         try:
@@ -158,7 +158,7 @@ class ActionClient(TakesTypes):
             handle.wait()
 
 
-class _Feedbacks:
+class Feedbacks:
     """Hands on what comes, once the id of its goal is known: the first may come before."""
 
     def __init__(

@@ -43,7 +43,8 @@ from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked, StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # Without a bus
@@ -839,3 +840,24 @@ def test_a_frame_that_cannot_be_encoded_does_not_stop_the_description(bus: Bus) 
 
     eventually(lambda: listed() == [("world", "robot", False)])
     watching.close()
+
+
+def test_a_question_for_frames_is_answered_by_streams_that_list_one(
+    sender: Node, receiver: Node
+) -> None:
+    """A question for descriptions may name child frames: then other streams do not answer, and a
+    question that cannot be read is refused.
+    """
+    for child in ("base", "arm"):
+        TransformBroadcaster(sender, stream=child).send_transform(at(child=child))
+
+    def answers(payload: bytes | None) -> list[tuple[str, str | None]]:
+        key = "tf_static/*?description=1"
+        found = receiver.session.ask(key, payload, answers_at="@tfbus/stream/*")
+        return sorted((each.key, each.refusal) for each in found)
+
+    eventually(lambda: len(answers(None)) == 2)
+    asked = encode_message(FramesAsked(("arm", "hand")))
+    eventually(lambda: answers(asked) == [("@tfbus/stream/arm", None)])
+    assert answers(encode_message(FramesAsked(("world",)))) == []
+    assert all("children" in (refusal or "") for _, refusal in answers(b"\x80"))

@@ -186,7 +186,7 @@ def test_a_message_type_of_ros_that_tfbus_lacks_names_those_it_has() -> None:
     """It says that the type may be omitted, too, and what publishes transforms."""
     answer = usage_error("topic", "pub", "--once", "/x", "my_msgs/msg/Weight", "data: hi")
     assert "leave the type out" in answer
-    assert "available: Clock, Color, Imu" in answer
+    assert "available: CameraInfo, Clock, Color" in answer
     answer = usage_error("topic", "pub", "--once", "/tf", "tf2_msgs/msg/TFMessage", "{}")
     assert "`tfbus static`" in answer
 

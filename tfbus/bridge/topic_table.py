@@ -20,6 +20,7 @@ from tfbus.ros.counterparts import (
     AS_IN_ROS,
     BY_ROS_TYPE,
     LIVE_COUNTERPARTS,
+    OURS_IN_ROS,
     Counterpart,
     as_in_ros,
     field_at,
@@ -72,7 +73,8 @@ class TopicLine:
     @property
     def said_names(self) -> tuple[str, ...]:
         """The names that a user may give the type by; `Imu` is sensor_msgs/msg/Imu."""
-        return self.type_name, self.ros_type, self.type_name.rpartition("/")[2]
+        ours = getattr(OURS_IN_ROS.get(self.type_name), "__name__", self.type_name)
+        return self.type_name, self.ros_type, self.type_name.rpartition("/")[2], ours
 
     @property
     def has_fields_of_ros(self) -> bool:

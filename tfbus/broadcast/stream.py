@@ -25,8 +25,8 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.wire.codec import encode_map
-from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
+from tfbus.wire.codec import decode_message, encode_map
+from tfbus.wire.descriptions import STREAM_VERSION, FramesAsked, StreamDescription
 from tfbus.wire.keys import escape, mistake_in_stream, static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import printable
@@ -205,8 +205,14 @@ class Stream:
         )
         # The session may be closed meanwhile.
         with suppress(BusError), query.answering("what the stream retains"):
-            if payload:
+            if payload and (not is_of_description or self._is_asked(query.payload)):
                 query.answer(key, payload)
+
+    def _is_asked(self, payload: bytes) -> bool:
+        """Whether a question for descriptions is about this stream; DecodeError for a bad one."""
+        return not payload or self._frames.lists_any_of(
+            decode_message(FramesAsked, payload).children
+        )
 
     def _begin_epoch(self, child: str, back_ns: int) -> int:
         """Begin an epoch, as the stamps of a frame went back; static transforms are sent again."""

@@ -8,6 +8,7 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from functools import cache
 from importlib import import_module
@@ -22,13 +23,21 @@ from tfbus.command.types import absolute, matching, names_at
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import as_map, encode_map, from_map, renewed, type_name
+from tfbus.wire.codec import (
+    OF_HEADER,
+    as_map,
+    encode_map,
+    from_map,
+    is_in_ros_layout,
+    renewed,
+    type_name,
+)
 from tfbus.wording import did_you_mean
 
 
 def supplied_type(name: str) -> type | None:
-    """The message type of this name in `tfbus.messages`, or None."""
-    return _supplied().get(name)
+    """The message type of this name in `tfbus.messages`, or on the bus; None for another."""
+    return _supplied().get(name) or _by_bus_name().get(name)
 
 
 def supplied_names() -> list[str]:
@@ -74,7 +83,7 @@ def find_type(text: str, otherwise: str = "") -> type:
     module, colon, name = text.partition(":")
     if colon:
         return _imported(module, name, is_dataclass, "no dataclass {!r}; a message must be one")
-    found = type_of_ros(text) or supplied_type(bare(text))
+    found = supplied_type(text) or type_of_ros(text) or supplied_type(bare(text))
     if found is None:
         hint = did_you_mean(bare(text), _supplied(), none="")
         raise click.UsageError(
@@ -156,9 +165,10 @@ def _values_of_ros(
     from tfbus.ros.counterparts import AS_IN_ROS, BY_ROS_TYPE
 
     types = {**BY_ROS_TYPE, **AS_IN_ROS}
-    names = [
-        name for name, each in types.items() if supplied_type(bare(each.type_name)) is message_type
-    ]
+    if type_name(message_type) in AS_IN_ROS:
+        with suppress(DecodeError):  # such as a header without a stamp, which a type of ROS takes
+            return as_map(from_map(message_type, values, unknown_fields=False))
+    names = [name for name, each in types.items() if supplied_type(each.type_name) is message_type]
     in_ros = message_class(names[0]) if names else None
     if in_ros is None or not values.keys() <= in_ros.__codecs__.keys():
         raise mistake
@@ -176,6 +186,11 @@ def _merged(
 ) -> dict[str, Any]:
     """The values, and the defaults of fields that they do not have, also nested ones."""
     hints = get_type_hints(message_type) if isinstance(message_type, type) else {}
+    if is_in_ros_layout(values):  # a nested one, as ROS has it
+        defaults = {name: defaults[name] for name in defaults if name not in OF_HEADER}
+    defaults = {
+        name: value for name, value in defaults.items() if name.removesuffix("_ns") not in values
+    }
     return {**defaults} | {
         name: _completed(hints.get(name), defaults.get(name), value)
         for name, value in values.items()
@@ -217,6 +232,11 @@ def _supplied() -> dict[str, type]:
         for name, value in _all_messages().items()
         if isinstance(value, type) and is_dataclass(value)
     }
+
+
+@cache
+def _by_bus_name() -> dict[str, type]:
+    return {type_name(each): each for each in _supplied().values()}
 
 
 @cache
@@ -267,9 +287,12 @@ def bare(type_name: str) -> str:
 
 def is_of_type(announced: str, type_name: str) -> bool:
     """Whether a type announced on the bus is the one typed in: by its name there, or with ROS's
-    package before it, or without.
+    package before it, or without; or by that of its class.
     """
-    return announced in (type_name, bare(type_name)) or bare(announced) == type_name
+    if announced in (type_name, bare(type_name)) or bare(announced) == type_name:
+        return True
+    supplied = supplied_type(type_name)
+    return supplied is not None and supplied is supplied_type(announced)
 
 
 def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:

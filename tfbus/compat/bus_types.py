@@ -69,7 +69,7 @@ class _Carried:
         self.stamp_ns: int | None = None
 
     def __bus_map__(self) -> dict[str, Any]:
-        values = self.__counterpart__.of_ros(self.message.__bus_map__())
+        values = self.__counterpart__.of_ros(self.message.__listed__())
         return values if self.stamp_ns is None else {**values, "stamp_ns": self.stamp_ns}
 
     @classmethod

@@ -6,6 +6,7 @@ is fixed. A byte is `bytes` of length 1.
 
 import operator
 import struct
+import sys
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from typing import Any, ClassVar
 from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import message_named
-from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
+from tfbus.ros.value_codec import array_of
 from tfbus.wording import printable
 
 Convert = Callable[[Any, str], Any]
@@ -196,6 +198,8 @@ def _sequence(type_: Sequence, default: Any, class_of: ClassOf) -> FieldCodec:
 
 
 def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
+    rows = rows_of(type_) if isinstance(type_.item, MessageType) else None
+
     def make() -> list[Any]:
         return list(default) if default else [item.make() for _ in range(type_.size or 0)]
 
@@ -211,7 +215,9 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
         return [item.write(each, f"{path}[{at}]") for at, each in enumerate(value)]
 
     def read(value: Any, path: str) -> list[Any]:
-        if isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
+        if rows is not None and (array := array_of(value, rows)) is not None:
+            value = rows.maps_of(array)
+        elif isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
             value = list(value)
         if not isinstance(value, list):
             raise DecodeError(f"field {path!r} must be a list, not {_kind(value)}")
@@ -231,6 +237,7 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
 
 def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
     is_fixed = type_.size is not None
+    rows = rows_of(type_)
     assert isinstance(type_.item, Scalar)
     shown = _SHOWN.get(type_.item.name, type_.item.name)
 
@@ -273,12 +280,16 @@ def _numbers(type_: Sequence, code: str, default: Any) -> FieldCodec:
         _check_size(value, type_, path)
         if type_.is_octets:
             return bytes(packed(value, path))
-        return packed(value, path)
+        return packed(value, path).tolist() if is_fixed else packed(value, path)
 
     def read(value: Any, path: str) -> Any:
-        if not isinstance(value, list | bytes | array) and not hasattr(value, "dtype"):
+        if not isinstance(value, list | bytes | memoryview | array) and not hasattr(value, "dtype"):
             raise DecodeError(f"field {path!r} must be a list of numbers, not {_kind(value)}")
         _check_received(value, type_, path)
+        if rows is not None and isinstance(value, bytes | memoryview):
+            value = array_of(value, rows)
+            if value is None:
+                raise DecodeError(f"field {path!r} must be a multiple of {rows.size} bytes")
         try:
             numbers = packed(value, path)
         except (TypeError, ValueError) as error:
@@ -357,8 +368,13 @@ class RosMessage:
         return {name: codec.shown for name, codec in cls.__codecs__.items()}
 
     def __bus_map__(self) -> dict[str, Any]:
-        """The message as it goes over the bus, with lists in the place of arrays."""
-        written: dict[str, Any] = _with_lists(self.__write__(self, ""))
+        """The message as it goes over the bus, with the memory of its arrays."""
+        written: dict[str, Any] = _written(self.__write__(self, ""), _in_memory)
+        return written
+
+    def __listed__(self) -> dict[str, Any]:
+        """The same with lists in the place of arrays."""
+        written: dict[str, Any] = _written(self.__write__(self, ""), array.tolist)
         return written
 
     @classmethod
@@ -516,12 +532,20 @@ def _doc(message: MessageType) -> str:
     return f"ROS's {message.name}: {', '.join(field.name for field in message.fields) or 'empty'}."
 
 
-def _with_lists(value: Any) -> Any:
+def _written(value: Any, of_array: Callable[["array[Any]"], Any]) -> Any:
     if isinstance(value, array):
-        return value.tolist()
+        return of_array(value)
     if type(value) is dict:
-        return {name: _with_lists(each) for name, each in value.items()}
-    return [_with_lists(each) for each in value] if type(value) is list else value
+        return {name: _written(each, of_array) for name, each in value.items()}
+    return [_written(each, of_array) for each in value] if type(value) is list else value
+
+
+def _in_memory(numbers: "array[Any]") -> bytes:
+    """The numbers as they are on the bus, little-endian."""
+    if sys.byteorder == "big":
+        numbers = numbers[:]
+        numbers.byteswap()
+    return numbers.tobytes()
 
 
 def _are_equal(one: Any, other: Any) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.runtime.structs import Struct, replace
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import namespace_of
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
@@ -53,7 +54,8 @@ class StreamInfo(Struct):
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
     smoothed; `kept_delay_s` is how old the newest was that the stream had kept, when that came. All
     five are None while they are not known. `origin` are the gids of the publishers in ROS whose
-    transforms a bridge sends in it.
+    transforms a bridge sends in it. `namespace` is that of its publisher, below the listener's: the
+    robot of a fleet.
     """
 
     name: str
@@ -80,13 +82,14 @@ class StreamInfo(Struct):
     last_delay_s: float | None = None
     origin: tuple[str, ...] = ()
     kept_delay_s: float | None = None
+    namespace: str = ""
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
     """The report of a stream, from its token, its description, and what has been received."""
     info = StreamInfo(name)
     if state is not None:
-        info = replace(info, alive=state.alive)
+        info = replace(info, alive=state.alive, namespace=namespace_of(state.key))
     if state is not None and state.description is not None:
         description = state.description
         info = replace(

@@ -1,7 +1,7 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
@@ -146,9 +146,12 @@ class TransformListener:
             node.session,
             self._on_stream,
             everywhere=everywhere,
+            only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
         )
+        if fleet is not None:
+            self._reading.find(fleet, self._want)
         self._still_sending = StillSending(self._registry, self._watch, self._executor)
         self._executor.every(_TIDY_EVERY_S, self._forget_unconfirmed)
         self._forget_close = node.session.at_close(self.close)
@@ -366,6 +369,9 @@ class TransformListener:
         self.buffer.clear(after_ns=now_ns)
 
     # Tokens and descriptions
+
+    def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
+        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
 
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""

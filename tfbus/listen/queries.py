@@ -20,9 +20,12 @@ from tfbus.bus.session import Session
 from tfbus.listen.reception import StreamReception
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked
 from tfbus.wire.keys import (
     description_selector,
     kept_transforms_selector,
+    may_describe,
     static_transforms_key_beside,
 )
 
@@ -59,22 +62,48 @@ def ask_for_description(
     on_end: Callable[[], None],
 ) -> None:
     """Query the description of the stream of this token; `turn` counts from 0."""
+    within_s = _answer_within_s(turn)
     if turn % 2 == 0:
-        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=_answer_within_s(turn))
-        return
-    static_key = static_transforms_key_beside(stream_key)
+        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=within_s)
+    else:
+        _ask_beside(session, stream_key, None, on_answer, on_end, within_s)
+
+
+def ask_who_lists(
+    session: Session,
+    stream_keys: str,
+    children: Iterable[str],
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the descriptions that list one of these child frames, of the streams whose tokens lie
+    within `stream_keys`. Publishers of earlier versions answer whatever they list.
+    """
+    payload = encode_message(FramesAsked(tuple(sorted(children))))
+    _ask_beside(session, stream_keys, payload, on_answer, on_end, ANSWER_WITHIN_S)
+
+
+def _ask_beside(
+    session: Session,
+    stream_key: str,
+    payload: bytes | None,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+    within_s: float,
+) -> None:
+    """Query descriptions at the keys of static transforms."""
 
     def on_any_answer(answer: Answer) -> None:
         # Earlier versions of tfbus answer with the static transforms, at their key.
-        if answer.key != static_key:
+        if answer.refusal is not None or may_describe(answer.key):
             on_answer(answer)
 
     session.ask_later(
-        description_selector(static_key),
-        None,
+        description_selector(static_transforms_key_beside(stream_key)),
+        payload,
         on_any_answer,
         on_end,
-        timeout_s=_answer_within_s(turn),
+        timeout_s=within_s,
         answers_at=stream_key,
     )
 

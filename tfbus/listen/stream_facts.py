@@ -349,7 +349,9 @@ _SMOOTHING = 0.1
 
 # What is counted of the messages of a stream.
 _COUNTED = tuple(
-    each.name for each in fields_of(StreamInfo)[9:] if each.name not in ("clock_offset_s", "origin")
+    each.name
+    for each in fields_of(StreamInfo)[9:]
+    if each.name not in ("clock_offset_s", "origin", "namespace")
 )
 
 

@@ -8,11 +8,14 @@ that ROS 2 does not allow: `uint32 i_tow # tfbus: "iTOW"`.
 import dataclasses
 import json
 import re
+import struct
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.wording import printable
 
@@ -124,6 +127,83 @@ class MessageType:
 
 
 Type = Scalar | Text | Sequence | MessageType
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A sequence of numbers, or of messages that hold numbers of one type only, in the memory of an
+    array: (N,), or (N, width) with `columns`, the paths of the numbers in a message.
+    """
+
+    kind: str
+    columns: tuple[str, ...] = ()
+
+    @property
+    def dtype(self) -> str:
+        """The type of the numbers as numpy has it, little-endian."""
+        return f"<{SCALARS[self.kind]}"
+
+    @property
+    def size(self) -> int:
+        """The bytes of a row."""
+        return struct.calcsize(self.dtype) * max(len(self.columns), 1)
+
+    def of_memory(self, data: Any) -> Any:
+        """The array on these bytes. Raises ValueError if they are not whole rows."""
+        array = np.frombuffer(data, self.dtype)
+        return array.reshape(-1, len(self.columns)) if self.columns else array
+
+    def is_of(self, array: Any) -> bool:
+        """Whether it is an array of numpy with such rows."""
+        shape = getattr(array, "shape", None)
+        tail = (len(self.columns),) if self.columns else ()
+        return shape is not None and shape[1:] == tail and array.dtype == np.dtype(self.dtype)
+
+    def maps_of(self, array: Any) -> list[dict[str, Any]]:
+        """The messages of an array with columns, as maps."""
+        paths = [column.split(".") for column in self.columns]
+        made = []
+        for row in array.tolist():
+            message: dict[str, Any] = {}
+            for path, number in zip(paths, row, strict=True):
+                below = message
+                for name in path[:-1]:
+                    below = below.setdefault(name, {})
+                below[path[-1]] = number
+            made.append(message)
+        return made
+
+
+@cache
+def rows_of(type_: Type) -> Rows | None:
+    """How a sequence of any length lies in the memory of an array; None for one that does not."""
+    if not isinstance(type_, Sequence) or type_.size is not None:
+        return None
+    if isinstance(type_.item, Scalar):
+        return Rows(type_.item.name) if type_.item.name != "bool" else None
+    if not isinstance(type_.item, MessageType) or type_.item.kind != "fields":
+        return None
+    numbers = [*_numbers_in(type_.item, "")]
+    kinds = {kind for _, kind in numbers}
+    if len(kinds) != 1 or not kinds <= _ROW_KINDS or len(numbers) > _MOST_COLUMNS:
+        return None
+    return Rows(kinds.pop(), tuple(path for path, _ in numbers))
+
+
+# Longer messages are no rows of an array.
+_MOST_COLUMNS = 16
+_ROW_KINDS = {"float32", "float64"}
+
+
+def _numbers_in(message: MessageType, path: str) -> Iterator[tuple[str, str]]:
+    """The paths and types of the numbers in a message, "" for the type of all else."""
+    for field in message.fields:
+        below = f"{path}{field.key}"
+        if isinstance(field.type, MessageType) and field.type.kind == "fields":
+            yield from _numbers_in(field.type, f"{below}.")
+        else:
+            yield below, field.type.name if isinstance(field.type, Scalar) else ""
+
 
 BOOL = Scalar("bool")
 INT = Scalar("int64")

@@ -302,7 +302,9 @@ class AdvancedPublisher(Publisher):
 class AdvancedSubscriber(Undeclarable):
     """A subscriber that asks for what publishers keep, and for what it has missed."""
 
-    def __init__(self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any) -> None:
+    def __init__(
+        self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any, history: Any
+    ) -> None:
         super().__init__(session, self._close)
         self._handler = Handler(handler)
         self.handler: Any = None
@@ -317,12 +319,13 @@ class AdvancedSubscriber(Undeclarable):
         self._parts = [
             session.declare_subscriber(key, direct(self._on_sample), allowed_origin=allowed_origin)
         ]
-        if "@" not in key.split("/")[0]:
+        if history is not None and "@" not in key.split("/")[0]:
             self._parts.append(
                 session.liveliness().declare_subscriber(below, direct(self._on_token), history=True)
             )
         self._parts.append(session.declare_subscriber(below, direct(self._on_beat)))
-        self._ask(below, "")
+        if history is not None:
+            self._ask(below, "")
 
     def _close(self) -> None:
         for part in self._parts:
@@ -397,12 +400,18 @@ def declare_advanced_publisher(
 
 
 def declare_advanced_subscriber(
-    session: ZenohSession, key: str, handler: Any, *, allowed_origin: Any = None, **options: Any
+    session: ZenohSession,
+    key: str,
+    handler: Any,
+    *,
+    allowed_origin: Any = None,
+    history: Any = None,
+    **options: Any,
 ) -> _Held:
-    """As Zenoh's, with a history of one sample."""
+    """As Zenoh's, with a history of one sample or none."""
     session.check_open()
     callback = handler[0] if isinstance(handler, tuple) else handler
-    subscriber = AdvancedSubscriber(session, key, callback, allowed_origin)
+    subscriber = AdvancedSubscriber(session, key, callback, allowed_origin, history)
     # An object that comes with the callback lives for as long as the subscriber does.
     subscriber.handler = handler
     return _Held(subscriber)

@@ -16,8 +16,8 @@ from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Recording, messages
 from tfbus.bridge.common import BridgeOptions, RosFrameNames
-from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TopicTable
+from tfbus.bridge.topics import Translation
 from tfbus.compat.message_classes import message_class
 from tfbus.recording.items import TopicItem
 from tfbus.recording.writer import RecordingWriter

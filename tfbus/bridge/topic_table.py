@@ -26,7 +26,6 @@ from tfbus.ros.counterparts import (
     field_at,
     plain,
 )
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     STRING,
     Definition,
@@ -34,7 +33,7 @@ from tfbus.ros.definitions import (
     message_names,
     standard_definition,
 )
-from tfbus.ros.message_type import MessageType
+from tfbus.ros.message_type import MessageType, message_of
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable

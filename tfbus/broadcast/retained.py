@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 
 from tfbus.bus.handles import BytesPublisher
@@ -101,6 +101,11 @@ class FrameAnnouncer:
             for child in children:
                 self._edges.pop(child, None)
         self.announce_soon()
+
+    def lists_any_of(self, children: Iterable[str]) -> bool:
+        """Whether one of these frames is a child frame of the stream."""
+        with self._lock:
+            return not self._edges.keys().isdisjoint(children)
 
     def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
         """Send the description after this time, once for all changes until then; later if a long

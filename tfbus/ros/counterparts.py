@@ -16,8 +16,7 @@ from tfbus.errors import DecodeError
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
 from tfbus.ros.value_codec import UnfitError, array_of, buffer_of
-from tfbus.wire.codec import renewed_map
-from tfbus.wire.ros_fields import HEADER, with_header, without_header
+from tfbus.wire.codec import HEADER, renewed_map, with_header, without_header
 from tfbus.wording import printable
 
 _SECOND_NS = 1_000_000_000
@@ -113,7 +112,7 @@ def on_bus(value: Any, type_: Type) -> Any:
         return value
     if rows_of(type_) is None:
         return value.tolist()
-    return memoryview(np.ascontiguousarray(value)).cast("B") if value.size else b""
+    return np.ascontiguousarray(value).data.cast("B") if value.size else b""
 
 
 def field_at(type_: Type, path: str) -> Type | None:

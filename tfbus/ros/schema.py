@@ -14,7 +14,6 @@ from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.messages.fields import ArrayOf
 from tfbus.ros.cdr import CdrWriter
 from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted
-from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import (
     BOOL,
@@ -34,8 +33,10 @@ from tfbus.ros.message_type import (
     Sequence,
     Type,
     TypeNames,
+    definition_of,
     list_of,
     map_of,
+    message_of,
     value_of_map,
 )
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of

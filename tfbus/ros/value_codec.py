@@ -28,7 +28,7 @@ from tfbus.ros.message_type import (
     Type,
     rows_of,
 )
-from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
+from tfbus.wire.codec import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
 
 # What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
 # as they are shared: a map of 10,000 by 10,000 cells is read.
@@ -244,7 +244,7 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
         writer.count(len(array))
         if len(array):
             writer.align(array.itemsize)
-            writer.data += memoryview(np.ascontiguousarray(array)).cast("B")
+            writer.data += np.ascontiguousarray(array).data.cast("B")
 
     def read(reader: ValueReader) -> Any:
         count = reader.count(least) if size is None else size

@@ -5,9 +5,12 @@ these, or a tuple with a type for each item; Any is taken as it comes. An array 
 says (`messages.fields.ArrayOf`) is one binary. An int may stand for a float,
 and 0 and 1 for false and true; numbers, booleans and texts of numpy, and arrays of these, are sent
 as Python's own. Nothing else is converted.
+
+The fields are those of ROS, but for a `header`, which is `stamp_ns` and `frame_id` here; names that
+fields had before are read as well. A payload is read only if it has at most a million values.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -15,17 +18,6 @@ import msgpack
 
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
-from tfbus.wire.msgpack_items import too_many_items, unpacked, unpacked_in_place
-from tfbus.wire.ros_fields import (
-    HEADER,
-    as_time,
-    has_header,
-    is_in_ros_layout,
-    of_time,
-    renewed,
-    with_header,
-    without_header,
-)
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -514,3 +506,241 @@ def _wrong_type(path: str, expected: str, value: object) -> DecodeError:
 
 def _kind(value: object) -> str:
     return _KINDS.get(type(value), type(value).__name__)
+
+
+# More values in a payload are refused: they take at most some ten megabytes, and a fraction of a
+# second to read. A value of one byte takes up to seventy bytes in Python: 8 MB of empty maps took
+# 600 MB. So a limit of the payload's size alone does not bound that.
+MOST_ITEMS = 1_000_000
+
+# A payload of this size cannot hold enough values to harm.
+HARMLESS_SIZE = 64 * 1024
+
+
+def unpacked(data: bytes, *, strict_map_key: bool = True) -> Any:
+    """The value in the bytes. Messages have no extensions: a time of msgpack's is taken as its
+    nanoseconds. Raises what msgpack does, and ValueError for other extensions.
+    """
+    return msgpack.unpackb(
+        data, strict_map_key=strict_map_key, timestamp=_AS_NANOSECONDS, ext_hook=_refuse_extension
+    )
+
+
+_AS_NANOSECONDS = 2
+
+
+def _refuse_extension(code: int, data: bytes) -> object:
+    raise ValueError(f"it has an extension of type {code}")
+
+
+# Stands for a binary that is left where it is, with its number.
+_LEFT = 100
+_AS_LEFT = b"\xd6" + bytes([_LEFT])
+
+
+def unpacked_in_place(data: bytes) -> Any:
+    """As `unpacked`, but each binary of 4 kB or more is a memoryview of the payload: nothing of it
+    is copied. A payload of at most 64 KiB is copied whole.
+    """
+    if len(data) <= HARMLESS_SIZE:
+        return unpacked(data)
+    binaries: list[tuple[int, int, int]] = []
+    values_in(data, MOST_ITEMS, binaries)
+    if not binaries or binaries[-1][2] > len(data):
+        return unpacked(data)
+    pieces: list[bytes] = []
+    at = 0
+    for number, (head, _, end) in enumerate(binaries):
+        pieces += (data[at:head], _AS_LEFT, number.to_bytes(4, "big"))
+        at = end
+    pieces.append(data[at:])
+    whole = memoryview(data)
+
+    def left(code: int, number: bytes) -> object:
+        # A payload may have such an extension, too; it has no number as ours.
+        at = int.from_bytes(number, "big")
+        if code != _LEFT or len(number) != 4 or at >= len(binaries):
+            return _refuse_extension(code, number)
+        _, start, end = binaries[at]
+        return whole[start:end]
+
+    return msgpack.unpackb(
+        b"".join(pieces), strict_map_key=True, timestamp=_AS_NANOSECONDS, ext_hook=left
+    )
+
+
+# A binary of so many bytes is not worth a copy.
+_LARGE_BINARY = 4096
+
+
+def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
+    """Why the payload is not read, as a sentence; "" if it has at most `most` values.
+
+    Binary data and text are one value, however long. Bytes that are no msgpack are not found here.
+    """
+    if len(data) <= HARMLESS_SIZE or values_in(data, most) <= most:
+        return ""
+    return f"it has more than {most} values; send many numbers as bytes"
+
+
+# By the first byte of a value: how many bytes follow, or how many values, or how wide the length is
+# that follows. https://github.com/msgpack/msgpack/blob/master/spec.md#formats
+_BYTES = [0] * 256
+_VALUES = [0] * 256
+_LENGTH_WIDTH = [0] * 256
+_BINARIES = range(0xC4, 0xC7)
+_EXTENSIONS = range(0xC7, 0xCA)
+_ARRAYS = range(0xDC, 0xDE)
+_MAPS = range(0xDE, 0xE0)
+
+
+def _fill_tables() -> None:
+    _VALUES[0x80:0x90] = range(0, 32, 2)  # maps
+    _VALUES[0x90:0xA0] = range(16)  # arrays
+    _BYTES[0xA0:0xC0] = range(32)  # texts
+    _LENGTH_WIDTH[0xC4:0xCA] = (1, 2, 4, 1, 2, 4)  # binary data, extensions
+    _BYTES[0xCA:0xD4] = (4, 8, 1, 2, 4, 8, 1, 2, 4, 8)  # floats and integers
+    _BYTES[0xD4:0xD9] = (2, 3, 5, 9, 17)  # extensions of one size, with their type
+    _LENGTH_WIDTH[0xD9:0xE0] = (1, 2, 4, 2, 4, 2, 4)  # texts, arrays, maps
+
+
+_fill_tables()
+
+
+def values_in(data: bytes, most: int, binaries: list[tuple[int, int, int]] | None = None) -> int:
+    """How many values the payload says it has; if they are more than `most`, some number above
+    it. `binaries` gets the places of binaries of 4 kB or more: of the head, the data and the end.
+    """
+    at, end = 0, len(data)
+    seen, announced = 0, 1
+    while announced and at < end:
+        head = data[at]
+        at += 1 + _BYTES[head]
+        seen += 1
+        announced += _VALUES[head] - 1
+        if width := _LENGTH_WIDTH[head]:
+            length = int.from_bytes(data[at : at + width], "big")
+            at += width
+            if head in _ARRAYS:
+                announced += length
+            elif head in _MAPS:
+                announced += 2 * length
+            else:
+                at += length + (head in _EXTENSIONS)
+                if length >= _LARGE_BINARY and head in _BINARIES and binaries is not None:
+                    binaries.append((at - length - width - 1, at - length, at))
+        if seen + announced > most:
+            break
+    return seen + announced
+
+
+_SECOND_NS = 1_000_000_000
+
+HEADER = "header"
+OF_HEADER = ("stamp_ns", "frame_id")
+
+
+def has_header(fields: Mapping[str, object]) -> bool:
+    """Whether a type with these fields of ours has a header in ROS."""
+    return HEADER not in fields and all(name in fields for name in OF_HEADER)
+
+
+def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
+    """Whether the values of a type that has a header in ROS have that; beside a stamp of ours
+    a `header` is an unknown field.
+    """
+    return HEADER in values and "stamp_ns" not in values
+
+
+def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message with the header of ROS. Raises KeyError where one of ours is missing,
+    TypeError for a stamp that is no integer, and where there is a header.
+    """
+    if HEADER in values:
+        raise TypeError("it has a header beside stamp_ns")
+    stamp_ns = values["stamp_ns"]
+    if type(stamp_ns) is not int:
+        raise TypeError("stamp_ns must be an integer")
+    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
+    stamp = {"sec": seconds, "nanosec": nanoseconds}
+    others = {name: value for name, value in values.items() if name not in OF_HEADER}
+    return {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **others}
+
+
+def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message of ROS as ours. Raises KeyError and TypeError where its header has
+    other fields than ROS's own.
+    """
+    header = values[HEADER]
+    stamp = header["stamp"]
+    seconds, nanoseconds = stamp["sec"], stamp["nanosec"]
+    # Before they are multiplied: a billion times a list would take all memory.
+    if type(seconds) is not int or type(nanoseconds) is not int:
+        raise TypeError("the stamp must be of integers")
+    stamp_ns = seconds * _SECOND_NS + nanoseconds
+    of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
+    others = {
+        name: value for name, value in values.items() if name != HEADER and name not in OF_HEADER
+    }
+    return {**of_header, **others}
+
+
+def as_time(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """The fields of a message with these times, `lifetime_ns`, as ROS has them: a `lifetime` of
+    seconds and nanoseconds.
+    """
+    made = {}
+    for name, value in values.items():
+        if name in names:
+            sec, nanosec = divmod(value, _SECOND_NS)
+            made[name.removesuffix("_ns")] = {"sec": sec, "nanosec": nanosec}
+        else:
+            made[name] = value
+    return made
+
+
+def of_time(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The fields of a message of ROS with a time as ours, `lifetime_ns`; if it has that already, as
+    it is. Raises KeyError and TypeError for a time with other fields than ROS's own.
+    """
+    in_ros = name.removesuffix("_ns")
+    if name in values or in_ros not in values:
+        return values
+    sec, nanosec = values[in_ros]["sec"], values[in_ros]["nanosec"]
+    if type(sec) is not int or type(nanosec) is not int:
+        raise TypeError("the time must be of integers")
+    others = {key: value for key, value in values.items() if key != in_ros}
+    return {**others, name: sec * _SECOND_NS + nanosec}
+
+
+def renewed(
+    values: Mapping[str, Any],
+    former: Mapping[str, str | tuple[str, ...]],
+    fields: Mapping[str, object],
+) -> Mapping[str, Any]:
+    """The values of a message under today's names of its `fields`, where it has `former` ones;
+    otherwise the same. Of a former name there is the path of today; of a list, that of each item.
+    """
+    if not any(name in former and name not in fields for name in values):
+        return values
+    made: dict[str, Any] = {}
+    for name, value in values.items():
+        path = former.get(name, name)
+        if isinstance(path, str):
+            _put(made, path, value)
+        elif isinstance(value, list | tuple) and len(value) == len(path):
+            for each, item in zip(path, value, strict=True):
+                _put(made, each, item)
+        else:
+            made[name] = value  # it has this name only
+    return made
+
+
+def _put(values: dict[str, Any], path: str, value: Any) -> None:
+    """Set the value at a path, `pose.position`."""
+    *above, name = path.split(".")
+    for each in above:
+        below = values.get(each)
+        values[each] = dict(below) if isinstance(below, dict) else {}
+        values = values[each]
+    values[name] = value

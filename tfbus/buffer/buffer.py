@@ -379,9 +379,9 @@ class Buffer:
         check_plain("on_change(listener)", listener)
         return self._store.on_change(listener)
 
-    def tell(self, change: Change) -> None:
+    def announce(self, change: Change) -> None:
         """Pass a change that was noticed elsewhere to the listeners of `on_change`."""
-        if self._store.lock.later(self.tell, change):
+        if self._store.lock.later(self.announce, change):
             return
         with self._store.lock:
             if self._store.tree.news is not None:

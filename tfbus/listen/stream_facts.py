@@ -387,6 +387,9 @@ class ReceptionHooks:
     def on_growth(self, stream: str) -> None:
         """The stream may take more memory."""
 
+    def on_gap(self, stream: str, silent_s: float) -> None:
+        """Messages are missing before one that has come after a silence."""
+
     def on_message_while_gone(self, stream: str) -> None:
         """A message has come though the publisher is gone."""
 

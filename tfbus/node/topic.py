@@ -21,7 +21,7 @@ M = TypeVar("M")
 # A subscription whose node is busy keeps at most this many messages, the newest.
 PENDING_MESSAGES = 10
 
-_REJECTED = "rejected"
+REJECTED = "rejected"
 
 # A signal ends `async for` within this time.
 _LOOK_UP_S = 0.5
@@ -144,7 +144,7 @@ class Subscription(NodeEndpoint, Generic[M]):
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape, or too large to be read."""
-        return self._log_once.counts[_REJECTED] + self._too_large + self._of_ros
+        return self._log_once.counts[REJECTED] + self._too_large + self._of_ros
 
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
@@ -224,13 +224,7 @@ class Subscription(NodeEndpoint, Generic[M]):
             if is_of_ros(payload):
                 self._of_ros += 1
                 return
-            self._log_once.warning(
-                _REJECTED,
-                "Dropped a message on topic %r that is not %s: %s",
-                self.name,
-                self.type_name,
-                error,
-            )
+            warn_rejected(self._log_once, self, error)
             return
         with self._lock:
             self.received += 1
@@ -269,6 +263,17 @@ class Subscription(NodeEndpoint, Generic[M]):
     def _next(self) -> M | None:
         with self._lock:
             return self._pending.popleft() if self._pending else None
+
+
+def warn_rejected(log_once: LogOnce, topic: NodeEndpoint, error: DecodeError) -> None:
+    """Count a message of the wrong shape as REJECTED; the first is logged."""
+    log_once.warning(
+        REJECTED,
+        "Dropped a message on topic %r that is not %s: %s",
+        topic.name,
+        topic.type_name,
+        error,
+    )
 
 
 def _publisher(session: Session, topic: str, retained: bool) -> BytesPublisher:

@@ -153,9 +153,7 @@ class Awaited:
     gone: bool = False
     since_ns: int = 0
 
-    def wait(
-        self, listener: "tfbus.TransformListener", read: set[str] | None
-    ) -> tuple[float, int]:
+    def wait(self, listener: "tfbus.TransformListener", read: set[str] | None) -> tuple[float, int]:
         """When it knew the last of them, by the monotonic clock, and how many it does not know
         after a minute. `read` are those that it reads, None for all.
         """

@@ -17,14 +17,16 @@ _EVERY_NS = 1_000_000_000
 
 
 class FleetTab:
-    """A tab that is there once two robots have been."""
+    """A tab that is there once two robots have been, or are expected."""
 
     title = "Fleet"
 
-    def __init__(self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle, roster: tuple[str, ...] = ()
+    ) -> None:
         self._gui = gui
         self._tabs = tabs
-        self._watch = FleetWatch()
+        self._watch = FleetWatch(roster)
         self._page: Html | None = None
         self._at_ns: int | None = None
 

@@ -110,7 +110,8 @@ class Panel:
 
     Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
     scene that plays it. Without a `path` for settings, browsers can neither save them nor send
-    anything to the bus. `newest_ns` is the latest time at which all dynamic frames can be placed.
+    anything to the bus. `roster` are the robots of a fleet that are expected. `newest_ns` is
+    the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -126,6 +127,7 @@ class Panel:
         title: str,
         robots: RobotScenes,
         replay: Replay | None = None,
+        roster: tuple[str, ...] = (),
     ) -> None:
         self._server = server
         self._view = view
@@ -154,7 +156,7 @@ class Panel:
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
-        self.fleet = FleetTab(gui, tabs)
+        self.fleet = FleetTab(gui, tabs, roster)
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}

@@ -14,9 +14,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from tfbus.broadcast.keys import StreamOptions
 from tfbus.broadcast.retained import Edges, FrameAnnouncer, FrameRows
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.sender import StreamOptions, TransformSender
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
@@ -279,7 +278,7 @@ class NodeStreams:
         self._by_name: dict[str, Stream] = {}
 
     @classmethod
-    def of(cls, node: Node) -> "NodeStreams":
+    def of_node(cls, node: Node) -> "NodeStreams":
         """The streams of the node, made at the first call."""
         if (found := cls._found(node)) is not None:
             return found
@@ -344,4 +343,4 @@ def stream_of_node(node: Node, name: str | None = None) -> Stream:
             "a broadcaster takes a Node, as in TransformBroadcaster(node), not "
             f"{type(node).__name__}"
         )
-    return NodeStreams.of(node).get(node, name or node.name)
+    return NodeStreams.of_node(node).get(node, name or node.name)

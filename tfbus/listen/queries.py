@@ -49,7 +49,8 @@ def ask_for_statics(
     """Query the static transforms of the stream of this token; `turn` counts from 0."""
     key = static_transforms_key_beside(stream_key)
     if turn % 2:
-        session.ask_later(key, None, on_answer, on_end, timeout_s=_answer_within_s(turn))
+        within_s = _answer_within_s(turn)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, urgent=True)
     else:
         ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
 
@@ -105,6 +106,7 @@ def _ask_beside(
         on_end,
         timeout_s=within_s,
         answers_at=stream_key,
+        urgent=True,
     )
 
 
@@ -147,6 +149,11 @@ class StaticRecovery:
         if stream.statics.are_lacking():
             self._executor.submit(_STATICS, lambda: self._begin(key, stream))
 
+    def is_asking(self, stream: str) -> bool:
+        """Whether the static transforms of this stream are asked for."""
+        asking = self._asking.get(stream)
+        return asking is not None and not asking.is_over
+
     def leave(self, stream: str) -> None:
         """The static transforms of this stream are no longer read."""
         asking = self._asking.pop(stream, None)
@@ -160,8 +167,7 @@ class StaticRecovery:
             self.leave(stream)
 
     def _begin(self, key: str, stream: StreamReception) -> None:
-        former = self._asking.get(stream.name)
-        if self._closed or (former is not None and not former.is_over):
+        if self._closed or self.is_asking(stream.name):
             return
 
         def on_answer(answer: Answer) -> None:

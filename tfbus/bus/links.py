@@ -119,13 +119,14 @@ class _Connection(Struct, frozen=False):
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
+    is_parted: bool = False
     dst: str = ""
 
 
 class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
-    are new, those that were lost, those of processes that are half linked, and the datagrams that
-    are left of a process without another link.
+    are new, those that were lost, those of processes that are half linked, and those of datagrams
+    that were left of a process when it had no other link.
     """
 
     lost: dict[str, str]
@@ -185,8 +186,9 @@ class Links:
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-            if each.has_had_first and not each.links:
+            if each.is_parted:
                 left |= each.datagrams
+                half |= each.links
         return LinkChanges(lost, self.all() - former, ended, half, left)
 
     def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
@@ -211,6 +213,8 @@ class Links:
         else:
             ended.add(link)
             connection.links.discard(link)
+            # For good: what was under way is lost, and a new link to it brings it no more.
+            connection.is_parted |= bool(connection.datagrams) and not connection.links
             connection.is_half |= (
                 bool(connection.links) and at_s - connection.added_s < self._same_loss_s
             )

@@ -22,6 +22,7 @@ _CLOSE_WITHIN_S = 1
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
 _THIN_LINEAR_TIMEOUTS = 16
+_LONGEST_PAUSE_MS = 44
 
 # Zenoh's Close of a whole session, sent so often, since one may be lost.
 _CLOSE_SESSION = b"\x23\x00"
@@ -141,18 +142,28 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
             # The system counts twice as much, and takes half of it for its own.
             each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
             each.setsockopt(socket.IPPROTO_TCP, _THIN_LINEAR_TIMEOUTS, 1)
-        with suppress(OSError):  # the system has not got it
-            each.setsockopt(socket.IPPROTO_TCP, _CONGESTION, b"bbr")
+        for option, value in ((_CONGESTION, b"bbr"), (_LONGEST_PAUSE_MS, 1000)):
+            with suppress(OSError):  # the system has not got it: Linux 4.9, and 6.15
+                each.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
 def end_datagrams(links: Container[Ends]) -> None:
-    """End links of UDP that this process has opened: both sides close the session."""
+    """Have Zenoh close the sessions of links of UDP that this process has opened, at both ends."""
     for each in _of_type(socket.SOCK_DGRAM):
         with each, suppress(OSError):
             if _ends(each) in links:
                 for _ in range(_TIMES):
                     each.send(_CLOSE_SESSION)
-                each.shutdown(socket.SHUT_RDWR)
+                _close_here(each)
+
+
+def _close_here(one: socket.socket) -> None:
+    """Let Zenoh's connected socket, of which this is a copy, receive the end of its session."""
+    here = one.getsockname()
+    with socket.socket(one.family, socket.SOCK_DGRAM) as there:
+        there.bind((here[0], 0))
+        one.connect(there.getsockname())
+        there.sendto(_CLOSE_SESSION, here)
 
 
 def end_links(links: Container[Ends]) -> None:

@@ -395,7 +395,7 @@ class TransformListener:
         if state.alive and not former.alive:
             # By what it says of itself now: frames that a new process has not sent are not back.
             stream.reception.mark()
-        if state.alive and self._reads_statics(stream, state):
+        if state.alive and not state.silent and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
         self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
@@ -419,6 +419,7 @@ class TransformListener:
             self._warn_gone(state)
         elif state.silent and not former.silent:
             self._history.leave(self._reading.keys_of(state.key), state.name)
+            stream.reception.fall_silent()
             self._around.lines.info(
                 ("silent", state.name),
                 "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",

@@ -55,9 +55,9 @@ def test_a_link_that_joins_one_that_is_lost_is_half() -> None:
     assert links.poll().half == {NEW}
 
 
-TCP = Link("tcp/10.0.0.1:4000?rel=1", "tcp/10.0.0.2:7447?rel=1")
-AGAIN = Link("tcp/10.0.0.1:4001?rel=1", "tcp/10.0.0.2:7447?rel=1")
-DATAGRAMS = Link("udp/10.0.0.1:4000?rel=0", "udp/10.0.0.2:7447?rel=0")
+TCP = LinkEnds("tcp/10.0.0.1:4000?rel=1", "tcp/10.0.0.2:7447?rel=1")
+AGAIN = LinkEnds("tcp/10.0.0.1:4001?rel=1", "tcp/10.0.0.2:7447?rel=1")
+DATAGRAMS = LinkEnds("udp/10.0.0.1:4000?rel=0", "udp/10.0.0.2:7447?rel=0")
 
 
 def test_datagrams_come_and_go() -> None:

@@ -63,7 +63,7 @@ DATAGRAMS = LinkEnds("udp/10.0.0.1:4000?rel=0", "udp/10.0.0.2:7447?rel=0")
 def test_datagrams_come_and_go() -> None:
     """A link of datagrams beside another one carries nothing that must arrive: its loss is none."""
     links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP), ("-", "a", DATAGRAMS))
-    changes = links.take()
+    changes = links.poll()
     assert (changes.new, changes.half, changes.ended, changes.datagrams) == ({TCP}, *[set()] * 3)
 
 
@@ -72,14 +72,14 @@ def test_datagrams_alone_are_half_a_connection() -> None:
     link that is added to them, however often one comes.
     """
     links = told(("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS))
-    links.take()
+    links.poll()
     tell(links, ("-", "a", TCP))
-    assert links.take().datagrams == {DATAGRAMS}
+    assert links.poll().datagrams == {DATAGRAMS}
     tell(links, ("+", "a", AGAIN))
-    changes = links.take()
+    changes = links.poll()
     assert (changes.half, changes.datagrams) == ({AGAIN}, {DATAGRAMS})
     tell(links, ("-", "a", None), ("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS))
-    changes = links.take()
+    changes = links.poll()
     assert (changes.half, changes.datagrams) == (set(), set())
 
 

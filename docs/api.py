@@ -70,7 +70,7 @@ _INNER = {
     "Buffer": "announce ask_again count_sent_by expect_no_more expect_past forget interrupt"
     " known_frame mark_gone remove_sent senders_of sent_by waiting watch_questions",
     "tfbus.buffer.formats": "branch",
-    "Node": "describe describers",
+    "Node": "buffers describe describers",
     "NodeSettings": "check_right named_by_default renamed",
     "Limits": "limit_of mistake_in",
     "Parameter": "__init__ checked describe",

@@ -38,6 +38,7 @@ from tfbus.broadcast.sender import (
     TransformSender,
 )
 from tfbus.broadcast.stream import NodeStreams
+from tfbus.bus.networks import NETWORKS
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
@@ -45,7 +46,7 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import FramesAsked, StreamDescription
-from tfbus.wire.transforms import TransformMessage, decode_transforms
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Without a bus
 
@@ -56,7 +57,8 @@ ALONE, BATCH = "as it is", "in a batch"
 class Sent:
     """Stands in for a session and an executor; remembers what is sent where."""
 
-    def __init__(self) -> None:
+    def __init__(self, network: str = "lan") -> None:
+        self.network = NETWORKS[network]
         self.messages: list[tuple[str, TransformMessage]] = []
         self.epoch_ns = 0
         self.back_ns: list[tuple[str, int]] = []
@@ -133,6 +135,25 @@ def test_the_messages_of_a_stream_are_numbered() -> None:
         ("tf/sim", 0, 2),
         ("tf/sim", 0, 3),
     ]
+
+
+def test_messages_are_small_on_a_network_that_loses_packets() -> None:
+    """There a send of many rows goes out in numbered messages that fit into a packet, each of which
+    a listener can read alone; a row is in one of them, in order.
+    """
+    sent = Sent("wifi")
+    rows = [at(child=f"part{number}", parent=f"arm{number // 7}") for number in range(60)]
+    sent.sender().send(Columns.of_transforms(rows))
+    assert [message.seq for _, message in sent.messages] == [*range(len(sent.messages))]
+    sizes = [len(encode_transforms(message)) for _, message in sent.messages]
+    most = NETWORKS["wifi"].message_bytes
+    assert max(sizes) <= most and all(size > most / 2 for size in sizes[:-1])
+    children = [
+        message.rows.frames[child]
+        for _, message in sent.messages
+        for _, child in message.rows.pairs()
+    ]
+    assert children == [each.child_frame_id for each in rows]
 
 
 def test_a_split_stream_has_a_key_a_frame() -> None:

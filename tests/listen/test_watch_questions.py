@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 
+from tfbus.bus.networks import LAN
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -30,6 +31,7 @@ class Questions:
     """A watch, and in the place of the bus questions that take `takes_s` seconds each."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, only_wanted: bool = False) -> None:
+        self.network = LAN
         self.takes_s = 0.0
         self.answers: list[bytes] = []
         # What comes to a question for all streams, by key, and when those were asked.

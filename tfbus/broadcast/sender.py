@@ -9,13 +9,19 @@ from operator import index
 from struct import pack
 from typing import Protocol, SupportsFloat, SupportsIndex, TypeAlias
 
-from tfbus.broadcast.retained import Edges, Entry, FrameAnnouncer, SentHistory, answer_from_history
+from tfbus.broadcast.retained import (
+    Edges,
+    FrameAnnouncer,
+    HistorySpan,
+    SentHistory,
+    answer_from_history,
+)
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import lazy_numpy as np
 from tfbus.core import packed
-from tfbus.core.packed import ONE_EDGE, POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.transform import TransformStamped
@@ -106,11 +112,23 @@ class StreamKeys(Protocol):
         """End what it has declared. Twice is fine."""
 
 
+# What a message takes besides its rows, and each row beside the names of its frames.
+_HEAD_BYTES = 100
+_ROW_BYTES = EDGE_SIZE + STAMP_SIZE + POSE_SIZE
+
+
+def _name_bytes(frame: str) -> int:
+    return len(frame.encode()) + 3
+
+
 class OneKey:
-    """All rows go on the stream's own key, as of `transforms_key`."""
+    """All rows go on the stream's own key, as of `transforms_key`: in one message or, on a network
+    that wants small ones, in as many as it takes.
+    """
 
     def __init__(self, key: str, session: Session) -> None:
         self.expression = key
+        self._most_bytes = session.network.message_bytes
         self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
 
     @property
@@ -119,9 +137,32 @@ class OneKey:
         return self._key.publisher.heard
 
     def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """All rows in one message."""
+        """All rows in one message, or in several."""
+        if self._most_bytes and len(groups := self._groups(columns)) > 1:
+            pairs = columns.pairs()
+            return [
+                _rows(self._key, columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+                for rows in groups
+            ]
         encoder = TransformEncoder(epoch_ns, columns.frames, columns.edges_bytes())
         return [RowsOfKey(self._key, None, encoder)]
+
+    def _groups(self, columns: Columns) -> list[list[int]]:
+        """The rows of each message; one row may be larger than a message should be."""
+        groups: list[list[int]] = []
+        left, named = 0, set[int]()
+        for row, pair in enumerate(columns.pairs()):
+            new = {*pair} - named
+            size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in new)
+            if not groups or size > left:
+                groups.append([])
+                named = set()
+                size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in {*pair})
+                left = self._most_bytes - _HEAD_BYTES
+            groups[-1].append(row)
+            named.update(pair)
+            left -= size
+        return groups
 
     def restart(self) -> None:
         """Number messages from 0 again."""
@@ -156,7 +197,7 @@ class KeyPerFrame:
         for row, (_, child) in enumerate(pairs):
             rows_by_child.setdefault(columns.frames[child], []).append(row)
         return [
-            self._rows(columns.frames, [pairs[row] for row in rows], child, rows, epoch_ns)
+            _rows(self._key(child), columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
             for child, rows in rows_by_child.items()
         ]
 
@@ -173,27 +214,30 @@ class KeyPerFrame:
         """End what it has declared. Twice is fine."""
         self._publishers.close()
 
-    def _rows(
-        self,
-        frames: Sequence[str],
-        pairs: Sequence[tuple[int, int]],
-        child: str,
-        rows: list[int],
-        epoch_ns: int,
-    ) -> RowsOfKey:
+    def _key(self, child: str) -> StreamKey:
         if child not in self._keys:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
-        # A frame nearly always has one row in a send.
-        if len(rows) == 1:
-            names = [frames[pairs[0][0]], child]
-            encoder = TransformEncoder(epoch_ns, names, ONE_EDGE)
-            return RowsOfKey(self._keys[child], rows, encoder)
-        used = sorted({frame for pair in pairs for frame in pair})
-        at = {frame: number for number, frame in enumerate(used)}
-        edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
-        encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
-        return RowsOfKey(self._keys[child], rows, encoder)
+        return self._keys[child]
+
+
+def _rows(
+    key: StreamKey,
+    frames: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    rows: list[int],
+    epoch_ns: int,
+) -> RowsOfKey:
+    """A message of some rows, with the names of their frames alone."""
+    # On a key for each frame a frame nearly always has one row in a send.
+    if len(rows) == 1:
+        names = [frames[frame] for frame in pairs[0]]
+        return RowsOfKey(key, rows, TransformEncoder(epoch_ns, names, ONE_EDGE))
+    used = sorted({frame for pair in pairs for frame in pair})
+    at = {frame: number for number, frame in enumerate(used)}
+    edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
+    encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
+    return RowsOfKey(key, rows, encoder)
 
 
 # Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the
@@ -355,9 +399,8 @@ class TransformSender:
         self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
         self._history = SentHistory(options.history_s) if options.history_s else None
-        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(
-            transforms_key(stream), session
-        )
+        self._key = transforms_key(stream)
+        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(self._key, session)
         self._queryable = (
             None
             if self._history is None
@@ -536,8 +579,9 @@ class TransformSender:
             self._history.clear()
 
     def _on_query(self, query: Query) -> None:
-        answer_from_history(query, self._last)
+        answer_from_history(query, self._key, self._span)
 
-    def _last(self, last_s: float) -> list[Entry]:
+    def _span(self, last_s: float, place: str) -> HistorySpan:
+        assert self._history is not None
         with self._lock:
-            return self._history.last(last_s) if self._history is not None else []
+            return self._history.span(last_s, place)

@@ -86,11 +86,20 @@ def _address(endpoint: str) -> tuple[str, int] | None:
 _SAME_LOSS_S = 5.0
 
 
+# In an endpoint of datagrams beside another one.
+_BESIDE = "?rel=0"
+
+
 class LinkEnds(NamedTuple):
     """A link, by its two endpoints."""
 
     src: str
     dst: str
+
+    @property
+    def is_of_datagrams(self) -> bool:
+        """Whether it is a link of UDP beside one of TCP, as on networks that lose packets."""
+        return self.src.startswith("udp/") and _BESIDE in self.src
 
 
 class _Event(NamedTuple):
@@ -101,9 +110,12 @@ class _Event(NamedTuple):
 
 
 class _Connection(Struct, frozen=False):
-    """The links to one process; all share what was declared when the first one came."""
+    """The links to one process; all share what was declared when the first one came. Datagrams
+    carry nothing that must arrive.
+    """
 
     links: set[LinkEnds] = field(default_factory=set)
+    datagrams: set[LinkEnds] = field(default_factory=set)
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
@@ -112,19 +124,25 @@ class _Connection(Struct, frozen=False):
 
 class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
-    are new, those that were lost, and those of processes that are half linked.
+    are new, those that were lost, those of processes that are half linked, and the datagrams that
+    are left of a process without another link.
     """
 
     lost: dict[str, str]
     new: set[LinkEnds]
     ended: set[LinkEnds]
     half: set[LinkEnds]
+    datagrams: set[LinkEnds]
 
 
 class Links:
-    """The peers that a session is linked to. Events come on any thread, all else on one."""
+    """The peers that a session is linked to. Events come on any thread, all else on one.
 
-    def __init__(self) -> None:
+    `lease_s` is the time after which a silent link is lost.
+    """
+
+    def __init__(self, lease_s: float = 0.0) -> None:
+        self._same_loss_s = max(_SAME_LOSS_S, lease_s + 2.0)
         self._events: deque[_Event] = deque()
         self._connections: dict[str, _Connection] = {}
 
@@ -162,11 +180,14 @@ class Links:
         while self._events:
             self._apply(self._events.popleft(), lost, ended)
         half: set[LinkEnds] = set()
+        left: set[LinkEnds] = set()
         for each in self._connections.values():
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-        return LinkChanges(lost, self.all() - former, ended, half)
+            if each.has_had_first and not each.links:
+                left |= each.datagrams
+        return LinkChanges(lost, self.all() - former, ended, half, left)
 
     def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
         zid, link, has_come, at_s = event
@@ -179,6 +200,8 @@ class Links:
                 lost[zid] = connection.dst
         elif (connection := self._connections.get(zid)) is None:
             pass  # it has ended: events of links may come after that of their connection
+        elif link.is_of_datagrams:
+            (connection.datagrams.add if has_come else connection.datagrams.discard)(link)
         elif has_come:
             connection.links.add(link)
             connection.dst = link.dst
@@ -189,5 +212,5 @@ class Links:
             ended.add(link)
             connection.links.discard(link)
             connection.is_half |= (
-                bool(connection.links) and at_s - connection.added_s < _SAME_LOSS_S
+                bool(connection.links) and at_s - connection.added_s < self._same_loss_s
             )

@@ -25,11 +25,19 @@ from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
 from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
+from tfbus.bus.networks import Network
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
-from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
+from tfbus.bus.zenoh_sockets import (
+    Ends,
+    ZenohSockets,
+    end_datagrams,
+    end_links,
+    fit_to_losses,
+    shorten_close,
+)
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
 from tfbus.wording import listed
@@ -44,7 +52,7 @@ class Neighbours:
     """Watches the network for one session, on a thread of its own, until `close()`.
 
     Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
-    `lease_s` is the time after which a silent link is lost.
+    `lease_s` is the time after which a silent link is lost, and `network` the one between them.
     """
 
     def __init__(
@@ -53,6 +61,7 @@ class Neighbours:
         scouting: Scouting | None,
         sockets: ZenohSockets,
         lease_s: float,
+        network: Network,
         log: logging.Logger | None,
         remedy: str,
     ) -> None:
@@ -64,7 +73,8 @@ class Neighbours:
         self._woken.setblocking(False)
         self._closing = scheduler.Event()
         self._places = places_at_start() if not self._only else places(self._only)
-        self._links = Links()
+        self._links = Links(lease_s)
+        self._network = network
         self._scouts: Scouts | None = None
         self._answers: ScoutAnswers | None = None
         if scouting is not None:
@@ -176,15 +186,20 @@ class Neighbours:
             self._begin_scouting()
 
     def _update_links(self) -> None:
-        lost, new, ended, half = self._links.poll()
+        lost, new, ended, half, left = self._links.poll()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            if self._network.tcp_bytes:
+                fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
+        # What was under way on the other link is lost, and so may be a declaration.
+        if left:
+            end_datagrams(_ends(left))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
         known |= {host_of(link.dst) for link in self._links.all()}

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from typing import Any, Literal
 
 import zenoh
 
@@ -19,6 +20,7 @@ from tfbus.bus.handles import (
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import NetworkSession
+from tfbus.bus.networks import network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
@@ -46,6 +48,8 @@ _LAST_ANSWERS_S = 2.0
 # Zenoh takes no infinite time for a query: thirty years.
 _LONGEST_QUERY_S = 1e9
 
+QueryPriority = Literal["urgent", "usual", "background"]
+
 
 class Session(NetworkSession):
     """A process's place on the bus, until `close()` or the end of its `with`."""
@@ -69,6 +73,7 @@ class Session(NetworkSession):
         callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
         super().__init__(log, callbacks, settings.name)
         self.settings = settings
+        self.network = network_of(settings.network, settings.connect)
         self._ending: list[Callable[[], None]] = []
         self._outside: Session | None = None
         self._outside_lock = scheduler.Lock()
@@ -136,7 +141,7 @@ class Session(NetworkSession):
         lease = lease_s(self._config)
         try:
             self._neighbours = Neighbours(
-                self.zenoh, self._scouting, self._sockets, lease, log, remedy
+                self.zenoh, self._scouting, self._sockets, lease, self.network, log, remedy
             )
         except BaseException:
             # Such as too many open files: nobody could close the session that is open.
@@ -201,7 +206,8 @@ class Session(NetworkSession):
 
         A congested link drops messages. A newer one makes an old one worthless, and a subscriber
         that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
-        batching stays on: messages wait for others only while the link is busy.
+        batching stays on: messages wait for others only while the link is busy. On a bad network
+        urgent ones are not sent again if they are lost.
         """
         at, key = self.placed(key)
         with self._errors(f"publish {key}"):
@@ -209,15 +215,33 @@ class Session(NetworkSession):
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_priority(urgent),
+                **self._lossy(urgent),
             )
         return BytesPublisher(key, publisher, self.settings.limits, self.settings.name)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
         watch = self.watch_heard(expression)
-        return PublishersWithin(
-            self.zenoh, watch, _priority(urgent), self.settings.limits, self.settings.name
-        )
+        how = {"priority": _priority(urgent), **self._lossy(urgent)}
+        return PublishersWithin(self.zenoh, watch, how, self.settings.limits, self.settings.name)
+
+    def _lossy(self, urgent: bool) -> dict[str, Any]:
+        """How Zenoh sends messages of which the next one makes a lost one worthless."""
+        is_lossy = urgent and self.network.is_bad
+        return {"reliability": zenoh.Reliability.BEST_EFFORT} if is_lossy else {}
+
+    @property
+    def retained_priority(self) -> zenoh.Priority:
+        """The priority of what retained messages and questions have that are about transforms: that
+        of dynamic transforms, on a bad network one above.
+        """
+        is_above = self.network.is_bad
+        return zenoh.Priority.REAL_TIME if is_above else zenoh.Priority.INTERACTIVE_HIGH
+
+    def _query_priority(self, priority: QueryPriority) -> zenoh.Priority | None:
+        if priority == "background":
+            return zenoh.Priority.BACKGROUND
+        return self.retained_priority if priority == "urgent" and self.network.is_bad else None
 
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
@@ -317,10 +341,13 @@ class Session(NetworkSession):
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
+        priority: QueryPriority = "usual",
         cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked. `cancellation.cancel()` ends it.
+        `on_end()`. With `others` this session itself is not asked. On a bad network a query that is
+        `urgent` has the priority of retained messages; all else on the link goes before one in the
+        `background`, and its answers. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -349,6 +376,7 @@ class Session(NetworkSession):
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 cancellation_token=cancellation,
+                priority=self._query_priority(priority),
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

@@ -11,30 +11,31 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, matching
 from tfbus.errors import TfbusError
-from tfbus.launch.description import LaunchArgumentError
-from tfbus.launch.read.arguments import show_arguments
-from tfbus.launch.read.find import (
-    find_in,
-    find_launch_file,
-    installed_launch_files,
-    launch_files_of,
-    packages_with_nodes,
-)
-from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
-from tfbus.launch.run.child import (
+from tfbus.launch.arguments import show_arguments
+from tfbus.launch.child import (
     LaunchProgram,
     Timeouts,
     check_startable,
     dry_run_line,
     program_of,
 )
-from tfbus.launch.run.run import run_programs
-from tfbus.launch.run.supervisor import Presence
+from tfbus.launch.description import LaunchArgumentError
+from tfbus.launch.find import (
+    find_in,
+    find_launch_file,
+    installed_launch_files,
+    launch_files_of,
+    packages_with_nodes,
+)
+from tfbus.launch.reader import read_arguments, read_description, read_launch_file
+from tfbus.launch.run import run_programs
+from tfbus.launch.supervisor import Presence
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
 
@@ -130,6 +131,11 @@ def complete_argument(
     type=click.Path(),
     metavar="DIR",
     help="The identity of all nodes on a closed bus, unless the file names it (tfbus keys).",
+)
+@click.option(
+    "--network",
+    type=click.Choice(NETWORK_NAMES),
+    help="The network of all nodes, unless the file names it (default lan).",
 )
 @click.option("--log-level", type=LogLevel(), help="The log level of all nodes (default info).")
 @click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")

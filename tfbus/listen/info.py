@@ -20,7 +20,8 @@ class StreamState(Struct):
     first. `key` is that of its token and its description. `confirmed` is whether the description
     came from the session that it names, since the token did. `displaced` is the session
     that was there before others took over with later epochs, "" for none; `held` is whether it has
-    come back since, as it lives.
+    come back since, as it lives. `silent` is whether its token is lost, as with its link, and it
+    is not gone yet.
     """
 
     name: str
@@ -30,6 +31,7 @@ class StreamState(Struct):
     confirmed: bool = False
     displaced: str = ""
     held: bool = False
+    silent: bool = False
 
     @property
     def owner(self) -> str:
@@ -42,7 +44,8 @@ class StreamInfo(Struct):
 
     `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
     stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.
-    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
+    `alive` is whether its publisher is there, and `silent` whether its link is lost, on a network
+    on which it is not gone at once. `epoch_ns` is that of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
@@ -83,13 +86,16 @@ class StreamInfo(Struct):
     origin: tuple[str, ...] = ()
     kept_delay_s: float | None = None
     namespace: str = ""
+    silent: bool = False
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
     """The report of a stream, from its token, its description, and what has been received."""
     info = StreamInfo(name)
     if state is not None:
-        info = replace(info, alive=state.alive, namespace=namespace_of(state.key))
+        info = replace(
+            info, alive=state.alive, silent=state.silent, namespace=namespace_of(state.key)
+        )
     if state is not None and state.description is not None:
         description = state.description
         info = replace(

@@ -134,6 +134,7 @@ class TransformListener:
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
         node.describers.append(self._describe_buffer)
+        node.buffers.append(buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Everything(self._subscribe, everywhere=everywhere)
@@ -147,6 +148,7 @@ class TransformListener:
             only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
+            is_heard=self._is_heard,
         )
         if fleet is not None:
             self._reading.find(fleet, self._want)
@@ -179,6 +181,7 @@ class TransformListener:
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
             self._node.describers.remove(self._describe_buffer)
+            self._node.buffers.remove(self.buffer)
 
     def _describe_buffer(self) -> dict[str, list[Any]]:
         short = self.buffer.expired_lookups
@@ -401,13 +404,29 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         self._reading.update(described, self._names.at(state.key))
 
+    def _is_heard(self, name: str, last_s: float) -> bool:
+        """Whether a message of a stream came in the last seconds."""
+        reception = self._registry.reception(name)
+        heard_ns = None if reception is None else reception.counts.last_heard_ns
+        return heard_ns is not None and scheduler.time_ns() - heard_ns < last_s * 1e9
+
     def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
-            self._history.leave(self._reading.keys_of(state.key), state.name)
+            heard_ns = stream.reception.counts.last_heard_ns
+            silent_s = None if heard_ns is None else _seconds_since(heard_ns)
+            self._history.leave(self._reading.keys_of(state.key), state.name, silent_s)
             self._offsets.forget(state.name)
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
             self._warn_gone(state)
+        elif state.silent and not former.silent:
+            self._history.leave(self._reading.keys_of(state.key), state.name)
+            self._around.lines.info(
+                ("silent", state.name),
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",
+                _name(state),
+                self._node.session.network.gone_after_s,
+            )
         elif state.alive and not former.alive:
             stream.reception.arrive()
             if stream.lost_s is not None:
@@ -427,13 +446,20 @@ class TransformListener:
     def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
         """Request what messages do not say of a stream one of whose keys is read."""
         description = state.description
-        if not state.alive or description is None:
+        if not state.alive or state.silent or description is None:
             return
         self._offsets.watch(state.name, description)
         if description.history_s > 0.0:
             self._history.ask(key, stream.reception)
         elif any(not static for _, _, static in description.frames):
             self._history.keeps_nothing(state.name)
+
+    def _miss(self, name: str, silent_s: float) -> None:
+        """The link was silent, and messages of the stream are lost."""
+        stream = self._registry.get(name)
+        if stream is not None and stream.state is not None and stream.state.alive:
+            for key in self._reading.keys_of(stream.state.key):
+                self._history.miss(key, stream.reception, silent_s)
 
     # Subscriptions
 
@@ -514,8 +540,16 @@ class _ListenerHooks(ReceptionHooks):
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)
 
+    def on_gap(self, stream: str, silent_s: float) -> None:
+        miss = self._listener._miss
+        self._listener._executor.submit("history", lambda: miss(stream, silent_s))
+
     def on_message_while_gone(self, stream: str) -> None:
         self._listener._still_sending.hear_message(stream)
+
+
+def _seconds_since(time_ns: int) -> float:
+    return max(0.0, (scheduler.time_ns() - time_ns) / 1e9)
 
 
 def _name(state: StreamState) -> str:

@@ -351,7 +351,7 @@ _SMOOTHING = 0.1
 _COUNTED = tuple(
     each.name
     for each in fields_of(StreamInfo)[9:]
-    if each.name not in ("clock_offset_s", "origin", "namespace")
+    if each.name not in ("clock_offset_s", "origin", "namespace", "silent")
 )
 
 
@@ -452,6 +452,9 @@ class ReceptionHooks:
 
     def on_growth(self, stream: str) -> None:
         """The stream may take more memory."""
+
+    def on_gap(self, stream: str, silent_s: float) -> None:
+        """Messages are missing before one that has come after a silence."""
 
     def on_message_while_gone(self, stream: str) -> None:
         """A message has come though the publisher is gone."""

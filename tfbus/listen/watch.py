@@ -75,8 +75,10 @@ class StreamWatch:
 
     `on_change(state)` is called after each change of one stream, one call at a time, on a thread
     of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
-    below are watched. Descriptions that cannot be read are counted in `rejected` by their stream,
-    and the first is logged.
+    below are watched. On a network on which links are lost for a while a stream whose token is lost
+    is `silent` before it is gone; it is not gone as long as `is_heard(name, last_s)`, whether a
+    message of it came in the last seconds. Descriptions that cannot be read are counted in
+    `rejected` by their stream, and the first is logged.
 
     A token that comes back may be that of a new process, which the last description does not
     describe. So with each token the description is asked for, until one comes, readable or not; a
@@ -103,7 +105,10 @@ class StreamWatch:
         only_wanted: bool = False,
         log: logging.Logger | None = None,
         executor: Executor | None = None,
+        is_heard: Callable[[str, float], bool] = lambda name, last_s: False,
     ) -> None:
+        self._gone_after_s = session.network.gone_after_s
+        self._is_heard = is_heard
         self.rejected: Counter[str] = Counter()
         self._rights = StreamRights.of_settings(session.settings)
         self._session = session
@@ -302,9 +307,30 @@ class StreamWatch:
         if came_s < latest_s:
             return
         self._news_s[key] = came_s
+        if not alive and self._gone_after_s and self._state(key).alive:
+            self._fall_silent(key, came_s)
+            return
         self._change_token(key, alive, came_s)
         if not alive and came_s < latest_s + _ENDS_LATE_S:
             self._check_end(key)
+
+    def _fall_silent(self, key: str, came_s: float) -> None:
+        """A token is lost on a network that loses links: gone is what is not back in a while."""
+        self._living.discard(key)
+        self._end_questions(key)
+        self._set(replace(self._state(key), silent=True))
+
+        def end() -> None:
+            # Any later news of the token, or messages that went on, have ended the silence.
+            state = self._state(key)
+            if self._news_s.get(key) == came_s and state.silent and not self._closed:
+                if self._is_heard(state.name, self._gone_after_s):
+                    self._executor.after(self._gone_after_s, end)
+                else:
+                    self._change_token(key, False, came_s)
+                    self._check_end(key)
+
+        self._executor.after(self._gone_after_s, end)
 
     def _check_end(self, key: str) -> None:
         """Ask whether a token that was reported gone is still there: the report may be about the
@@ -334,7 +360,7 @@ class StreamWatch:
         former = self._state(key)
         self._returning.pop(former.name, None)
         if not alive or former.alive or former.description is None:
-            self._set(replace(former, alive=alive, displaced="", held=False))
+            self._set(replace(former, alive=alive, displaced="", held=False, silent=False))
         else:
             self._returning[former.name] = came_s
             # It may be another process, which need not be able to sign its description.

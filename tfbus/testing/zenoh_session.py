@@ -221,7 +221,7 @@ class ZenohSession:
             bytes(payload),
             source_info,
             must_arrive=congestion_control == zenoh.CongestionControl.BLOCK,
-            is_urgent=priority == zenoh.Priority.INTERACTIVE_HIGH,
+            is_urgent=priority in (zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.REAL_TIME),
         )
         also_here = allowed_destination != zenoh.Locality.REMOTE
         self.publications.send(message, also_here=also_here)

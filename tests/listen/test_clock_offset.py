@@ -222,8 +222,8 @@ def test_many_clocks_are_asked_together(bus: Bus, monkeypatch: pytest.MonkeyPatc
         ask_later(key, payload, on_answer, end, **more)
 
     robots = [bus.node(f"robot{number}") for number in range(25)]
-    for robot in robots:
-        eventually(lambda key=clock_key(robot.name): list(node.session.ask(key)))
+    keys = [clock_key(robot.name) for robot in robots]
+    eventually(lambda: all(list(node.session.ask(key)) for key in keys))
     monkeypatch.setattr(node.session, "ask_later", noted)
     offsets = ClockOffsets(node.session, node.log)
     for robot in robots:

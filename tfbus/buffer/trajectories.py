@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import check_text
@@ -14,12 +15,9 @@ from tfbus.trajectory.trajectory import Trajectory, of_checked
 from tfbus.wording import duration
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import ArrayLike
 
     from tfbus.core.sampling import Sampling
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 def samples(buffer: Buffer, frame: str, *, parent: str | None = None) -> Trajectory:

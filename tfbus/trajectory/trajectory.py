@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
+from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.wording import counted, stamp_text
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 
 FilePath = str | os.PathLike[str]

@@ -54,6 +54,7 @@ NO_KEYS = {
     "definitions_selector",
     "description_selector",
     "kept_transforms_selector",
+    "page_selector",
     "TRANSFORMS",
     "STATIC_TRANSFORMS",
 }

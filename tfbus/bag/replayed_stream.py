@@ -6,9 +6,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from tfbus.broadcast.retained import (
-    Entry,
     FrameAnnouncer,
     FrameRows,
+    HistorySpan,
     SentHistory,
     answer_from_history,
 )
@@ -260,11 +260,11 @@ class ReplayedStream:
         return encode_map(vars(replace(self._description, frames=frames)))
 
     def _on_query(self, query: Query) -> None:
-        answer_from_history(query, self._last)
+        answer_from_history(query, transforms_key_beside(self._key), self._span)
 
-    def _last(self, last_s: float) -> list[Entry]:
+    def _span(self, last_s: float, place: str) -> HistorySpan:
         with self._lock:
-            return self._history.last(last_s)
+            return self._history.span(last_s, place)
 
 
 class _Life:

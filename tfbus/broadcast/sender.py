@@ -9,7 +9,13 @@ from operator import index
 from struct import pack
 from typing import Protocol, SupportsFloat, SupportsIndex, TypeAlias
 
-from tfbus.broadcast.retained import Edges, Entry, FrameAnnouncer, SentHistory, answer_from_history
+from tfbus.broadcast.retained import (
+    Edges,
+    FrameAnnouncer,
+    HistorySpan,
+    SentHistory,
+    answer_from_history,
+)
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
@@ -393,9 +399,8 @@ class TransformSender:
         self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
         self._history = SentHistory(options.history_s) if options.history_s else None
-        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(
-            transforms_key(stream), session
-        )
+        self._key = transforms_key(stream)
+        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(self._key, session)
         self._queryable = (
             None
             if self._history is None
@@ -574,8 +579,9 @@ class TransformSender:
             self._history.clear()
 
     def _on_query(self, query: Query) -> None:
-        answer_from_history(query, self._last)
+        answer_from_history(query, self._key, self._span)
 
-    def _last(self, last_s: float) -> list[Entry]:
+    def _span(self, last_s: float, place: str) -> HistorySpan:
+        assert self._history is not None
         with self._lock:
-            return self._history.last(last_s) if self._history is not None else []
+            return self._history.span(last_s, place)

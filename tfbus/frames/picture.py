@@ -18,7 +18,7 @@ from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, seconds_of
 from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wording import columns, counted, cut
 
 

@@ -33,7 +33,7 @@ from tfbus.recording.state import STATICS, Statics
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.stamps import other_clock
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names, printable
 

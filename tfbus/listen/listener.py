@@ -136,6 +136,7 @@ class TransformListener:
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
         node.describers.append(self._describe_buffer)
+        node.buffers.append(buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Everything(self._subscribe, everywhere=everywhere)
@@ -182,6 +183,7 @@ class TransformListener:
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
             self._node.describers.remove(self._describe_buffer)
+            self._node.buffers.remove(self.buffer)
 
     def _describe_buffer(self) -> dict[str, list[Any]]:
         short = self.buffer.expired_lookups
@@ -408,7 +410,9 @@ class TransformListener:
 
     def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
-            self._history.leave(self._reading.keys_of(state.key), state.name)
+            heard_ns = stream.reception.counts.last_heard_ns
+            silent_s = None if heard_ns is None else _seconds_since(heard_ns)
+            self._history.leave(self._reading.keys_of(state.key), state.name, silent_s)
             self._offsets.forget(state.name)
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
@@ -447,6 +451,13 @@ class TransformListener:
             self._history.ask(key, stream.reception)
         elif any(not static for _, _, static in description.frames):
             self._history.keeps_nothing(state.name)
+
+    def _miss(self, name: str, silent_s: float) -> None:
+        """The link was silent, and messages of the stream are lost."""
+        stream = self._registry.get(name)
+        if stream is not None and stream.state is not None and stream.state.alive:
+            for key in self._reading.keys_of(stream.state.key):
+                self._history.miss(key, stream.reception, silent_s)
 
     # Subscriptions
 
@@ -527,8 +538,16 @@ class _ListenerHooks(ReceptionHooks):
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)
 
+    def on_gap(self, stream: str, silent_s: float) -> None:
+        miss = self._listener._miss
+        self._listener._executor.submit("history", lambda: miss(stream, silent_s))
+
     def on_message_while_gone(self, stream: str) -> None:
         self._listener._still_sending.hear_message(stream)
+
+
+def _seconds_since(time_ns: int) -> float:
+    return max(0.0, (scheduler.time_ns() - time_ns) / 1e9)
 
 
 def _name(state: StreamState) -> str:

@@ -14,7 +14,6 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.info import StreamCounts
 from tfbus.listen.stages import (
     Admission,
     Contest,
@@ -23,7 +22,7 @@ from tfbus.listen.stages import (
     Marks,
     StaticRetries,
 )
-from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamCounts, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -31,6 +30,9 @@ from tfbus.wording import listed
 
 # A message may bring new frames: after this many transforms a stream is weighed again.
 _GROWS_AFTER = 1000
+
+# Messages that are lost one by one are not asked for again.
+_SILENT_NS = 1_000_000_000
 
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
@@ -298,20 +300,26 @@ class DynamicReception:
         seq, counts = message.seq, facts.counts
         # 0 while a simulated time is not known.
         delay_s = (now_ns - stamp_ns) / 1e9 if stamp_ns is not None and now_ns else None
+        silent_ns = 0
         with facts.lock:
+            former_ns = counts.last_heard_ns
             counts.add(rows.count, len(payload), heard_ns, delay_s)
             if seq is not None:
                 if epoch_ns != self._epoch_ns:
                     # Messages sent before the first one received do not count as missed.
                     self._epoch_ns, self._next_seq = epoch_ns, seq + 1
                 elif seq >= self._next_seq:
-                    counts.missed += seq - self._next_seq
+                    if seq != self._next_seq:
+                        counts.missed += seq - self._next_seq
+                        silent_ns = heard_ns - (former_ns or heard_ns)
                     self._next_seq = seq + 1
         if counts.transforms >= stream.grows_at:
             stream.grows_at = counts.transforms + _GROWS_AFTER
             stream.around.on_growth(stream.name)
         if epochs.gone:
             stream.around.on_message_while_gone(stream.name)
+        if silent_ns > _SILENT_NS:
+            stream.around.on_gap(stream.name, silent_ns / 1e9)
 
 
 class StaticReception:

@@ -14,7 +14,7 @@ from tfbus.core.lazy_numpy import NDArray
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory.trajectory import FRAME_COLUMNS, POSE_COLUMNS
+from tfbus.trajectory import FRAME_COLUMNS, POSE_COLUMNS
 
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 

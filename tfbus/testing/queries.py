@@ -41,7 +41,14 @@ class Query:
         self._answer = answer
         self._end: Callable[[], object] | None = end
 
-    def reply(self, key: str, payload: bytes, source: Source | None = None) -> None:
+    def reply(
+        self,
+        key: str,
+        payload: bytes,
+        source: Source | None = None,
+        *,
+        priority: zenoh.Priority | None = None,
+    ) -> None:
         session = self._session
         session.check_open()
         sample = Sample(session.names.full(key), payload, source=source)

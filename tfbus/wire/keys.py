@@ -100,6 +100,14 @@ def kept_transforms_selector(key: str, last_s: float) -> str:
     return f"{key}?last_s={last_s:g}"
 
 
+def page_selector(selector: str, most_bytes: int, place: str = "") -> str:
+    """The selector of a page of what another one asks for: from a place on that the page before has
+    named, or the first.
+    """
+    begins = f";from={place}" if place else ""
+    return f"{selector}{';' if '?' in selector else '?'}page={most_bytes}{begins}"
+
+
 def node_key(node: str) -> str:
     """The key of a node's liveliness token and of its description."""
     return f"@tfbus/node/{escape(node)}"

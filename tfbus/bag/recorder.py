@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -11,11 +11,13 @@ from weakref import WeakSet
 
 from tfbus.bag.keeping import (
     UNSPLIT,
+    Fill,
     InFiles,
     Keeping,
     LastSeconds,
     MissedMessages,
     PartsWritten,
+    Received,
     Splits,
     WrittenPart,
 )
@@ -55,10 +57,11 @@ class Counts:
     """Counts of recorded and lost messages.
 
     `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
-    and `streams` count messages by name, without those of static transforms, which repeat; `lost`
-    counts messages by what became of them: the kinds that the queue dropped, "unreadable",
-    "refused" by the format of the file, "missing": those of dynamic transforms that never came, and
-    "history": those held from before for which there was no room.
+    and `streams` count messages by name, without those of static transforms, which repeat; `filled`
+    are those that came later, from who had kept them. `lost` counts messages by what became of
+    them: the kinds that the queue dropped, "unreadable", "refused" by the format of the file,
+    "missing": those of dynamic transforms that never came, and "history": those held from before
+    for which there was no room.
     """
 
     messages: int = 0
@@ -67,6 +70,7 @@ class Counts:
     events: int = 0
     topics: Counter[str] = field(default_factory=Counter)
     streams: Counter[str] = field(default_factory=Counter)
+    filled: int = 0
     lost: Counter[str] = field(default_factory=Counter)
 
     def add(self, item: Item) -> None:
@@ -84,6 +88,14 @@ class Counts:
             self.topics[item.topic] += 1
         else:
             self.events += 1
+
+
+@dataclass(frozen=True)
+class Filled:
+    """The items that were written into a gap, and its fill."""
+
+    items: list[Item]
+    fill: Fill
 
 
 @dataclass(frozen=True)
@@ -147,10 +159,11 @@ class Recorder:
         self._closing = scheduler.Event()
         self._missed = MissedMessages()
         self.window: LastSeconds | None = None
+        self._files: InFiles | None = None
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(
+            self._keeping = self._files = files = InFiles(
                 parts, splits, self._read, self._select, self._write, self._refuse
             )
             self._missed = files.missed
@@ -209,6 +222,40 @@ class Recorder:
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
         self._submit(lambda: self._split("asked"))
+
+    def now_ns(self) -> int:
+        """The log time of now."""
+        return self._queue.now_ns()
+
+    def notice_received(self, *, held: bool) -> None:
+        """Know from now on which messages come by themselves, so that `fill` writes the others: for
+        a minute or, `held`, until it is called again.
+        """
+
+        def notice() -> None:
+            if (files := self._files) is not None:
+                if files.received is None or (held and not files.received.is_held):
+                    files.received = files.received or Received()
+                files.received.is_held = held
+
+        self._submit(notice)
+
+    def fill(self, raws: Sequence[Raw], fill: Fill | None, again_ns: int) -> "Future[object]":
+        """Write messages of before the last ones, if they did not come by themselves; None begins a
+        fill. From the log time `again_ns` on they may come again. The result is a `Filled`, or an
+        error.
+        """
+
+        def write() -> Filled:
+            assert self._files is not None
+            of = fill or self._files.begin_fill()
+            items = self._files.fill(raws, of, again_ns)
+            for item in items:
+                self.counts.add(item)
+            self.counts.filled += sum(not isinstance(item, EventItem) for item in items)
+            return Filled(items, of)
+
+        return self._submit(write)
 
     def close(self) -> None:
         """Write all that has come, end the file, and wait for that. Twice is fine."""

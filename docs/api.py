@@ -164,7 +164,7 @@ def page() -> str:
     parts += [
         f"### {name}\n"
         for name, value in vars(tfbus.messages).items()
-        if inspect.isclass(value) and value.__module__ == "tfbus.messages"
+        if inspect.isclass(value) and value.__module__.startswith("tfbus.messages")
     ]
     return _each_text_once("\n".join(parts))
 

@@ -10,7 +10,7 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkstemp
@@ -59,7 +59,10 @@ def place() -> Iterator[Place]:
 
 
 class Process:
-    """A process as the top of this file says; a context manager that ends it."""
+    """A process as the top of this file says; a context manager that ends it.
+
+    `on` makes its command one that runs on another host.
+    """
 
     def __init__(
         self,
@@ -68,9 +71,10 @@ class Process:
         env: dict[str, str],
         *,
         python: str = sys.executable,
+        on: Callable[..., Sequence[str]] = lambda *command: command,
         **arguments: Any,
     ) -> None:
-        command = [python, "-m", "benchmarks.bus.run", function, json.dumps(arguments)]
+        command = on(python, "-m", "benchmarks.bus.run", function, json.dumps(arguments))
         # Logs would stand among the benchmark's own lines; they are shown where a process fails.
         log, self._log = mkstemp(dir=at.folder, suffix=".log")
         self._popen = subprocess.Popen(
@@ -98,6 +102,10 @@ class Process:
         except subprocess.TimeoutExpired:
             self._popen.kill()
             self._popen.communicate()
+
+    def signal(self, number: int) -> None:
+        """Send it a signal."""
+        self._popen.send_signal(number)
 
     def hear(self) -> Any:
         """The next thing that it says."""

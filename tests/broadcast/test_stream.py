@@ -29,17 +29,24 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.broadcast import sender
-from tfbus.broadcast.keys import RowsOfKey, StreamOptions
 from tfbus.broadcast.retained import FrameAnnouncer
-from tfbus.broadcast.sender import MOST_BACK_NS, NewestStamps, TransformSender
+from tfbus.broadcast.sender import (
+    MOST_BACK_NS,
+    NewestStamps,
+    RowsOfKey,
+    StreamOptions,
+    TransformSender,
+)
 from tfbus.broadcast.stream import NodeStreams
+from tfbus.bus.networks import NETWORKS
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
-from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transforms import TransformMessage, decode_transforms
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked, StreamDescription
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Without a bus
 
@@ -50,7 +57,8 @@ ALONE, BATCH = "as it is", "in a batch"
 class Sent:
     """Stands in for a session and an executor; remembers what is sent where."""
 
-    def __init__(self) -> None:
+    def __init__(self, network: str = "lan") -> None:
+        self.network = NETWORKS[network]
         self.messages: list[tuple[str, TransformMessage]] = []
         self.epoch_ns = 0
         self.back_ns: list[tuple[str, int]] = []
@@ -127,6 +135,25 @@ def test_the_messages_of_a_stream_are_numbered() -> None:
         ("tf/sim", 0, 2),
         ("tf/sim", 0, 3),
     ]
+
+
+def test_messages_are_small_on_a_network_that_loses_packets() -> None:
+    """There a send of many rows goes out in numbered messages that fit into a packet, each of which
+    a listener can read alone; a row is in one of them, in order.
+    """
+    sent = Sent("wifi")
+    rows = [at(child=f"part{number}", parent=f"arm{number // 7}") for number in range(60)]
+    sent.sender().send(Columns.of_transforms(rows))
+    assert [message.seq for _, message in sent.messages] == [*range(len(sent.messages))]
+    sizes = [len(encode_transforms(message)) for _, message in sent.messages]
+    most = NETWORKS["wifi"].message_bytes
+    assert max(sizes) <= most and all(size > most / 2 for size in sizes[:-1])
+    children = [
+        message.rows.frames[child]
+        for _, message in sent.messages
+        for _, child in message.rows.pairs()
+    ]
+    assert children == [each.child_frame_id for each in rows]
 
 
 def test_a_split_stream_has_a_key_a_frame() -> None:
@@ -299,7 +326,7 @@ def judge_as_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
         stamps = [seconds * S + i for i in range(len(children))]
         late = [i for i, f in enumerate(children) if stamps[i] < known.get(f, 0) - MOST_BACK_NS]
         rows = newest.rows(children)
-        assert newest.note(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
+        assert newest.advance(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
         if not late:
             for child, stamp in zip(children, stamps, strict=True):
                 known[child] = max(stamp, known.get(child, 0))
@@ -608,7 +635,7 @@ def test_a_closed_stream_retains_nothing(sender: Node, receiver: Node) -> None:
         return [answer.key for key in within for answer in ask_retained(receiver.session, key)]
 
     eventually(lambda: sorted(set(retained())) == ["@tfbus/stream/sender", "tf_static/sender"])
-    NodeStreams.of(sender).close(sender.name)
+    NodeStreams.of_node(sender).close(sender.name)
     assert retained() == []
 
 
@@ -834,3 +861,24 @@ def test_a_frame_that_cannot_be_encoded_does_not_stop_the_description(bus: Bus) 
 
     eventually(lambda: listed() == [("world", "robot", False)])
     watching.close()
+
+
+def test_a_question_for_frames_is_answered_by_streams_that_list_one(
+    sender: Node, receiver: Node
+) -> None:
+    """A question for descriptions may name child frames: then other streams do not answer, and a
+    question that cannot be read is refused.
+    """
+    for child in ("base", "arm"):
+        TransformBroadcaster(sender, stream=child).send_transform(at(child=child))
+
+    def answers(payload: bytes | None) -> list[tuple[str, str | None]]:
+        key = "tf_static/*?description=1"
+        found = receiver.session.ask(key, payload, answers_at="@tfbus/stream/*")
+        return sorted((each.key, each.refusal) for each in found)
+
+    eventually(lambda: len(answers(None)) == 2)
+    asked = encode_message(FramesAsked(("arm", "hand")))
+    eventually(lambda: answers(asked) == [("@tfbus/stream/arm", None)])
+    assert answers(encode_message(FramesAsked(("world",)))) == []
+    assert all("children" in (refusal or "") for _, refusal in answers(b"\x80"))

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.hosts.lossy_link import Conditions, LossyLink
 from tests.live_bus import Bus, Process
 
 BRIDGE = "tfbr"
@@ -37,11 +38,13 @@ class Hosts:
     def __init__(self, *names: str, offline: Sequence[str] = ()):
         self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
         self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
+        self.link_address = {name: f"10.98.0.{at}" for at, name in enumerate(names, start=1)}
         self._interface = dict.fromkeys(names, "eth0")
         self._memory = {
             name: tempfile.mkdtemp(prefix=f"{self._space[name]}-", dir=_SHARED_MEMORY)
             for name in names
         }
+        self._links: list[LossyLink] = []
         for space in self._space.values():
             _ip("netns", "add", space)
         bridge = self._space[BRIDGE]
@@ -96,6 +99,14 @@ class Hosts:
             _ip("-n", host, "addr", "add", f"{address}/24", "dev", interface)
             _ip("-n", host, "link", "set", interface, "up", "multicast", "on")
 
+    def join_by_link(self, one: str, other: str, conditions: Conditions) -> LossyLink:
+        """Join two hosts by a bad link; each is reached by the other at `link_address` of it."""
+        addresses = self.link_address[one], self.link_address[other]
+        link = LossyLink((self._space[one], self._space[other]), addresses)
+        self._links.append(link)
+        link.set(conditions)
+        return link
+
     def set_deaf(self, host: str, *, deaf: bool) -> None:
         """Drop all that is sent to the host, or none of it."""
         _set_dropping(self._space[BRIDGE], host, deaf)
@@ -141,6 +152,8 @@ class Hosts:
 
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
+        for link in self._links:
+            link.close()
         for space in self._space.values():
             _ip("netns", "del", space)
         for folder in self._memory.values():

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.broadcast.retained import (
     FrameAnnouncer,
     FrameRows,
@@ -13,6 +12,7 @@ from tfbus.broadcast.retained import (
     SentHistory,
     answer_from_history,
 )
+from tfbus.broadcast.sender import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher

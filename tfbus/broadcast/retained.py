@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice, takewhile
 from typing import NamedTuple
@@ -104,6 +104,11 @@ class FrameAnnouncer:
             for child in children:
                 self._edges.pop(child, None)
         self.announce_soon()
+
+    def lists_any_of(self, children: Iterable[str]) -> bool:
+        """Whether one of these frames is a child frame of the stream."""
+        with self._lock:
+            return not self._edges.keys().isdisjoint(children)
 
     def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
         """Send the description after this time, once for all changes until then; later if a long
@@ -287,7 +292,7 @@ def answer_from_history(query: Query, stream_key: str, span: Span) -> None:
         if (size := query.parameter("page")) is not None:
             page = found.page(query.key, _page_bytes(size))
             at = stream_key if within(stream_key, query.key) else query.key
-            query.answer(at, encode_page(page), is_urgent=False)
+            query.answer(at, encode_page(page), background=True)
             return
         messages = without_removed(found.entries)
         asked = {key for key in {key for key, _ in messages} if within(key, query.key)}

@@ -31,7 +31,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.runtime.callback_thread import Bell
+from tfbus.runtime.callbacks import Bell
 from tfbus.runtime.clock import Limit, limit_by
 
 

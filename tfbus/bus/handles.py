@@ -1,6 +1,6 @@
 """Declarations of a session: publishers, and watches of who is at the other end."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -171,20 +171,21 @@ class PublishersWithin:
     """Makes publishers by the thousand.
 
     Zenoh's own take a time that grows with the square of their number: 10,000 took 3 s. These
-    share one watch, which knows whether any of their keys has a subscriber.
+    share one watch, which knows whether any of their keys has a subscriber. `how` are Zenoh's
+    options of a put.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
         watch: HeardWatch,
-        priority: zenoh.Priority,
+        how: Mapping[str, Any],
         limits: Limits,
         node: str = "",
     ):
         self.session = session
         self._node = node
-        self.priority = priority
+        self.how = how
         self._watch = watch
         self._limits = limits
         zenoh_library.holders.add(self, "session")
@@ -218,7 +219,7 @@ class _OneOfMany:
                 self._key,
                 payload,
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=self._publishers.priority,
+                **self._publishers.how,
             )
 
     def undeclare(self) -> None:

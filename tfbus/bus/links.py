@@ -86,45 +86,63 @@ def _address(endpoint: str) -> tuple[str, int] | None:
 _SAME_LOSS_S = 5.0
 
 
-class Link(NamedTuple):
+# In an endpoint of datagrams beside another one.
+_BESIDE = "?rel=0"
+
+
+class LinkEnds(NamedTuple):
     """A link, by its two endpoints."""
 
     src: str
     dst: str
 
+    @property
+    def is_of_datagrams(self) -> bool:
+        """Whether it is a link of UDP beside one of TCP, as on networks that lose packets."""
+        return self.src.startswith("udp/") and _BESIDE in self.src
+
 
 class _Event(NamedTuple):
     zid: str
-    link: Link | None  # None for the connection as a whole
+    link: LinkEnds | None  # None for the connection as a whole
     has_come: bool
     at_s: float
 
 
 class _Connection(Struct, frozen=False):
-    """The links to one process; all share what was declared when the first one came."""
+    """The links to one process; all share what was declared when the first one came. Datagrams
+    carry nothing that must arrive.
+    """
 
-    links: set[Link] = field(default_factory=set)
+    links: set[LinkEnds] = field(default_factory=set)
+    datagrams: set[LinkEnds] = field(default_factory=set)
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
     dst: str = ""
 
 
-class Changes(NamedTuple):
+class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
-    are new, those that were lost, and those of processes that are half linked.
+    are new, those that were lost, those of processes that are half linked, and the datagrams that
+    are left of a process without another link.
     """
 
     lost: dict[str, str]
-    new: set[Link]
-    ended: set[Link]
-    half: set[Link]
+    new: set[LinkEnds]
+    ended: set[LinkEnds]
+    half: set[LinkEnds]
+    datagrams: set[LinkEnds]
 
 
 class Links:
-    """The peers that a session is linked to. Events come on any thread, all else on one."""
+    """The peers that a session is linked to. Events come on any thread, all else on one.
 
-    def __init__(self) -> None:
+    `lease_s` is the time after which a silent link is lost.
+    """
+
+    def __init__(self, lease_s: float = 0.0) -> None:
+        self._same_loss_s = max(_SAME_LOSS_S, lease_s + 2.0)
         self._events: deque[_Event] = deque()
         self._connections: dict[str, _Connection] = {}
 
@@ -136,7 +154,7 @@ class Links:
     def note_link(self, event: zenoh.LinkEvent) -> None:
         """Note that a link opens or ends."""
         link, has_come = event.link, event.kind == zenoh.SampleKind.PUT
-        ends = Link(link.src, link.dst)
+        ends = LinkEnds(link.src, link.dst)
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
     def __contains__(self, zid: str) -> bool:
@@ -145,7 +163,7 @@ class Links:
     def __bool__(self) -> bool:
         return bool(self._connections)
 
-    def all(self) -> set[Link]:
+    def all(self) -> set[LinkEnds]:
         """The links that are open."""
         return {link for each in self._connections.values() for link in each.links}
 
@@ -154,21 +172,24 @@ class Links:
         for zid in self._connections.keys() - zids:
             del self._connections[zid]
 
-    def take(self) -> Changes:
-        """Take what was noted."""
+    def poll(self) -> LinkChanges:
+        """The changes since the last call."""
         lost: dict[str, str] = {}
-        ended: set[Link] = set()
+        ended: set[LinkEnds] = set()
         former = self.all()
         while self._events:
-            self._take_event(self._events.popleft(), lost, ended)
-        half: set[Link] = set()
+            self._apply(self._events.popleft(), lost, ended)
+        half: set[LinkEnds] = set()
+        left: set[LinkEnds] = set()
         for each in self._connections.values():
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-        return Changes(lost, self.all() - former, ended, half)
+            if each.has_had_first and not each.links:
+                left |= each.datagrams
+        return LinkChanges(lost, self.all() - former, ended, half, left)
 
-    def _take_event(self, event: _Event, lost: dict[str, str], ended: set[Link]) -> None:
+    def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
         zid, link, has_come, at_s = event
         if link is None and has_come:
             self._connections.setdefault(zid, _Connection())
@@ -179,6 +200,8 @@ class Links:
                 lost[zid] = connection.dst
         elif (connection := self._connections.get(zid)) is None:
             pass  # it has ended: events of links may come after that of their connection
+        elif link.is_of_datagrams:
+            (connection.datagrams.add if has_come else connection.datagrams.discard)(link)
         elif has_come:
             connection.links.add(link)
             connection.dst = link.dst
@@ -189,5 +212,5 @@ class Links:
             ended.add(link)
             connection.links.discard(link)
             connection.is_half |= (
-                bool(connection.links) and at_s - connection.added_s < _SAME_LOSS_S
+                bool(connection.links) and at_s - connection.added_s < self._same_loss_s
             )

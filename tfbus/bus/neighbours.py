@@ -1,4 +1,5 @@
-"""Meets the neighbours again after the network of this host has changed.
+"""The neighbours: which of them answer scouting, and how a session meets them again after the
+network of this host has changed.
 
 Zenoh looks at the interfaces once in a process. A network that comes later it neither scouts on nor
 answers on, and its answers name the addresses of the start. So from the first change on tfbus
@@ -19,12 +20,24 @@ from typing import Any
 
 import zenoh
 
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
-from tfbus.bus.links import Link, Links, host_of, split_endpoint
+from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
+from tfbus.bus.networks import Network
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
-from tfbus.bus.zenoh_sockets import Ends, ZenohSockets, end_links, shorten_close
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
+from tfbus.bus.zenoh_sockets import (
+    Ends,
+    ZenohSockets,
+    end_datagrams,
+    end_links,
+    fit_to_losses,
+    shorten_close,
+)
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
 from tfbus.wording import listed
@@ -39,7 +52,7 @@ class Neighbours:
     """Watches the network for one session, on a thread of its own, until `close()`.
 
     Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
-    `lease_s` is the time after which a silent link is lost.
+    `lease_s` is the time after which a silent link is lost, and `network` the one between them.
     """
 
     def __init__(
@@ -48,6 +61,7 @@ class Neighbours:
         scouting: Scouting | None,
         sockets: ZenohSockets,
         lease_s: float,
+        network: Network,
         log: logging.Logger | None,
         remedy: str,
     ) -> None:
@@ -59,7 +73,8 @@ class Neighbours:
         self._woken.setblocking(False)
         self._closing = scheduler.Event()
         self._places = places_at_start() if not self._only else places(self._only)
-        self._links = Links()
+        self._links = Links(lease_s)
+        self._network = network
         self._scouts: Scouts | None = None
         self._answers: ScoutAnswers | None = None
         if scouting is not None:
@@ -105,7 +120,7 @@ class Neighbours:
 
     def _run(self) -> None:
         try:
-            self._look()
+            self._update()
             while not self._closing.is_set():
                 self._wait()
         except Exception:
@@ -126,7 +141,7 @@ class Neighbours:
                 poll.register(each, select.POLLIN)
 
         on(self._woken, self._take_wake)
-        on(self._watch.socket, self._look_soon)
+        on(self._watch.socket, self._update_soon)
         if self._answers is not None:
             on(self._answers.socket, self._answer)
         if self._scouts is not None:
@@ -137,7 +152,7 @@ class Neighbours:
             if not self._closing.is_set():
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
-            self._look()
+            self._update()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
@@ -150,17 +165,17 @@ class Neighbours:
     def _take_wake(self) -> None:
         with suppress(OSError):
             self._woken.recv(4096)
-        self._look_soon()
+        self._update_soon()
 
-    def _look_soon(self) -> None:
-        """Look once the changes that come together have come."""
+    def _update_soon(self) -> None:
+        """Update once the changes that come together have come."""
         self._closing.wait(_SETTLED_S)
         self._watch.drain()
         if not self._closing.is_set():
-            self._look()
+            self._update()
 
-    def _look(self) -> None:
-        self._look_at_links()
+    def _update(self) -> None:
+        self._update_links()
         now = places(self._only)
         if now != self._places:
             former, self._places, self._has_changed = self._places, now, True
@@ -168,26 +183,31 @@ class Neighbours:
             if self._answers is not None:
                 self._answers.take_over(former, now)
             self._end_links_without_address()
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_at_links(self) -> None:
-        lost, new, ended, half = self._links.take()
+    def _update_links(self) -> None:
+        lost, new, ended, half, left = self._links.poll()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            if self._network.tcp_bytes:
+                fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
+        # What was under way on the other link is lost, and so may be a declaration.
+        if left:
+            end_datagrams(_ends(left))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
         known |= {host_of(link.dst) for link in self._links.all()}
         missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
         if half or (lost and not self._links) or missed - known:
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_for_neighbours(self) -> None:
+    def _begin_scouting(self) -> None:
         if self._scouts is not None:
             self._scouts.begin()
 
@@ -237,9 +257,48 @@ def _is_here(address: str) -> bool:
     return True
 
 
-def _ends(links: Iterable[Link]) -> set[Ends]:
+def _ends(links: Iterable[LinkEnds]) -> set[Ends]:
     return {(_end_of(link.src), _end_of(link.dst)) for link in links}
 
 
 def _end_of(endpoint: str) -> str:
     return f"{host_of(endpoint)}:{split_endpoint(endpoint)[2]}"
+
+
+# For each process its id and its endpoints.
+Hellos = dict[str, tuple[str, ...]]
+
+
+def scout(
+    settings: NodeSettings,
+    timeout_s: float,
+    *,
+    until: Callable[[str, tuple[str, ...]], bool],
+    what: str = "peer|router",
+) -> Hellos:
+    """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
+    of one. Raises BusError if this host cannot ask.
+    """
+    zenoh_library.begin_use()
+    configure_zenoh_threads()
+    found: Hellos = {}
+    is_found = scheduler.Event()
+
+    def on_hello(hello: zenoh.Hello) -> None:
+        zid, endpoints = str(hello.zid), tuple(hello.locators)
+        found[zid] = endpoints
+        if until(zid, endpoints):
+            is_found.set()
+
+    with bus_errors("look for others by scouting"):
+        scout = _scout(direct(on_hello), what, settings)
+    is_found.wait(timeout_s)
+    scout.stop()
+    return found.copy()
+
+
+def _scout(handler: Any, what: str, settings: NodeSettings) -> Any:
+    network = zenoh_library.simulated()
+    if network is not None:
+        return network.scout(handler, what)
+    return zenoh.scout(handler, what=what, config=zenoh_config(settings))

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
 import zenoh
 
@@ -19,6 +20,7 @@ from tfbus.bus.handles import (
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import NetworkSession
+from tfbus.bus.networks import network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
@@ -69,6 +71,7 @@ class Session(NetworkSession):
         callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
         super().__init__(log, callbacks, settings.name)
         self.settings = settings
+        self.network = network_of(settings.network, settings.connect)
         self._ending: list[Callable[[], None]] = []
         self._outside: Session | None = None
         self._outside_lock = scheduler.Lock()
@@ -136,7 +139,7 @@ class Session(NetworkSession):
         lease = lease_s(self._config)
         try:
             self._neighbours = Neighbours(
-                self.zenoh, self._scouting, self._sockets, lease, log, remedy
+                self.zenoh, self._scouting, self._sockets, lease, self.network, log, remedy
             )
         except BaseException:
             # Such as too many open files: nobody could close the session that is open.
@@ -201,7 +204,8 @@ class Session(NetworkSession):
 
         A congested link drops messages. A newer one makes an old one worthless, and a subscriber
         that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
-        batching stays on: messages wait for others only while the link is busy.
+        batching stays on: messages wait for others only while the link is busy. On a bad network
+        urgent ones are not sent again if they are lost.
         """
         at, key = self.placed(key)
         with self._errors(f"publish {key}"):
@@ -209,15 +213,28 @@ class Session(NetworkSession):
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_priority(urgent),
+                **self._lossy(urgent),
             )
         return BytesPublisher(key, publisher, self.settings.limits, self.settings.name)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
         watch = self.watch_heard(expression)
-        return PublishersWithin(
-            self.zenoh, watch, _priority(urgent), self.settings.limits, self.settings.name
-        )
+        how = {"priority": _priority(urgent), **self._lossy(urgent)}
+        return PublishersWithin(self.zenoh, watch, how, self.settings.limits, self.settings.name)
+
+    def _lossy(self, urgent: bool) -> dict[str, Any]:
+        """How Zenoh sends messages of which the next one makes a lost one worthless."""
+        is_lossy = urgent and self.network.is_bad
+        return {"reliability": zenoh.Reliability.BEST_EFFORT} if is_lossy else {}
+
+    @property
+    def retained_priority(self) -> zenoh.Priority:
+        """The priority of what retained messages and questions have that are about transforms: that
+        of dynamic transforms, on a bad network one above.
+        """
+        is_above = self.network.is_bad
+        return zenoh.Priority.REAL_TIME if is_above else zenoh.Priority.INTERACTIVE_HIGH
 
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
@@ -317,12 +334,14 @@ class Session(NetworkSession):
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
-        is_urgent: bool = True,
+        urgent: bool = False,
+        background: bool = False,
         cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked; all else on the link goes before
-        a query that is not urgent, and its answers. `cancellation.cancel()` ends it.
+        `on_end()`. With `others` this session itself is not asked. On a bad network `urgent`
+        questions have the priority of retained messages; all else on a link goes before questions
+        in the `background`, and their answers. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -351,11 +370,16 @@ class Session(NetworkSession):
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 cancellation_token=cancellation,
-                priority=None if is_urgent else zenoh.Priority.BACKGROUND,
+                priority=self._question_priority(urgent, background),
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),
             )
+
+    def _question_priority(self, urgent: bool, background: bool) -> zenoh.Priority | None:
+        if background:
+            return zenoh.Priority.BACKGROUND
+        return self.retained_priority if urgent and self.network.is_bad else None
 
     # Who is alive
 

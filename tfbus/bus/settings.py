@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from tfbus.bus.networks import check_network
 from tfbus.errors import RightsError, SettingsError
 from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
@@ -64,11 +65,12 @@ class NodeSettings(Struct):
     """A node's name, and how it joins the bus.
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
-    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`,
-    `TFBUS_LIMITS`). `mode` is "peer", "client", "router", or "" for that of the configuration file.
-    Endpoints are Zenoh's (`tcp/host:7447`): several, or one as a str. `secure` is the folder of an
-    identity of a closed bus. `limits` are the largest messages that it reads and sends; in the
-    environment `topic=64MB, service=8MB`.
+    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_NETWORK`, `TFBUS_LOG_LEVEL`,
+    `TFBUS_SIM_TIME`, `TFBUS_LIMITS`). `mode` is "peer", "client", "router", or "" for that of the
+    configuration file. Endpoints are Zenoh's (`tcp/host:7447`): several, or one as a str. `secure`
+    is the folder of an identity of a closed bus. `network` is "lan", "wifi", "mobile", "satellite",
+    or "auto" for that of this host's interface. `limits` are the largest messages that it reads
+    and sends; in the environment `topic=64MB, service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """
@@ -80,6 +82,7 @@ class NodeSettings(Struct):
     listen: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("LISTEN"))
     config: str = field(default_factory=lambda: _from_environment("CONFIG"))
     secure: str = field(default_factory=lambda: _from_environment("SECURE"))
+    network: str = field(default_factory=lambda: _from_environment("NETWORK") or "lan")
     log_level: str = field(default_factory=lambda: _from_environment("LOG_LEVEL") or "info")
     sim_time: bool = field(default_factory=lambda: _truth_from_environment("SIM_TIME"))
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -100,6 +103,7 @@ class NodeSettings(Struct):
         for name in (*self.remappings, *self.remappings.values()):
             resolve(name, self.name, self.namespace)
         _check_choice("mode", self.mode, ("", *MODES))
+        check_network(self.network)
         set_field(self, "log_level", log_level_of(self.log_level))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):

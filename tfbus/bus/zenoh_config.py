@@ -3,12 +3,14 @@
 import json
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from tfbus.bus.interfaces import scouted
+from tfbus.bus.networks import Network, network_of
 from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_library import first_sentence
@@ -18,16 +20,13 @@ from tfbus.runtime.addresses import is_local
 if TYPE_CHECKING:
     from tfbus.secure.folder import SecureFolder
 
-# A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
-# in this time.
-_LEASE_MS = 1500
+# Zenoh sends so many keep-alives in a lease; on links that lose packets twice as many, since four
+# in a row may be lost.
+_KEEP_ALIVES = 4
 
-_OPEN_TIMEOUT_MS = 5000
-_RETRY = {"period_init_ms": 500, "period_max_ms": 1000, "period_increase_factor": 2}
-
-# This many batches of 64 KiB of urgent messages wait on a link before one is dropped. With Zenoh's
-# two, a burst of 10,000 transforms on as many keys lost up to 2,000 of them.
-_URGENT_BATCHES = 8
+# A try to open a link of datagrams that fails half leaves the other end with a link until its lease
+# is over: of each process so many are taken, beside that of TCP.
+_MOST_LINKS = 4
 
 # Of two peers that another introduces, one connects. By Zenoh's own "always" both do, and have two
 # links: after a host was unplugged one of them stayed, with the tokens of the absent peer, and such
@@ -64,6 +63,7 @@ def zenoh_config(
     """
     config = _config_of(settings.config)
     named = _named_in_file(settings.config)
+    network = network_of(settings.network, settings.connect)
     defaults = {
         # Late joiners order retained messages by their time.
         "timestamping/enabled": True,
@@ -71,12 +71,13 @@ def zenoh_config(
         _INTERFACE: ",".join(each.address for each in scouted()),
         "scouting/gossip/autoconnect_strategy": _ONE_CONNECTS,
         # An unplugged host is noticed after this time; Zenoh's default is 10 s.
-        "transport/link/tx/lease": _LEASE_MS,
-        # Between two tries to reach an endpoint at most 1 s passes, and a try ends after 5 s: TCP
-        # itself would send its third question after 7 s. By default 4 s and 10 s.
-        "connect/retry": _RETRY,
-        "transport/unicast/open_timeout": _OPEN_TIMEOUT_MS,
-        "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
+        "transport/link/tx/lease": round(network.lease_s * 1e3),
+        # On a LAN at most 1 s passes between two tries to reach an endpoint, and a try ends after
+        # 5 s: TCP itself would send its third question after 7 s. By default 4 s and 10 s.
+        "connect/retry": _retry(network),
+        "transport/unicast/open_timeout": round(network.open_s * 1e3),
+        # With Zenoh's two, a burst of 10,000 transforms on as many keys lost up to 2,000 of them.
+        "transport/link/tx/queue/size/interactive_high": network.urgent_batches,
         # Zenoh's default is 1 GB, and any peer could make every process hold that.
         "transport/link/rx/max_message_size": min(
             _NAMED_UP_TO * settings.limits.largest + _AROUND_A_PAYLOAD, _MOST_OF_ZENOH
@@ -84,12 +85,20 @@ def zenoh_config(
         # Zenoh polls it 30 times a second, which takes as much CPU as all else of an idle session.
         "transport/shared_memory": {"enabled": False},
     }
+    if network.is_bad:
+        defaults |= _of_bad_network(network)
+    has_datagrams = network.has_datagrams and settings.closed is None
+    if has_datagrams:
+        defaults["transport/unicast/max_links"] = _MOST_LINKS
     given: dict[str, Any] = {
         "namespace": settings.namespace,
         "mode": settings.mode,
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
+    if has_datagrams and (settings.mode or _mode(config)) != "client":
+        for key in ("connect/endpoints", "listen/endpoints"):
+            given[key] = _with_datagrams(given[key])
     if settings.closed is not None:
         given |= _encrypted(settings.closed)
         if not settings.listen and settings.mode != "client":
@@ -111,6 +120,37 @@ def zenoh_config(
     return config
 
 
+def _retry(network: Network) -> dict[str, int]:
+    """How soon a failed try to open a link is repeated."""
+    return {
+        "period_init_ms": round(network.retry_s * 1e3),
+        "period_max_ms": round(network.longest_s * 1e3),
+        "period_increase_factor": 2,
+    }
+
+
+def _of_bad_network(network: Network) -> dict[str, Any]:
+    """What is set beside on a network that loses packets, or delays them."""
+    return {
+        "transport/link/tx/keep_alive": 2 * _KEEP_ALIVES,
+        "transport/link/tx/batch_size": network.packet_bytes,
+        # One that opens a link to us is not given up before it gives up itself.
+        "transport/unicast/accept_timeout": round(network.open_s * 1e3),
+    }
+
+
+def _with_datagrams(endpoints: Iterable[str]) -> list[str]:
+    """These endpoints and, beside each of TCP, one of UDP for what may be lost."""
+    found = []
+    for each in endpoints:
+        protocol, _, address = each.partition("/")
+        if protocol == "tcp" and not {"?", "#"} & {*address}:
+            found += [f"{each}?rel=1", f"udp/{address}?rel=0"]
+        else:
+            found.append(each)
+    return found
+
+
 def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh.Config:
     if len(control["rules"]) < _MANY_RULES:
         config.insert_json5("access_control", json.dumps(control))
@@ -128,7 +168,7 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
 def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
     """The settings that make every link encrypted, and lets in only what the rights allow."""
-    from tfbus.secure.access_control import access_control
+    from tfbus.secure.rights import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {
@@ -200,7 +240,7 @@ def scouting_of(config: zenoh.Config, settings: NodeSettings) -> Scouting | None
 
 def lease_s(config: zenoh.Config) -> float:
     """The time after which a silent link of this configuration is lost."""
-    return float(json.loads(config.get_json("transport/link/tx/lease")) or _LEASE_MS) / 1e3
+    return float(json.loads(config.get_json("transport/link/tx/lease"))) / 1e3
 
 
 def _value(config: zenoh.Config, key: str) -> Any:

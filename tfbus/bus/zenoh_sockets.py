@@ -19,6 +19,14 @@ _FILES = "/proc/self/fd"
 
 _CLOSE_WITHIN_S = 1
 
+# From Linux's <linux/tcp.h>; not every Python has names for them.
+_CONGESTION = 13
+_THIN_LINEAR_TIMEOUTS = 16
+
+# Zenoh's Close of a whole session, sent so often, since one may be lost.
+_CLOSE_SESSION = b"\x23\x00"
+_TIMES = 5
+
 # Zenoh takes up to a second to open a session, and has its sockets after some milliseconds.
 _LOOK_AGAIN_S = 0.002
 
@@ -121,6 +129,32 @@ def shorten_close(links: Container[Ends]) -> None:
         _set_linger(each, _CLOSE_WITHIN_S)
 
 
+def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
+    """Have these links of TCP hold at most so many bytes that have not arrived, repeat lost packets
+    at a steady pace where they carry little, and take no loss for a full link.
+
+    Linux holds up to some megabytes, which a narrow link carries for minutes; it doubles the time
+    before each further repetition; and it sends less after each loss.
+    """
+    for each in _connections(links):
+        with suppress(OSError):
+            # The system counts twice as much, and takes half of it for its own.
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
+            each.setsockopt(socket.IPPROTO_TCP, _THIN_LINEAR_TIMEOUTS, 1)
+        with suppress(OSError):  # the system has not got it
+            each.setsockopt(socket.IPPROTO_TCP, _CONGESTION, b"bbr")
+
+
+def end_datagrams(links: Container[Ends]) -> None:
+    """End links of UDP that this process has opened: both sides close the session."""
+    for each in _of_type(socket.SOCK_DGRAM):
+        with each, suppress(OSError):
+            if _ends(each) in links:
+                for _ in range(_TIMES):
+                    each.send(_CLOSE_SESSION)
+                each.shutdown(socket.SHUT_RDWR)
+
+
 def end_links(links: Container[Ends]) -> None:
     """Break these links: Zenoh takes them for lost, as do the other processes."""
     for each in _connections(links):
@@ -130,10 +164,18 @@ def end_links(links: Container[Ends]) -> None:
 
 
 def _connections(links: Container[Ends]) -> Iterator[socket.socket]:
-    for each in _sockets(_files()):
+    for each in _of_type(socket.SOCK_STREAM):
         with each, suppress(OSError):
-            if each.type == socket.SOCK_STREAM and _ends(each) in links:
+            if _ends(each) in links:
                 yield each
+
+
+def _of_type(kind: int) -> Iterator[socket.socket]:
+    for each in _sockets(_files()):
+        if each.type == kind:
+            yield each
+        else:
+            each.close()
 
 
 def _set_linger(one: socket.socket, seconds: int) -> None:

@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import frames_in_span, span_lines
 from tfbus.cli.output import (
     json_option,
     paint,
@@ -199,13 +200,9 @@ def _check_recording(
     names: tuple[str, ...],
     as_json: bool,
 ) -> dict[str, Finding]:
-    from tfbus.cli.recorded import span_lines
     from tfbus.doctor.recorded import examine_recorded
-    from tfbus.frames.recorded_poses import frames_of
 
-    with bag.opened() as recording:
-        from_ns, to_ns = recording.span
-        frames = frames_of(recording, settings, fleet)
+    with frames_in_span(bag, settings, fleet) as (frames, from_ns, to_ns):
         seen = examine_recorded(frames, settings, from_ns, to_ns)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import is_running
+from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, watch_nodes
 from tfbus.cli.output import (
     first_lines,
     is_terminal,
@@ -132,20 +132,15 @@ def command(
     roster = tuple(sorted({name for names in expected for name in names}, key=natural_order))
     robots = watch_of(fleet, roster)
     if bag is not None:
-        from tfbus.cli.recorded import frames_at, moment_lines
-
         with frames_at(bag, settings, fleet) as frames:
             moment = frames.moment()
             if not as_json:
                 print_lines(moment_lines(bag, frames))
         _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
         return
-    from tfbus.discover.presence import NodeWatch  # Zenoh, which a recording does not need
-    from tfbus.frames.command_listener import listening
-
     with listening(settings, fleet, goes_on=watch, history_s=0.0) as heard:
         heard.ask_nodes()
-        present = NodeWatch(heard.node.session)
+        present = watch_nodes(heard.node.session)
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, present, robots, period_s, show_all, on_gone, as_json)

@@ -136,7 +136,7 @@ def list_command(place: Path, as_json: bool) -> None:
 @_keystore_option
 def show(name: str, place: Path) -> None:
     """Print what the identity NAME may do."""
-    identity = _open(place).rights.of(name)
+    identity = _open(place).rights.identity(name)
     print_text(f"{paint(name, 'name')}: {_may(identity)}")
     for right in RIGHTS:
         print_text(f"  {right + ':':<8} {listed(identity.may(right), most=20) or 'none'}")

@@ -11,6 +11,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
@@ -130,6 +131,11 @@ def complete_argument(
     type=click.Path(),
     metavar="DIR",
     help="The identity of all nodes on a closed bus, unless the file names it (tfbus keys).",
+)
+@click.option(
+    "--network",
+    type=click.Choice(NETWORK_NAMES),
+    help="The network of all nodes, unless the file names it (default lan).",
 )
 @click.option("--log-level", type=LogLevel(), help="The log level of all nodes (default info).")
 @click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import listening
 from tfbus.cli.output import say
 from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
@@ -142,8 +143,6 @@ def _listen(
     rate_hz: float,
     sampling: Sampling,
 ) -> Trajectory:
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
-
     with listening(
         settings,
         fleet,

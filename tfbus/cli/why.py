@@ -7,12 +7,11 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.cli.recorded import frames_at, moment_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.namespaces import frames_in_other_namespaces
 from tfbus.frames.why import Explanation, Step, explain, explain_recorded
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
@@ -61,8 +60,7 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh: no recording needs it
-    from tfbus.frames.command_listener import listening
+    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh: no recording needs it
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -81,7 +79,7 @@ def command(
             frames_in_other_namespaces=elsewhere,
         )
         now_ns = heard.now_ns()
-        if not heard.buffer.frames() and (hint := bus_out_of_reach(session)):
+        if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
     _print(explanation, now_ns, as_json)
 
@@ -122,12 +120,12 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines = [
         paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
     ]
-    lines += _wrapped(it.failure, "  ") if it.failure else []
+    lines += wrapped(it.failure, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
-        lines += [line for remedy in it.remedies for line in _wrapped(remedy, "  - ")]
+        lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
     return lines
 
 
@@ -146,12 +144,12 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
     text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = _wrapped(text, "        ")
+    lines = wrapped(text, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
-    return lines + (_wrapped(step.reason, "        ") if step.reason else [])
+    return lines + (wrapped(step.reason, "        ") if step.reason else [])
 
 
-def _wrapped(text: str, lead: str) -> list[str]:
+def wrapped(text: str, lead: str) -> list[str]:
     """The text in lines of at most 80 characters, indented by `lead`, without a break at `-`."""
     return textwrap.wrap(
         text,

@@ -141,7 +141,7 @@ def _dated(text: str) -> Moment:
 
 
 # The options of a command that say where on the bus it is.
-_PLACE = ("namespace", "mode", "connect", "listen", "config", "secure")
+_PLACE = ("namespace", "mode", "connect", "listen", "config", "secure", "network")
 
 
 class _BusName(click.ParamType[str]):

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import TfbusError
 from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree
@@ -18,12 +20,6 @@ from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, se
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wording import columns, counted, cut
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True)

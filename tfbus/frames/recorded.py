@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.namespaces import where_to_look
+from tfbus.discover.graph import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.clocks import (
     NOT_SIMULATED,
@@ -24,12 +24,11 @@ from tfbus.frames.clocks import (
     simulated_time,
 )
 from tfbus.frames.moment import BusMoment, key_of_stream
-from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
@@ -111,7 +110,7 @@ class RecordedFrames:
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
-        self._around = _Around(self._conflicts, self._described_reception)
+        self._around = _RecordedHooks(self._conflicts, self._described_reception)
         self._full_names: dict[str, _Stream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
@@ -212,7 +211,7 @@ class RecordedFrames:
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
         spans = (
-            last_chunks(self._source, name, self._outside_of(name), missing, end_ns)
+            self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
             if self._source.is_complete
             else {(end_ns - _MOST_BACK_S * S, end_ns)}
         )
@@ -504,7 +503,7 @@ class RecordedFrames:
         return where_to_look(elsewhere, frame)
 
 
-class _Around(Listening):
+class _RecordedHooks(ReceptionHooks):
     """The listener that there was: a frame that two streams sent was judged as on a bus."""
 
     def __init__(

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -36,10 +38,7 @@ from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names, printable
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-else:
-    from tfbus.core import lazy_numpy as np
+    from numpy.typing import ArrayLike
 
 M = TypeVar("M")
 

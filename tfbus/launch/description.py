@@ -47,8 +47,8 @@ class DescribedProcess:
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
     Python file; `arguments` come last on its command line. Names in `after` are full names of
-    nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, "" for that of the
-    whole launch.
+    nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, and `network` its
+    network; "" for those of the whole launch.
     """
 
     name: str
@@ -66,6 +66,7 @@ class DescribedProcess:
     after: tuple[str, ...] = ()
     sim_time: bool = False
     secure: str = ""
+    network: str = ""
 
     @property
     def full_name(self) -> str:

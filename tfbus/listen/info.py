@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.runtime.structs import Struct, fields_of, replace
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import namespace_of
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
@@ -22,7 +23,8 @@ class StreamState(Struct):
     first. `key` is that of its token and its description. `confirmed` is whether the description
     came from the session that it names, since the token did. `displaced` is the session
     that was there before others took over with later epochs, "" for none; `held` is whether it has
-    come back since, as it lives.
+    come back since, as it lives. `silent` is whether its token is lost, as with its link, and it
+    is not gone yet.
     """
 
     name: str
@@ -32,6 +34,7 @@ class StreamState(Struct):
     confirmed: bool = False
     displaced: str = ""
     held: bool = False
+    silent: bool = False
 
     @property
     def owner(self) -> str:
@@ -44,7 +47,8 @@ class StreamInfo(Struct):
 
     `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
     stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.
-    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
+    `alive` is whether its publisher is there, and `silent` whether its link is lost, on a network
+    on which it is not gone at once. `epoch_ns` is that of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
@@ -56,7 +60,8 @@ class StreamInfo(Struct):
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
     smoothed; `kept_delay_s` is how old the newest was that the stream had kept, when that came. All
     five are None while they are not known. `origin` are the gids of the publishers in ROS whose
-    transforms a bridge sends in it.
+    transforms a bridge sends in it. `namespace` is that of its publisher, below the listener's: the
+    robot of a fleet.
     """
 
     name: str
@@ -83,15 +88,19 @@ class StreamInfo(Struct):
     last_delay_s: float | None = None
     origin: tuple[str, ...] = ()
     kept_delay_s: float | None = None
+    namespace: str = ""
+    silent: bool = False
 
 
 # What is counted of the messages of a stream.
 _COUNTED = tuple(
-    each.name for each in fields_of(StreamInfo)[9:] if each.name not in ("clock_offset_s", "origin")
+    each.name
+    for each in fields_of(StreamInfo)[9:]
+    if each.name not in ("clock_offset_s", "origin", "namespace", "silent")
 )
 
 
-class Counts:
+class StreamCounts:
     """The counts of one stream, under the names that they have in `StreamInfo`, which says what
     they are.
 
@@ -148,7 +157,9 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
     """The report of a stream, from its token, its description, and what has been received."""
     info = StreamInfo(name)
     if state is not None:
-        info = replace(info, alive=state.alive)
+        info = replace(
+            info, alive=state.alive, silent=state.silent, namespace=namespace_of(state.key)
+        )
     if state is not None and state.description is not None:
         description = state.description
         info = replace(

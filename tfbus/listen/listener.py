@@ -1,14 +1,14 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
-from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover.graph import where_to_look
+from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.clock_offset import ClockOffsets
@@ -29,13 +29,13 @@ from tfbus.listen.registry import (
     ROW_BYTES,
     STREAM_BYTES,
     Budget,
+    KnownStream,
     Registry,
     StillSending,
-    Stream,
     UnlistedFrames,
     is_static,
 )
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
@@ -114,10 +114,10 @@ class TransformListener:
         self._log = node.log
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
-        self._rights = StreamRights.of(node.settings)
+        self._rights = StreamRights.of_settings(node.settings)
         # Kinds with names of streams may crowd each other out, so these have a log of their own.
         self._refusals = LogOnce(node.log)
-        self._around = _Around(self)
+        self._around = _ListenerHooks(self)
         self._budget = Budget()
         self._registry = Registry(
             self._make_reception, self._forget_unconfirmed, self._on_forgotten
@@ -146,9 +146,13 @@ class TransformListener:
             node.session,
             self._on_stream,
             everywhere=everywhere,
+            only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
+            is_heard=self._is_heard,
         )
+        if fleet is not None:
+            self._reading.find(fleet, self._want)
         self._still_sending = StillSending(self._registry, self._watch, self._executor)
         self._executor.every(_TIDY_EVERY_S, self._forget_unconfirmed)
         self._forget_close = node.session.at_close(self.close)
@@ -232,7 +236,7 @@ class TransformListener:
             stream_info(name, states.get(name), receptions.get(name))
             for name in sorted(states.keys() | receptions.keys())
         ]
-        offsets = [self._offsets.of(info.session) for info in infos]
+        offsets = [self._offsets.last_of(info.session) for info in infos]
         return [
             info if offset is None else replace(info, clock_offset_s=offset.offset_s)
             for info, offset in zip(infos, offsets, strict=True)
@@ -288,7 +292,7 @@ class TransformListener:
             + ROW_BYTES * (0 if described is None else len(described.frames))
         )
         owner = "" if state is None else state.owner
-        for each in self._budget.note(name, owner, size):
+        for each in self._budget.resize(name, owner, size):
             self._give_up(each)
 
     def _on_forgotten(self, name: str) -> None:
@@ -367,6 +371,9 @@ class TransformListener:
 
     # Tokens and descriptions
 
+    def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
+        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
+
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
         described, state = state, self._names.called(state)
@@ -393,7 +400,13 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         self._reading.update(described, self._names.at(state.key))
 
-    def _take_token(self, stream: Stream, former: StreamState, state: StreamState) -> None:
+    def _is_heard(self, name: str, last_s: float) -> bool:
+        """Whether a message of a stream came in the last seconds."""
+        reception = self._registry.reception(name)
+        heard_ns = None if reception is None else reception.counts.last_heard_ns
+        return heard_ns is not None and scheduler.time_ns() - heard_ns < last_s * 1e9
+
+    def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
             heard_ns = stream.reception.counts.last_heard_ns
             silent_s = None if heard_ns is None else _seconds_since(heard_ns)
@@ -402,6 +415,14 @@ class TransformListener:
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
             self._warn_gone(state)
+        elif state.silent and not former.silent:
+            self._history.leave(self._reading.keys_of(state.key), state.name)
+            self._around.lines.info(
+                ("silent", state.name),
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",
+                _name(state),
+                self._node.session.network.gone_after_s,
+            )
         elif state.alive and not former.alive:
             stream.reception.arrive()
             if stream.lost_s is not None:
@@ -418,10 +439,10 @@ class TransformListener:
                 name_some(frames),
             )
 
-    def _get_to_know(self, stream: Stream, state: StreamState, key: str) -> None:
+    def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
         """Request what messages do not say of a stream one of whose keys is read."""
         description = state.description
-        if not state.alive or description is None:
+        if not state.alive or state.silent or description is None:
             return
         self._offsets.watch(state.name, description)
         if description.history_s > 0.0:
@@ -461,12 +482,12 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         return declaration
 
-    def _reads_statics(self, stream: Stream, state: StreamState) -> bool:
+    def _reads_statics(self, stream: KnownStream, state: StreamState) -> bool:
         return self._reads_everything or (
             static_transforms_key_beside(state.key) in stream.read_keys
         )
 
-    def _while_read(self, stream: Stream, key: str) -> Callable[[str, bytes], None]:
+    def _while_read(self, stream: KnownStream, key: str) -> Callable[[str, bytes], None]:
         """Takes the messages of a key; some may still come after it is left."""
         stream.read_keys.add(key)
 
@@ -488,7 +509,7 @@ class TransformListener:
         self.buffer.remove_sent(frames, name)
 
 
-class _Around(Listening):
+class _ListenerHooks(ReceptionHooks):
     """A listener, as the receptions of its streams see it."""
 
     def __init__(self, listener: TransformListener) -> None:

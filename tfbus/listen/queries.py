@@ -25,9 +25,12 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import Struct
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked
 from tfbus.wire.keys import (
     description_selector,
     kept_transforms_selector,
+    may_describe,
     page_selector,
     static_transforms_key_beside,
 )
@@ -53,7 +56,8 @@ def ask_for_statics(
     """Query the static transforms of the stream of this token; `turn` counts from 0."""
     key = static_transforms_key_beside(stream_key)
     if turn % 2:
-        session.ask_later(key, None, on_answer, on_end, timeout_s=_answer_within_s(turn))
+        within_s = _answer_within_s(turn)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, urgent=True)
     else:
         ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
 
@@ -66,23 +70,50 @@ def ask_for_description(
     on_end: Callable[[], None],
 ) -> None:
     """Query the description of the stream of this token; `turn` counts from 0."""
+    within_s = _answer_within_s(turn)
     if turn % 2 == 0:
-        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=_answer_within_s(turn))
-        return
-    static_key = static_transforms_key_beside(stream_key)
+        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=within_s)
+    else:
+        _ask_beside(session, stream_key, None, on_answer, on_end, within_s)
+
+
+def ask_who_lists(
+    session: Session,
+    stream_keys: str,
+    children: Iterable[str],
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the descriptions that list one of these child frames, of the streams whose tokens lie
+    within `stream_keys`. Publishers of earlier versions answer whatever they list.
+    """
+    payload = encode_message(FramesAsked(tuple(sorted(children))))
+    _ask_beside(session, stream_keys, payload, on_answer, on_end, ANSWER_WITHIN_S)
+
+
+def _ask_beside(
+    session: Session,
+    stream_key: str,
+    payload: bytes | None,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+    within_s: float,
+) -> None:
+    """Query descriptions at the keys of static transforms."""
 
     def on_any_answer(answer: Answer) -> None:
         # Earlier versions of tfbus answer with the static transforms, at their key.
-        if answer.key != static_key:
+        if answer.refusal is not None or may_describe(answer.key):
             on_answer(answer)
 
     session.ask_later(
-        description_selector(static_key),
-        None,
+        description_selector(static_transforms_key_beside(stream_key)),
+        payload,
         on_any_answer,
         on_end,
-        timeout_s=_answer_within_s(turn),
+        timeout_s=within_s,
         answers_at=stream_key,
+        urgent=True,
     )
 
 
@@ -125,6 +156,11 @@ class StaticRecovery:
         if stream.statics.are_lacking():
             self._executor.submit(_STATICS, lambda: self._begin(key, stream))
 
+    def is_asking(self, stream: str) -> bool:
+        """Whether the static transforms of this stream are asked for."""
+        asking = self._asking.get(stream)
+        return asking is not None and not asking.is_over
+
     def leave(self, stream: str) -> None:
         """The static transforms of this stream are no longer read."""
         asking = self._asking.pop(stream, None)
@@ -138,8 +174,7 @@ class StaticRecovery:
             self.leave(stream)
 
     def _begin(self, key: str, stream: StreamReception) -> None:
-        former = self._asking.get(stream.name)
-        if self._closed or (former is not None and not former.is_over):
+        if self._closed or self.is_asking(stream.name):
             return
 
         def on_answer(answer: Answer) -> None:
@@ -323,7 +358,7 @@ class AskPages:
                 lambda answer: on_answer(answer, scheduler.monotonic() - asked_s),
                 end,
                 timeout_s=_KEPT_WITHIN_S,
-                is_urgent=False,
+                background=True,
             )
         except BusError:  # the session is closed
             end_turn()

@@ -14,10 +14,16 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.frame_names import FrameRights
-from tfbus.listen.info import Counts
-from tfbus.listen.stages import Admission, Contest, Marks, StaticRetries
-from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts
+from tfbus.listen.info import StreamCounts
+from tfbus.listen.stages import (
+    Admission,
+    Contest,
+    FrameRights,
+    Insertion,
+    Marks,
+    StaticRetries,
+)
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -31,37 +37,6 @@ _SILENT_NS = 1_000_000_000
 
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
-
-
-class Insertion:
-    """The fourth stage of a stream's reception: stores rows."""
-
-    def __init__(self, facts: StreamFacts) -> None:
-        self._facts = facts
-        self._buffer = facts.buffer
-        self._stream = facts.name
-        self._rejected = facts.buffer.rejected
-
-    def insert(self, rows: Columns, static: bool, permit: Permit) -> bool | None:
-        """Store the rows; whether none was refused. None if the permit was taken back before all
-        were stored.
-        """
-        rejected = self._rejected
-        refused = rejected.rows
-        stored = self._buffer.set_transforms(
-            rows, static=static, authority=self._stream, permit=permit
-        )
-        # Rows that are only too old are not stored either, but not refused.
-        if stored == rows.count:
-            return True
-        if not permit.is_valid:
-            return None
-        if rejected.rows == refused:
-            return True
-        self._facts.warn_once(
-            "refused", "Refused a transform of stream %r: %s", self._stream, rejected.last
-        )
-        return False
 
 
 class StreamReception:
@@ -81,11 +56,11 @@ class StreamReception:
         now_ns: Callable[[], int],
         reader: TransformReader,
         *,
-        around: Listening | None = None,
+        around: ReceptionHooks | None = None,
         now_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self.name = name
-        self.around = around or Listening(log)
+        self.around = around or ReceptionHooks(log)
         self.reader = reader
         self.now_ns = now_ns
         self.facts = StreamFacts(name, buffer, log, self.around)
@@ -100,7 +75,7 @@ class StreamReception:
         self.grows_at = _GROWS_AFTER
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> StreamCounts:
         """The messages that have been received, in numbers."""
         return self.facts.counts
 
@@ -156,7 +131,7 @@ class StreamReception:
 
     def take_recorded_statics(self, message: TransformMessage, heard_ns: int) -> None:
         """Receive the static transforms of a recording, which came at `heard_ns`."""
-        self.statics.take(message, heard_ns)
+        self.statics.accept(message, heard_ns)
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, if it cannot be read."""
@@ -297,13 +272,13 @@ class DynamicReception:
         except DecodeError as error:
             stream.reject(error)
             return
-        self._take(message, scheduler.time_ns(), self.receive, payload)
+        self._accept(message, scheduler.time_ns(), self.receive, payload)
 
     def take_recorded(self, message: TransformMessage, heard_ns: int) -> None:
         """Receive a message of a recording, which came at `heard_ns`, as `receive` did then."""
-        self._take(message, heard_ns, None, b"")
+        self._accept(message, heard_ns, None, b"")
 
-    def _take(
+    def _accept(
         self,
         message: TransformMessage,
         heard_ns: int,
@@ -366,9 +341,9 @@ class StaticReception:
         """Receive the whole set of static transforms of the stream, in place of the former one."""
         message = self.stream.decode(payload)
         if message is not None:
-            self.take(message, scheduler.time_ns(), self.receive, payload)
+            self.accept(message, scheduler.time_ns(), self.receive, payload)
 
-    def take(
+    def accept(
         self,
         message: TransformMessage,
         heard_ns: int,

@@ -17,7 +17,7 @@ from enum import Enum
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.columns import Columns
-from tfbus.listen.info import Counts
+from tfbus.listen.info import StreamCounts
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.transforms import TransformMessage
@@ -347,7 +347,7 @@ def lines_of(log: logging.Logger) -> LogOnce:
     return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
 
 
-class Listening:
+class ReceptionHooks:
     """A listener as the receptions of its streams see it; by itself it does nothing.
 
     `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_unconfirmed`
@@ -403,7 +403,9 @@ class StreamFacts:
     forbids rows: what is under way is in the buffer by then, or comes through all stages again.
     """
 
-    def __init__(self, name: str, buffer: Buffer, log: logging.Logger, around: Listening) -> None:
+    def __init__(
+        self, name: str, buffer: Buffer, log: logging.Logger, around: ReceptionHooks
+    ) -> None:
         self.name = name
         self.buffer = buffer
         self.log = log
@@ -411,7 +413,7 @@ class StreamFacts:
         self.epochs = Epochs()
         self.static_set = StaticSet()
         self.listing = Listing()
-        self.counts = Counts()
+        self.counts = StreamCounts()
         self.permit = Permit()
         self._around = around
 

@@ -100,13 +100,12 @@ class EdgeFlow:
     """How the samples of one edge came.
 
     Of the recent ones: `rate_hz` by their arrivals, `jitter_s` the standard deviation of the times
-    between them, `delays_s` their ages at arrival, by their stamps and our clock, below zero for
-    stamps in the future. Since the meter was made: `longest_gap_s` between two stamps,
-    `out_of_order` counts samples older than one before, `at_zero` those with the stamp 0.
-
-    In a span of a recording all are of the whole span, and times between samples are of their
-    arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the longest
-    begins at the log time `gap_from_ns`, None without one.
+    between them and `period_s` their median, `delays_s` their ages at arrival, by their stamps and
+    our clock, below zero for stamps in the future. Since the meter was made: `longest_gap_s`
+    between two stamps, `out_of_order` counts samples older than one before, `at_zero` those with
+    the stamp 0. In a span of a recording all are of the whole span, and times between samples are
+    of their arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the
+    longest begins at the log time `gap_from_ns`, None without one.
     """
 
     stream: str
@@ -114,6 +113,7 @@ class EdgeFlow:
     child: str
     rate_hz: float | None = None
     jitter_s: float | None = None
+    period_s: float | None = None
     delays_s: Spread | None = None
     longest_gap_s: float = 0.0
     out_of_order: int = 0

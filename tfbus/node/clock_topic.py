@@ -5,7 +5,7 @@ import logging
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
-from tfbus.node.endpoint import Endpoint
+from tfbus.node.endpoint import NodeEndpoint
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
@@ -25,7 +25,7 @@ _MANY_JUMPS = 10
 _REJECTED = "rejected"
 
 
-class ClockPublisher(Endpoint):
+class ClockPublisher(NodeEndpoint):
     """Publishes the simulated time in its namespace, and in each namespace below with a node.
 
     The last message is repeated five times a second of real time: nodes that start while the time
@@ -50,7 +50,7 @@ class ClockPublisher(Endpoint):
         """Publish the time."""
         self._last = encode_message(message)
         self._is_fresh = True
-        self._put(self._last)
+        self._publish(self._last)
 
     def close(self) -> None:
         """End it, also the repetitions. Twice is fine."""
@@ -59,10 +59,10 @@ class ClockPublisher(Endpoint):
 
     def _repeat(self) -> None:
         if self._last is not None and not self._is_fresh:
-            self._put(self._last)
+            self._publish(self._last)
         self._is_fresh = False
 
-    def _put(self, payload: bytes) -> None:
+    def _publish(self, payload: bytes) -> None:
         for publisher in [*self._publishers.values()]:
             publisher.put(payload)
 
@@ -81,7 +81,7 @@ class ClockPublisher(Endpoint):
             self._parts.append(publisher)
 
 
-class ClockSubscription(Endpoint):
+class ClockSubscription(NodeEndpoint):
     """Sets a simulated clock by the messages of the topic, on Zenoh's threads.
 
     A message of the wrong shape is dropped and counted in `rejected`; the first is logged. ROS 2's

@@ -32,7 +32,7 @@ from tfbus.node.surroundings import (
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
@@ -131,7 +131,7 @@ class Node:
     def _is_stopped(self) -> bool:
         """Whether a signal came while it was made."""
         try:
-            return self._signals.take()
+            return self._signals.consume()
         except KeyboardInterrupt:
             return True
 
@@ -150,7 +150,7 @@ class Node:
             subscription = clock_topic.ClockSubscription(session, self.log, topic, self.clock)
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
-        session.watch_links(OpenFilesWatch(self.log).look)
+        session.watch_links(OpenFilesWatch(self.log).check)
         watch_members(session, self.log)
         watch_endpoints(session, self.executor, self.log)
         self._duplicates = DuplicateNameWatch(
@@ -340,7 +340,7 @@ class Node:
         call = "create_subscription(message_type, topic, callback)"
         check_message_type(call, message_type)
         check_callback(call, callback)
-        lane = self._lanes.of(call, callback_group, callback)
+        lane = self._lanes.lane(call, callback_group, callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
@@ -409,7 +409,7 @@ class Node:
         call = "create_service(service_type, name, handler)"
         check_parts(call, service_type, ("Request", "Response"))
         check_callback(call, handler)
-        lane = self._lanes.of(call, callback_group, handler)
+        lane = self._lanes.lane(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
         return self._info.add("serves", Service(self.session, lane, service_type, name, handler))
@@ -442,7 +442,7 @@ class Node:
         call = "create_goal_server(goal_type, name, handler)"
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         check_callback(call, handler)
-        lane = self._lanes.of(call, callback_group, handler)
+        lane = self._lanes.lane(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
         return self._info.add(
@@ -479,7 +479,7 @@ class Node:
         call = "create_timer(period_s, callback)"
         check_seconds(call, period_s)
         check_callback(call, callback)
-        lane = self._lanes.of(call, callback_group, callback)
+        lane = self._lanes.lane(call, callback_group, callback)
         return lane.every(clock or self.clock, period_s, callback)
 
     def create_clock_publisher(self) -> "ClockPublisher":
@@ -508,7 +508,7 @@ class Node:
         """
         call = "declare_parameter(name, default, on_change=...)"
         check_plain(call, on_change)
-        lane = self._lanes.of(call, callback_group)
+        lane = self._lanes.lane(call, callback_group)
         bounds = Bounds(minimum, maximum)
         parameter = Parameter(name, default, description, bounds, on_change)
         return self._parameters.declare(parameter, lane)

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.node.endpoint import Endpoint, Lane
+from tfbus.node.endpoint import Lane, NodeEndpoint
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import is_async
 from tfbus.runtime.log import LogOnce
@@ -22,7 +22,7 @@ PENDING_MESSAGES = 10
 _REJECTED = "rejected"
 
 
-class Publisher(Endpoint, Generic[M]):
+class Publisher(NodeEndpoint, Generic[M]):
     """Sends messages of one type to all subscribers of the topic."""
 
     def __init__(
@@ -42,7 +42,7 @@ class Publisher(Endpoint, Generic[M]):
         self._publisher.put(encode_message(message))
 
 
-class RawPublisher(Endpoint):
+class RawPublisher(NodeEndpoint):
     """Sends messages that are bytes already; others see `type_name` as their type, and may ask for
     its `definition`.
     """
@@ -65,7 +65,7 @@ class RawPublisher(Endpoint):
         self._publisher.put(payload)
 
 
-class RawSubscription(Endpoint):
+class RawSubscription(NodeEndpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
     For tools that measure, record or forward messages of any type. Messages of ROS 2 are skipped,
@@ -91,7 +91,7 @@ class RawSubscription(Endpoint):
         self._parts = [_subscriber(session, topic, retained, on_message, others=others)]
 
 
-class Subscription(Endpoint, Generic[M]):
+class Subscription(NodeEndpoint, Generic[M]):
     """Calls `callback(message)` for each message of a topic, on the node's thread or those of its
     callback group.
 

@@ -7,18 +7,14 @@ import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.trajectory import FRAME_COLUMNS, POSE_COLUMNS
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 

@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import msgpack
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wire.codec import too_many_items
 
 if TYPE_CHECKING:
-    import numpy as np
     from mcap.writer import Writer
-    from numpy.typing import NDArray
-else:
-    # Tools that look at a bus import this, too, and make no index.
-    from tfbus.core import lazy_numpy as np
 
 ATTACHMENT = "tfbus.index"
 _MEDIA_TYPE = "application/zstd"

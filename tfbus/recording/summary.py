@@ -4,11 +4,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.recording.index import Edge
 from tfbus.recording.items import EventItem
 from tfbus.recording.part import StreamChannel
@@ -16,14 +14,6 @@ from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
 from tfbus.recording.selection import Viewpoint
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from tfbus.recording.reader import RecordingReader
-else:
-    from tfbus.core import lazy_numpy as np
-
 
 # A stream in one epoch.
 StreamKey = tuple[str, int]
@@ -140,14 +130,15 @@ class FileFacts:
 @dataclass(frozen=True)
 class Flow:
     """How messages came: how many, at which log times the first and the last, how many a second
-    while it was recorded (None for fewer than two), and the longest time without one, from when on,
-    but for pauses of the recorder.
+    while it was recorded (None for fewer than two), the median time from one to the next, and the
+    longest time without one, from when on, but for pauses of the recorder.
     """
 
     messages: int
     first_ns: int | None = None
     last_ns: int | None = None
     rate: float | None = None
+    period_s: float | None = None
     longest_gap_s: float | None = None
     gap_from_ns: int | None = None
 
@@ -298,6 +289,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
         times[0],
         times[-1],
         waits.rate_hz(),
+        waits.period_s(),
         int(waits.length_ns[longest]) * 1e-9,
         int(waits.from_ns[longest]),
     )

@@ -14,7 +14,6 @@ from hashlib import sha256
 from typing import Any
 
 from tfbus.ros.cdr import CdrReader, CdrWriter
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import SEPARATOR, Definition
 from tfbus.ros.message_type import (
     PLACEHOLDER,
@@ -23,6 +22,7 @@ from tfbus.ros.message_type import (
     Sequence,
     Text,
     Type,
+    message_of,
     messages_in,
 )
 

@@ -65,9 +65,9 @@ class StopSignals:
         with self.held():
             with _signal_wakeup() as signalled:
                 self._ended.wait(timeout_s, wakeup, signalled, lambda: self._is_interrupted)
-            return self.take()
+            return self.consume()
 
-    def take(self) -> bool:
+    def consume(self) -> bool:
         """Whether it was stopped, or SIGINT came while it was held; that counts once.
 
         In an interactive session SIGINT raises KeyboardInterrupt here.
@@ -79,7 +79,7 @@ class StopSignals:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Until the end of its `with` a signal raises no KeyboardInterrupt; `take` tells of it."""
+        """Until the end of its `with` a signal raises no KeyboardInterrupt: `consume` says so."""
         if not _in_main_thread():
             yield
             return

@@ -14,22 +14,21 @@ from tfbus.frames.moment import BusView
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
+from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.guest import Guest, Region
-from tfbus.view.model.frames import Floats, Frames, Placed, frames_of, place, trail
-from tfbus.view.model.robots import GivenRobots, RobotSource
-from tfbus.view.model.settings import Selections, ViewSettings, ViewState
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
-from tfbus.view.scene.axes import SelectedMarks
+from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.robots import RobotScenes
-from tfbus.view.scene.scene import Names, Scene
-from tfbus.view.server import Access, Guard, serve, silent_viser
+from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
+from tfbus.view.server import Access, Guard, serve, stop
+from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
 
 
-class Host(Protocol):
+class PageHost(Protocol):
     """The log and the end of the page; a Node is one."""
 
     @property
@@ -103,7 +102,7 @@ class Page:
 
     def __init__(
         self,
-        host: Host,
+        host: PageHost,
         bus: BusView,
         serving: Serving,
         robots: RobotSource | None = None,
@@ -129,7 +128,7 @@ class Page:
         self._placed = self.whole = place(self._buffer, "", (), None)
         self._seen_from = ""
         self.cameras = Cameras(self.server)
-        self._names = Names(self.server, self._selections)
+        self._names = FrameLabels(self.server, self._selections)
         self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
             self.server.scene,
@@ -256,8 +255,7 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self.robots.close()
-        with silent_viser():
-            self.server.stop()
+        stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
         self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))

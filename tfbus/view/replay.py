@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
@@ -13,13 +13,11 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
+from tfbus.recording.reader import RecordingReader
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
-from tfbus.view.model.timeline import known_timeline, whole_timeline
+from tfbus.view.timeline import known_timeline, whole_timeline
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.recording.reader import RecordingReader
 
 # How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
 # in this many messages, and these at the least and at the most.
@@ -51,7 +49,7 @@ class Replay:
 
     def __init__(
         self,
-        reader: "RecordingReader",
+        reader: RecordingReader,
         *,
         at_ns: int,
         plays: bool = False,
@@ -153,8 +151,6 @@ class Replay:
 
     def measure(self) -> None:
         """Complete the timeline by what is only found in the index of the files; on any thread."""
-        from tfbus.recording.reader import RecordingReader
-
         try:
             with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
                 self.samples = tuple(self._samples(reader))
@@ -164,7 +160,7 @@ class Replay:
         else:
             self.timeline = found or self.timeline
 
-    def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
+    def _samples(self, reader: RecordingReader) -> Iterator[Buffer]:
         frames = self._frames_of(reader, _SAMPLE_S)
         start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
         for part in range(_SAMPLES):
@@ -234,7 +230,7 @@ class Replay:
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None
 
-    def _frames_of(self, reader: "RecordingReader", cache_time_s: float) -> RecordedFrames:
+    def _frames_of(self, reader: RecordingReader, cache_time_s: float) -> RecordedFrames:
         return RecordedFrames(
             reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
@@ -271,7 +267,7 @@ def _moves(item: Item) -> bool:
     return isinstance(item, TransformItem) and not item.static
 
 
-def _before_s(reader: "RecordingReader") -> float:
+def _before_s(reader: RecordingReader) -> float:
     messages = sum(stream.messages for stream in reader.streams)
     span_s = (reader.end_ns - reader.start_ns) / 1e9
     wanted_s = span_s * _MESSAGES_BEFORE / messages if messages else _MOST_BEFORE_S

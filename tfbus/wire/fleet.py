@@ -85,6 +85,14 @@ class Fleet:
         """The names of one robot's frames, by its namespace relative to ours."""
         return FrameNames(namespace, self.shared_frames)
 
+    def namespaces_of(self, frame: str) -> set[str]:
+        """The namespaces whose robots may have a frame of this name from outside, relative to ours;
+        empty for any, as it is a shared one.
+        """
+        if frame in self.shared_frames:
+            return set()
+        return {"", *(frame[:at] for at, letter in enumerate(frame) if letter == "/" and at)}
+
 
 def shared_name(first: str, second: str) -> str:
     """The shared name of `robot7/world` and `robot8/world`: `world`; "" if the names differ."""

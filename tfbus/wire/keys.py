@@ -70,6 +70,11 @@ def stream_key(stream: str) -> str:
     return f"@tfbus/stream/{escape(stream)}"
 
 
+def may_describe(key: str) -> bool:
+    """Whether a key is that of the token and the description of a stream, in any namespace."""
+    return "/@tfbus/stream/" in f"/{key}"
+
+
 def transforms_key_beside(stream_key: str, child: str | None = None) -> str:
     """The key of the dynamic transforms beside a `stream_key`, in the same namespace; with `child`,
     of that frame in a split stream.

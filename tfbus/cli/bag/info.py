@@ -288,7 +288,7 @@ def _gap(flow: Flow, summary: Summary) -> str:
     """The longest time without a message and, where it is a gap, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
-    if flow.rate is None or flow.longest_gap_s <= least_gap_s(1.0 / flow.rate):
+    if flow.period_s is None or flow.longest_gap_s <= least_gap_s(flow.period_s):
         return duration(flow.longest_gap_s)
     begins_s = (flow.gap_from_ns - summary.start_ns) * 1e-9
     return f"{duration(flow.longest_gap_s)} at +{begins_s:.1f}s"

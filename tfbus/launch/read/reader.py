@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+from tfbus.bus.networks import check_network
 from tfbus.errors import TfbusError
 from tfbus.launch.description import (
     Argument,
@@ -33,6 +34,7 @@ from tfbus.wording import did_you_mean
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),
     *("environment", "directory", "respawn", "required", "after", "secure"),
+    "network",
 )
 _KEYS_OF_NODES_ONLY = ("parameters", "remappings")
 _RESPAWN_KEYS = ("delay", "limit")
@@ -72,6 +74,7 @@ def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) 
         respawn=_respawn(fields),
         required=fields.truth("required"),
         secure=identity_folder(fields, folder),
+        network=fields.text("network", check_network),
     )
     return ProcessEntry(process, fields.is_on, file_namespace, tuple(fields.items("after")))
 
@@ -158,7 +161,7 @@ def _respawn(fields: LaunchFields) -> Respawn | None:
     )
 
 
-_FILE_KEYS = ("description", "arguments", "sim_time", "secure", "includes", "nodes")
+_FILE_KEYS = ("description", "arguments", "sim_time", "secure", "network", "includes", "nodes")
 
 # Files that include others several times each grow without end.
 MOST_FILES = 1_000
@@ -227,6 +230,11 @@ class _Document:
         """The folder of the identity of its nodes, and those it includes; "" without one."""
         return identity_folder(LaunchFields(self._whole, _FILE_KEYS, scope), self.path.parent)
 
+    def network(self, scope: Scope) -> str:
+        """The network of its nodes, and those it includes; "" if it names none."""
+        fields = LaunchFields(self._whole, _FILE_KEYS, scope)
+        return fields.text("network", check_network)
+
 
 class _Total:
     """The sum of all files of a launch so far."""
@@ -263,6 +271,7 @@ class _Reading:
     total: _Total
     sim_time: bool = False
     secure: str = ""
+    network: str = ""
 
     def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
         """Every process, those of included files first."""
@@ -271,14 +280,18 @@ class _Reading:
         scope = Scope(values, self.environment, str(folder.resolve()))
         sim_time = document.has_sim_time(scope) or self.sim_time
         secure = document.identity(scope) or self.secure
-        within = replace(self, sim_time=sim_time, secure=secure)
+        network = document.network(scope) or self.network
+        within = replace(self, sim_time=sim_time, secure=secure, network=network)
         for include in document.includes:
             yield from within._include(include, scope, folder)
         for node in document.nodes:
             self.total.add_process(node.place)
             entry = read_process(node, scope, self.namespace, folder)
             process = replace(
-                entry.process, sim_time=sim_time, secure=entry.process.secure or secure
+                entry.process,
+                sim_time=sim_time,
+                secure=entry.process.secure or secure,
+                network=entry.process.network or network,
             )
             yield replace(entry, process=process)
 

@@ -121,6 +121,8 @@ def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator
         yield from ("--config", str(Path(settings.config).resolve()))
     if secure := process.secure or settings.secure:
         yield from ("--secure", secure)
+    if (network := process.network or settings.network) != "lan":
+        yield from ("--network", network)
     if settings.log_level != "info":
         yield from ("--log-level", settings.log_level)
     if settings.sim_time or process.sim_time:
@@ -132,12 +134,14 @@ def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator
 
 
 def _changes(process: DescribedProcess, settings: NodeSettings) -> dict[str, str | None]:
+    network = process.network or settings.network
     told = {
         "TFBUS_NAMESPACE": process.namespace or None,
         "TFBUS_MODE": settings.mode or None,
         "TFBUS_CONNECT": " ".join(settings.connect) or None,
         "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
         "TFBUS_SECURE": process.secure or settings.secure or None,
+        "TFBUS_NETWORK": None if network == "lan" else network,
         "TFBUS_LOG_LEVEL": settings.log_level,
         "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
     }

@@ -2,6 +2,7 @@ cimport cython
 from tfbus.core cimport packed
 from tfbus.core.packed cimport octets_t
 from tfbus.geometry.columns cimport Columns
+from tfbus.geometry.transform cimport TransformStamped, child_name
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
 cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED
@@ -56,3 +57,11 @@ cdef tuple _texts(_Cursor cursor, Py_ssize_t start)
 @cython.locals(i=Py_ssize_t, known=Py_ssize_t, parent=Py_ssize_t, child=Py_ssize_t,
                edges=octets_t)
 cdef bint _are_edges(Columns columns, Py_ssize_t count) except -1
+
+@cython.final
+cdef class OneMessage:
+    cdef str _frame_id, _child_frame_id
+    cdef bytes _head, _stamps, _poses
+
+    cpdef bytes encode_bytes(self, object seq, tuple frames, long long stamp_ns, bytes pose)
+    cpdef bytes encode(self, object seq, TransformStamped transform)

@@ -5,81 +5,47 @@ Unix epoch. A value that is not finite or out of range raises ValueError; on the
 is dropped and counted.
 
 A message that ROS has too has ROS's fields, by ROS's names; only its `header` is `stamp_ns` and
-`frame_id`. `__ros__` names its type in ROS, and `__former__` the names that its fields had before;
-a type with a `__msgtype__` is on the bus under that name of ROS's, in ROS's layout.
+`frame_id`, and a time such as `lifetime` is `lifetime_ns`. Long sequences of numbers are arrays of
+numpy, which cannot be written to. `__ros__` names its type in ROS, and `__former__` the names that
+its fields had before; a type with a `__msgtype__` is on the bus under that name of ROS's, in ROS's
+layout, and `__times__` are its fields that are times there.
 """
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import hypot, isfinite
+from math import isfinite
 from typing import ClassVar
 
-# How far from 1 the length of a quaternion may be.
-_UNIT_WITHIN = 1e-3
-
-# Where a field with a former name is now, as a path; of a list, a path for each item.
-Former = Mapping[str, str | tuple[str, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class Vector3:
-    """Three components along x, y and z."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_finite("x", self.x)
-        _check_finite("y", self.y)
-        _check_finite("z", self.z)
-
-
-@dataclass(frozen=True, slots=True)
-class Quaternion:
-    """A rotation, or no value where all are 0; the length is checked where it must be 1."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    w: float = 1.0
-
-    def __post_init__(self) -> None:
-        _check_finite("x", self.x)
-        _check_finite("y", self.y)
-        _check_finite("z", self.z)
-        _check_finite("w", self.w)
-
-
-@dataclass(frozen=True, slots=True)
-class Pose3D:
-    """A pose in space, geometry_msgs/Pose: `position` in m, `orientation` a unit quaternion.
-
-    `Pose` is turtlesim's.
-    """
-
-    position: Vector3 = field(default_factory=Vector3)
-    orientation: Quaternion = field(default_factory=Quaternion)
-
-    def __post_init__(self) -> None:
-        turn = self.orientation
-        if abs(hypot(turn.x, turn.y, turn.z, turn.w) - 1.0) > _UNIT_WITHIN:
-            raise ValueError(f"orientation must be a unit quaternion, not {turn}")
-
-
-@dataclass(frozen=True, slots=True)
-class Twist:
-    """Velocities in the frame of the body: `linear` in m/s, `angular` in rad/s about each axis.
-
-    A turtle drives forward by linear.x, turns by angular.z, and moves left by linear.y if the
-    simulator is holonomic.
-    """
-
-    __ros__: ClassVar[str] = "geometry_msgs/msg/Twist"
-
-    linear: Vector3 = field(default_factory=Vector3)
-    angular: Vector3 = field(default_factory=Vector3)
+from tfbus.messages.fields import Former, check_byte, check_finite, check_stamp
+from tfbus.messages.geometry import Odometry as Odometry
+from tfbus.messages.geometry import Path as Path
+from tfbus.messages.geometry import Pose3D as Pose3D
+from tfbus.messages.geometry import PoseArray as PoseArray
+from tfbus.messages.geometry import PoseStamped as PoseStamped
+from tfbus.messages.geometry import PoseWithCovariance as PoseWithCovariance
+from tfbus.messages.geometry import PoseWithCovarianceStamped as PoseWithCovarianceStamped
+from tfbus.messages.geometry import Quaternion as Quaternion
+from tfbus.messages.geometry import Twist as Twist
+from tfbus.messages.geometry import TwistWithCovariance as TwistWithCovariance
+from tfbus.messages.geometry import Vector3 as Vector3
+from tfbus.messages.images import CameraInfo as CameraInfo
+from tfbus.messages.images import CompressedImage as CompressedImage
+from tfbus.messages.images import Image as Image
+from tfbus.messages.images import RegionOfInterest as RegionOfInterest
+from tfbus.messages.scene import ColorRGBA as ColorRGBA
+from tfbus.messages.scene import Log as Log
+from tfbus.messages.scene import MapMetaData as MapMetaData
+from tfbus.messages.scene import Marker as Marker
+from tfbus.messages.scene import MarkerArray as MarkerArray
+from tfbus.messages.scene import MeshFile as MeshFile
+from tfbus.messages.scene import OccupancyGrid as OccupancyGrid
+from tfbus.messages.sensors import Imu as Imu
+from tfbus.messages.sensors import LaserScan as LaserScan
+from tfbus.messages.sensors import NavSatFix as NavSatFix
+from tfbus.messages.sensors import NavSatStatus as NavSatStatus
+from tfbus.messages.sensors import PointCloud as PointCloud
+from tfbus.messages.sensors import PointField as PointField
+from tfbus.messages.sensors import Range as Range
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +66,11 @@ class Pose:
     angular_velocity: float
 
     def __post_init__(self) -> None:
-        _check_finite("x", self.x)
-        _check_finite("y", self.y)
-        _check_finite("theta", self.theta)
-        _check_finite("linear_velocity", self.linear_velocity)
-        _check_finite("angular_velocity", self.angular_velocity)
+        check_finite("x", self.x)
+        check_finite("y", self.y)
+        check_finite("theta", self.theta)
+        check_finite("linear_velocity", self.linear_velocity)
+        check_finite("angular_velocity", self.angular_velocity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +99,7 @@ class JointState:
     effort: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
+        check_stamp("stamp_ns", self.stamp_ns)
         for field_name in ("position", "velocity", "effort"):
             numbers = getattr(self, field_name)
             if numbers and len(numbers) != len(self.name):
@@ -146,7 +112,7 @@ class JointState:
             raise ValueError(f"joint {twice[:60]!r} must be in name once, not twice")
         if not all(map(isfinite, self.position)):
             for name, position in zip(self.name, self.position, strict=True):
-                _check_finite(f"the position of joint {name[:60]!r}", position)
+                check_finite(f"the position of joint {name[:60]!r}", position)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,137 +179,6 @@ class RobotMesh:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseStamped:
-    """A pose in the frame `frame_id` at stamp_ns."""
-
-    __ros__: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
-    __former__: ClassVar[Former] = {
-        "frame": "frame_id",
-        "position": "pose.position",
-        "quat_xyzw": tuple(f"pose.orientation.{axis}" for axis in "xyzw"),
-    }
-
-    stamp_ns: int
-    frame_id: str
-    pose: Pose3D = field(default_factory=Pose3D)
-
-    def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """A way to go at stamp_ns: poses one behind the other, in the frame `frame_id`.
-
-    A pose may have a stamp of its own, when to be there, and another frame.
-    """
-
-    __msgtype__: ClassVar[str] = "nav_msgs/msg/Path"
-
-    stamp_ns: int
-    frame_id: str
-    poses: tuple[PoseStamped, ...] = ()
-
-    def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseWithCovariance:
-    """A pose, and how sure it is.
-
-    The covariance has 6 by 6 numbers, row by row, in the order x, y, z and rotations about x, y, z;
-    all are 0 if it is not known.
-    """
-
-    pose: Pose3D = field(default_factory=Pose3D)
-    covariance: tuple[float, ...] = (0.0,) * 36
-
-    def __post_init__(self) -> None:
-        _check_count("covariance", self.covariance, 36)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseWithCovarianceStamped:
-    """A pose in the frame `frame_id` at stamp_ns, and how sure it is, as localisation gives it."""
-
-    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
-
-    stamp_ns: int
-    frame_id: str
-    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
-
-    def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class TwistWithCovariance:
-    """A velocity, and how sure it is, as in PoseWithCovariance."""
-
-    twist: Twist = field(default_factory=Twist)
-    covariance: tuple[float, ...] = (0.0,) * 36
-
-    def __post_init__(self) -> None:
-        _check_count("covariance", self.covariance, 36)
-
-
-@dataclass(frozen=True, slots=True)
-class Odometry:
-    """The pose of a robot by its own reckoning at stamp_ns, and its velocity.
-
-    `pose` is that of `child_frame_id` in `frame_id`; `twist` is its velocity, in `child_frame_id`,
-    in m/s and rad/s.
-    """
-
-    __ros__: ClassVar[str] = "nav_msgs/msg/Odometry"
-    __former__: ClassVar[Former] = {
-        "frame": "frame_id",
-        "child_frame": "child_frame_id",
-        "position": "pose.pose.position",
-        "quat_xyzw": tuple(f"pose.pose.orientation.{axis}" for axis in "xyzw"),
-        "pose_covariance": "pose.covariance",
-        "twist": "twist.twist",
-        "twist_covariance": "twist.covariance",
-    }
-
-    stamp_ns: int
-    frame_id: str
-    child_frame_id: str
-    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
-    twist: TwistWithCovariance = field(default_factory=TwistWithCovariance)
-
-    def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class Imu:
-    """Measurements of an inertial sensor at stamp_ns, in the frame of the sensor, `frame_id`.
-
-    `angular_velocity` is in rad/s, `linear_acceleration` in m/s², with that of gravity. Each
-    covariance has 3 by 3 numbers about x, y and z, row by row: all are 0 where it is not known, and
-    the first is -1 where the sensor does not measure the value, such as the `orientation`.
-    """
-
-    __msgtype__: ClassVar[str] = "sensor_msgs/msg/Imu"
-
-    stamp_ns: int
-    frame_id: str
-    orientation: Quaternion = field(default_factory=Quaternion)
-    orientation_covariance: tuple[float, ...] = (0.0,) * 9
-    angular_velocity: Vector3 = field(default_factory=Vector3)
-    angular_velocity_covariance: tuple[float, ...] = (0.0,) * 9
-    linear_acceleration: Vector3 = field(default_factory=Vector3)
-    linear_acceleration_covariance: tuple[float, ...] = (0.0,) * 9
-
-    def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-        for value in ("orientation", "angular_velocity", "linear_acceleration"):
-            _check_count(f"{value}_covariance", getattr(self, f"{value}_covariance"), 9)
-
-
-@dataclass(frozen=True, slots=True)
 class Color:
     """A colour; each part from 0 to 255."""
 
@@ -352,9 +187,9 @@ class Color:
     b: int
 
     def __post_init__(self) -> None:
-        _check_byte("r", self.r)
-        _check_byte("g", self.g)
-        _check_byte("b", self.b)
+        check_byte("r", self.r)
+        check_byte("g", self.g)
+        check_byte("b", self.b)
 
 
 @dataclass(frozen=True, slots=True)
@@ -371,8 +206,8 @@ class Clock:
     paused: bool = False
 
     def __post_init__(self) -> None:
-        _check_stamp("stamp_ns", self.stamp_ns)
-        _check_finite("rate", self.rate)
+        check_stamp("stamp_ns", self.stamp_ns)
+        check_finite("rate", self.rate)
 
 
 class SetClock:
@@ -385,7 +220,7 @@ class SetClock:
         stamp_ns: int
 
         def __post_init__(self) -> None:
-            _check_stamp("stamp_ns", self.stamp_ns)
+            check_stamp("stamp_ns", self.stamp_ns)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -402,7 +237,7 @@ class SetRate:
         rate: float
 
         def __post_init__(self) -> None:
-            _check_finite("rate", self.rate)
+            check_finite("rate", self.rate)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -420,8 +255,8 @@ class Seek:
         log_ns: int = 0
 
         def __post_init__(self) -> None:
-            _check_finite("offset_s", self.offset_s)
-            _check_stamp("log_ns", self.log_ns)
+            check_finite("offset_s", self.offset_s)
+            check_stamp("log_ns", self.log_ns)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -543,9 +378,9 @@ class Spawn:
         name: str = ""
 
         def __post_init__(self) -> None:
-            _check_finite("x", self.x)
-            _check_finite("y", self.y)
-            _check_finite("theta", self.theta)
+            check_finite("x", self.x)
+            check_finite("y", self.y)
+            check_finite("theta", self.theta)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -585,10 +420,10 @@ class SetPen:
         off: bool = False
 
         def __post_init__(self) -> None:
-            _check_byte("r", self.r)
-            _check_byte("g", self.g)
-            _check_byte("b", self.b)
-            _check_byte("width", self.width)
+            check_byte("r", self.r)
+            check_byte("g", self.g)
+            check_byte("b", self.b)
+            check_byte("width", self.width)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -607,9 +442,9 @@ class TeleportAbsolute:
         theta: float = 0.0
 
         def __post_init__(self) -> None:
-            _check_finite("x", self.x)
-            _check_finite("y", self.y)
-            _check_finite("theta", self.theta)
+            check_finite("x", self.x)
+            check_finite("y", self.y)
+            check_finite("theta", self.theta)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -627,8 +462,8 @@ class TeleportRelative:
         angular: float
 
         def __post_init__(self) -> None:
-            _check_finite("linear", self.linear)
-            _check_finite("angular", self.angular)
+            check_finite("linear", self.linear)
+            check_finite("angular", self.angular)
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -645,7 +480,7 @@ class RotateAbsolute:
         theta: float
 
         def __post_init__(self) -> None:
-            _check_finite("theta", self.theta)
+            check_finite("theta", self.theta)
 
     @dataclass(frozen=True, slots=True)
     class Result:
@@ -658,23 +493,3 @@ class RotateAbsolute:
         """The angle left to turn, in rad in [-pi, pi)."""
 
         remaining: float
-
-
-def _check_finite(name: str, value: float) -> None:
-    if not isfinite(value):
-        raise ValueError(f"{name} must be finite, not {value}")
-
-
-def _check_count(name: str, numbers: tuple[float, ...], count: int) -> None:
-    if len(numbers) != count:
-        raise ValueError(f"{name} must be {count} numbers, not {len(numbers)}")
-
-
-def _check_stamp(name: str, value: int) -> None:
-    if not 0 <= value < 2**63:
-        raise ValueError(f"{name} must be nanoseconds from 0 to 2^63 - 1, not {value}")
-
-
-def _check_byte(name: str, value: int) -> None:
-    if not 0 <= value <= 255:
-        raise ValueError(f"{name} must be from 0 to 255, not {value}")

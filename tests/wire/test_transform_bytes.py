@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.builders import EPOCH_NS, SAMPLE, at, messages, poses, rows_of
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns
-from tfbus.wire.scan import NameTables, scan_message
+from tfbus.wire.transform_bytes import NameTables, scan_message
 from tfbus.wire.transforms import (
     TransformMessage,
     TransformReader,

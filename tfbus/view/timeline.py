@@ -5,19 +5,17 @@ Its events give most marks at once; gaps and how busy it was are in the index of
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.frames.track import least_gap_between
 from tfbus.recording.items import EventItem
+from tfbus.recording.part import Part
 from tfbus.recording.pauses import Pause, waits_between
+from tfbus.recording.reader import RecordingReader
 from tfbus.wording import counted, duration, listed, printable
-
-if TYPE_CHECKING:
-    from tfbus.recording.part import Part
-    from tfbus.recording.reader import RecordingReader
 
 Ints = NDArray[np.int64]
 
@@ -124,7 +122,7 @@ def cut_to(marks: Sequence[Mark], start_ns: int, end_ns: int) -> tuple[Mark, ...
 
 
 @dataclass
-class _Stream:
+class _ListedStream:
     """A stream as its events described it last; `gone_ns` is since when it is gone."""
 
     epoch: int
@@ -137,7 +135,7 @@ class _Stream:
 class _Sweep:
     """The open events while they pass by."""
 
-    streams: dict[str, _Stream] = field(default_factory=dict)
+    streams: dict[str, _ListedStream] = field(default_factory=dict)
     # By frame, the living streams that list it.
     claims: dict[str, set[str]] = field(default_factory=dict)
     # By pair of streams: since when, and the frames that both list.
@@ -175,7 +173,7 @@ def _of_event(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
 
 def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
     at_ns, name = event.log_ns, event.name
-    now = _Stream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
+    now = _ListedStream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
     former = sweep.streams.get(name)
     if former is not None:
         restarted = bool(former.epoch and now.epoch > former.epoch)
@@ -226,7 +224,7 @@ def _still_open(sweep: _Sweep, end_ns: int) -> Iterator[Mark]:
         yield _paused(sweep.paused_ns, end_ns)
 
 
-def _gone(name: str, stream: _Stream, since_ns: int, until_ns: int) -> Mark:
+def _gone(name: str, stream: _ListedStream, since_ns: int, until_ns: int) -> Mark:
     return Mark("gone", since_ns, until_ns, "gone", (name,), stream.publisher)
 
 
@@ -278,14 +276,14 @@ def _children(facts: Mapping[str, Any]) -> frozenset[str]:
 _BARS = 240
 
 
-def known_timeline(reader: "RecordingReader", start_ns: int, end_ns: int) -> Timeline:
+def known_timeline(reader: RecordingReader, start_ns: int, end_ns: int) -> Timeline:
     """The span, with the marks of the events."""
     marks = marks_of_events(reader.events, reader.end_ns)
     return Timeline(start_ns, end_ns, cut_to(in_order(marks), start_ns, end_ns))
 
 
 def whole_timeline(
-    reader: "RecordingReader", known: Timeline, is_ended: Callable[[], bool]
+    reader: RecordingReader, known: Timeline, is_ended: Callable[[], bool]
 ) -> Timeline | None:
     """The same with the silence of streams, their restarts if there are no events of them, and how
     busy the recording was: from the index of the file. None if `is_ended` before.
@@ -316,7 +314,7 @@ def whole_timeline(
     return replace(known, marks=shown, activity=tuple(busy.counts.tolist()))
 
 
-def _times_of(part: "Part") -> Iterator[tuple[str, int, Ints]]:
+def _times_of(part: Part) -> Iterator[tuple[str, int, Ints]]:
     """Stream, epoch and log times of the dynamic transforms in each chunk."""
     for chunk in part.file.chunks:
         for number, log_ns in part.file.log_times(chunk).items():

@@ -1,6 +1,7 @@
-"""Messages of transforms, read where they stand in their payload.
+"""Messages of transforms as bytes: read where they stand in their payload, and written one
+transform at a time, which is the most frequent.
 
-Compiled if there is a C compiler (`scan.pxd` has the C types).
+Compiled if there is a C compiler (`transform_bytes.pxd` has the C types).
 """
 
 import sys
@@ -10,6 +11,7 @@ from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped, child_name
 
 try:
     import cython
@@ -272,3 +274,56 @@ def _are_edges(columns: Columns, count: int) -> bool:
         if parent >= known or child >= known:
             return False
     return True
+
+
+class OneMessage:
+    """Writes messages that carry one transform, always between the same two frames.
+
+    `head`, `stamps` and `poses` are the constant bytes of a message: up to its number, from there
+    to its stamp, and from there to its pose.
+    """
+
+    def __init__(
+        self, frame_id: str, child_frame_id: str, head: bytes, stamps: bytes, poses: bytes
+    ) -> None:
+        self._frame_id = frame_id
+        self._child_frame_id = child_frame_id
+        self._head = head
+        self._stamps = stamps
+        self._poses = poses
+
+    def encode_bytes(
+        self, seq: int, frames: tuple[str, ...], stamp_ns: int, pose: bytes
+    ) -> bytes | None:
+        """The message with this number, of a pose in the byte order of this machine. None for other
+        frames.
+        """
+        if frames[1] != self._child_frame_id or frames[0] != self._frame_id:
+            return None
+        return b"".join(
+            (
+                self._head,
+                seq.to_bytes(8, "big"),
+                self._stamps,
+                packed.stamp_bytes(stamp_ns),
+                self._poses,
+                pose,
+            )
+        )
+
+    def encode(self, seq: int, transform: TransformStamped) -> bytes | None:
+        """The message with this number, in the byte order of this machine. None for a transform
+        between other frames.
+        """
+        if child_name(transform) != self._child_frame_id or transform._frame_id != self._frame_id:
+            return None
+        return b"".join(
+            (
+                self._head,
+                seq.to_bytes(8, "big"),
+                self._stamps,
+                packed.stamp_bytes(transform._stamp_ns),
+                self._poses,
+                packed.pose_bytes(transform._pose),
+            )
+        )

@@ -1,0 +1,165 @@
+"""What a listener knows of a robot behind a bad link: python -m benchmarks.links [NAME ...]
+
+A robot of 50 dynamic frames and 20 static ones, its router, a link of the tests' own, and on the
+other host a router and a listener. Each row is a link with one of the networks that `--network`
+names. It needs root, and writes the table of docs/guide/scaling.md; `--print` does not.
+"""
+
+import argparse
+import json
+import os
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks import machine
+from benchmarks.bus.links import Heard
+from benchmarks.bus.place import Process, place
+from benchmarks.parts import Table
+from tests.hosts.lossy_link import Conditions
+from tests.hosts.network import Hosts
+
+SECONDS = 15.0
+_KEPT = Path(__file__).parent / "measured" / "links.json"
+_PAGE = Path(__file__).parent.parent / "docs" / "guide" / "scaling.md"
+_BEGIN, _END = "<!-- made by benchmarks.links -->\n", "<!-- end of it -->\n"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link as the table calls it, and how often a second the robot sends over it."""
+
+    text: str
+    conditions: Conditions
+    hz: float = 10.0
+
+
+_MBIT = 125_000.0
+LINKS = {
+    "wifi": Link("Wi-Fi: 5 ± 3 ms, 1 % lost in bursts", Conditions(0.005, 0.003, 0.01, burst=3.0)),
+    "lte": Link("LTE: 60 ± 30 ms, 1 %", Conditions(0.06, 0.03, 0.01)),
+    "satellite": Link("satellite: 300 ms, 2 %", Conditions(0.3, 0.0, 0.02)),
+    "loss": Link("20 ± 5 ms, 20 %", Conditions(0.02, 0.005, 0.2)),
+    "far-loss": Link("250 ± 50 ms, 20 %", Conditions(0.25, 0.05, 0.2)),
+    "narrow": Link(
+        "1 Mbit/s, 30 ms, at 50 Hz: 1.6 Mbit/s are sent",
+        Conditions(0.03, bytes_a_second=_MBIT, queue_s=1.0),
+        50.0,
+    ),
+}
+ROWS = (
+    *(("wifi", "lan"), ("wifi", "wifi"), ("lte", "lan"), ("lte", "mobile"), ("satellite", "lan")),
+    *(("satellite", "satellite"), ("loss", "lan"), ("loss", "wifi"), ("far-loss", "lan")),
+    *(("far-loss", "satellite"), ("narrow", "lan"), ("narrow", "mobile")),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured: the listener's, the robot's longest send, and bytes a second on the link
+    from the robot.
+    """
+
+    heard: Heard
+    longest_send_s: float
+    bytes_a_second: float
+
+
+def measure(link: Link, network: str) -> Row:
+    """One row."""
+    hosts = Hosts("robot", "desk", offline=("robot", "desk"))
+    with place() as at, ExitStack() as stack:
+        stack.callback(hosts.close)
+        bad = hosts.join_by_link("robot", "desk", link.conditions)
+
+        def start(host: str, function: str, env: dict[str, str], **arguments: float) -> Process:
+            def on(*command: str) -> list[str]:
+                return [*hosts.command(host, *command)]
+
+            return stack.enter_context(Process(at, function, env, on=on, **arguments))
+
+        env = {**at.env, "TFBUS_NETWORK": network}
+        here, there = f"tcp/{hosts.link_address['desk']}:7447", "tcp/127.0.0.1:7447"
+        routing = {**env, "TFBUS_MODE": "router"}
+        listening = {**routing, "TFBUS_LISTEN": f"{here} {there}"}
+        start("desk", "interest:route", listening).hear()
+        connecting = {**routing, "TFBUS_LISTEN": there, "TFBUS_CONNECT": here}
+        start("robot", "interest:route", connecting).hear()
+        client = {**env, "TFBUS_MODE": "client", "TFBUS_CONNECT": there}
+        robot = start("robot", "links:publish", client, hz=link.hz)
+        robot.hear()
+        listener = start("desk", "links:listen", client, seconds=SECONDS)
+        before = bad.counts()[0].bytes
+        heard = Heard(**listener.hear())
+        carried = bad.counts()[0].bytes - before
+        robot.tell()
+        longest_s = robot.hear()
+        listener.tell()
+        took_s = SECONDS + 1.0 + (heard.joined_s or 0.0)
+        return Row(heard, longest_s, carried / took_s)
+
+
+def _cells(link: str, network: str, row: Row) -> list[str]:
+    heard = row.heard
+
+    def seconds(value: float | None) -> str:
+        return "never" if value is None else f"{value:.1f} s"
+
+    return [
+        LINKS[link].text,
+        f"`{network}`",
+        f"{heard.age_p50_s:.2f} / {heard.age_p99_s:.2f} s",
+        f"{100 * heard.answered:.0f} %",
+        seconds(heard.statics_s),
+        f"{heard.gone}",
+        f"{1e3 * row.longest_send_s:.0f} ms",
+        f"{row.bytes_a_second / 1e3:.0f} kB/s",
+    ]
+
+
+def table(kept: dict[str, list[str]]) -> Table:
+    """The table of the rows that are kept."""
+    headings = ["link, each way", "`--network`", "age p50 / p99", f"{_PAST} ago", "statics after"]
+    headings += ["false *gone*", "longest send", "on the link"]
+    rows = [kept[f"{link}/{network}"] for link, network in ROWS if f"{link}/{network}" in kept]
+    return Table(headings, rows, words=2)
+
+
+_PAST = "known 0.5 s"
+
+
+def _write(kept: dict[str, list[str]]) -> None:
+    _KEPT.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    before, _, rest = _PAGE.read_text().partition(_BEGIN)
+    after = rest.partition(_END)[2]
+    _PAGE.write_text(f"{before}{_BEGIN}\n{table(kept).as_markdown()}\n\n{_END}{after}")
+
+
+def main() -> None:
+    """Measure the rows, and write the table."""
+    parser = argparse.ArgumentParser(prog="benchmarks.links", description=__doc__)
+    parser.add_argument("names", nargs="*", help="links, such as lte or lte/mobile; all")
+    parser.add_argument("--print", action="store_true", help="write nothing")
+    parser.add_argument("--conditions", help="further conditions of the links, in JSON")
+    given = parser.parse_args()
+    kept = json.loads(_KEPT.read_text()) if _KEPT.exists() else {}
+    print(machine.describe())
+    for link, network in given_rows(given.names):
+        cells = _cells(link, network, measure(LINKS[link], network))
+        print("  ".join(cells), f"(load {os.getloadavg()[0]:.0f})", flush=True)
+        kept[f"{link}/{network}"] = cells
+    if not given.print:
+        _write(kept)
+
+
+def given_rows(names: list[str]) -> list[tuple[str, str]]:
+    """The rows that names choose: a link, or a link with a network."""
+    chosen = []
+    for name in names:
+        link, _, network = name.partition("/")
+        chosen += [(link, network)] if network else [row for row in ROWS if row[0] == link]
+    return chosen if names else list(ROWS)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Networks by their names: what each sets in Zenoh, and which one `auto` takes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tfbus import NodeSettings, SettingsError
+from tfbus.bus import interfaces, networks
+from tfbus.bus.interfaces import Interface
+from tfbus.bus.networks import NETWORKS, network_of
+from tfbus.bus.zenoh_config import zenoh_config
+
+HUB = "tcp/10.0.0.1:7447"
+
+
+def value_of(key: str, **given: Any) -> Any:
+    """A value of the configuration of a node with these settings."""
+    return json.loads(zenoh_config(NodeSettings("sim", **given)).get_json(key))
+
+
+def test_a_lan_is_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a name a network is a LAN: links of TCP, whole messages, gone at once."""
+    monkeypatch.delenv("TFBUS_NETWORK", raising=False)
+    assert NodeSettings("sim").network == "lan"
+    assert value_of("transport/link/tx/lease") == 1500
+    assert value_of("transport/unicast/max_links") == 1
+    assert (NETWORKS["lan"].gone_after_s, NETWORKS["lan"].message_bytes) == (0.0, 0)
+
+
+def test_the_environment_names_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """TFBUS_NETWORK is that of all processes of a machine; another name is refused."""
+    monkeypatch.setenv("TFBUS_NETWORK", "satellite")
+    assert NodeSettings("sim").network == "satellite"
+    with pytest.raises(SettingsError, match=r"^network 'radio' is not one of lan, wifi, mobile, "):
+        NodeSettings("sim", network="radio")
+
+
+@pytest.mark.parametrize(
+    ("mode", "network", "expected"),
+    [
+        ("router", "wifi", [f"{HUB}?rel=1", "udp/10.0.0.1:7447?rel=0"]),
+        ("peer", "satellite", [f"{HUB}?rel=1", "udp/10.0.0.1:7447?rel=0"]),
+        # Zenoh gives a client one link.
+        ("client", "wifi", [HUB]),
+        ("router", "mobile", [HUB]),
+        ("router", "lan", [HUB]),
+    ],
+)
+def test_routers_have_datagrams_beside_tcp(mode: str, network: str, expected: list[str]) -> None:
+    """Where datagrams win, a router or peer has a link of them beside each of TCP."""
+    given: dict[str, Any] = {"mode": mode, "network": network}
+    assert value_of("connect/endpoints", connect=[HUB], **given) == expected
+    if mode == "router":
+        assert value_of("listen/endpoints", listen=[HUB], **given) == expected
+
+
+def test_other_endpoints_stay_as_they_are() -> None:
+    """An endpoint that says what kind of link it is has no other beside it."""
+    given = ["tcp/10.0.0.1:7447?prio=1-7", "tcp/10.0.0.1:7448#iface=eth0", "ws/10.0.0.1:7449"]
+    assert value_of("connect/endpoints", connect=given, network="wifi") == given
+
+
+def test_a_configuration_file_comes_first(tmp_path: Path) -> None:
+    """What the file sets counts, on each network."""
+    config = tmp_path / "zenoh.json5"
+    config.write_text("{transport: {link: {tx: {lease: 9000}}}}")
+    assert value_of("transport/link/tx/lease", network="wifi", config=str(config)) == 9000
+    assert value_of("transport/link/tx/keep_alive", network="wifi", config=str(config)) == 8
+
+
+@pytest.mark.real
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({"wireless": None}, "wifi"),
+        ({"uevent": "DEVTYPE=wwan\nINTERFACE=radio0\n"}, "mobile"),
+        ({"uevent": "INTERFACE=radio0\n"}, "lan"),
+    ],
+)
+def test_auto_is_the_network_of_the_interface(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, files: dict[str, str | None], expected: str
+) -> None:
+    """`auto` is Wi-Fi or a mobile network where Linux says so of the interface, else a LAN."""
+    device = tmp_path / "radio0"
+    device.mkdir()
+    for name, text in files.items():
+        (device / name).mkdir() if text is None else (device / name).write_text(text)
+    radio = Interface("radio0", True, True, False, address="127.0.0.1")
+    monkeypatch.setattr(networks, "_DEVICES", str(tmp_path))
+    monkeypatch.setattr(interfaces, "interfaces", lambda: [radio])
+    assert network_of("auto", ["tcp/127.0.0.1:7447"]).name == expected
+
+
+@pytest.mark.real
+def test_auto_is_a_lan_without_a_route() -> None:
+    """An endpoint that is not reached says nothing of the network."""
+    assert network_of("auto", ["tcp/no.such.host.invalid:7447"]).name == "lan"

@@ -67,12 +67,12 @@ guide](../guide/view.md).
 # Methods and constructors that only other parts of tfbus call, by their class: a listener, the
 # waits of the clock, the simulated network, the completion of a shell.
 _INNER = {
-    "Buffer": "ask_again count_sent_by expect_no_more expect_past forget interrupt known_frame"
-    " mark_gone remove_sent senders_of sent_by tell waiting watch_questions",
+    "Buffer": "announce ask_again count_sent_by expect_no_more expect_past forget interrupt"
+    " known_frame mark_gone remove_sent senders_of sent_by waiting watch_questions",
     "tfbus.buffer.formats": "branch",
-    "Node": "describe describers",
+    "Node": "buffers describe describers",
     "NodeSettings": "check_right named_by_default renamed",
-    "Limits": "mistake_in of",
+    "Limits": "limit_of mistake_in",
     "Parameter": "__init__ checked describe",
     "GoalHandle": "__init__",
     "Robot": "__init__",

@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.runtime.stamps import stamp_ns as stamp_ns
-    from tfbus.trajectory.trajectory import Trajectory as Trajectory
+    from tfbus.trajectory import Trajectory as Trajectory
     from tfbus.wire.fleet import Fleet as Fleet
     from tfbus.wire.limits import Limits as Limits
 
@@ -127,7 +127,7 @@ _MODULE_OF = {
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
     "TopicName": "tfbus.command.types",
-    "Trajectory": "tfbus.trajectory.trajectory",
+    "Trajectory": "tfbus.trajectory",
     "Transform": "tfbus.geometry.transform",
     "TransformArray": "tfbus.geometry.transform_array",
     "TransformBatch": "tfbus.geometry.batch",

@@ -15,8 +15,7 @@ from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.bridge.legs.dds import configuration, dropped_datagrams, udp_sockets
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.definitions import STRING, TF_MESSAGE
-from tfbus.ros.rmw import NodeEntities, ParticipantNodes, encode_nodes
-from tfbus.ros.ros_names import domain_of
+from tfbus.ros.rmw import NodeEntities, ParticipantNodes, domain_of, encode_nodes
 
 pytestmark = pytest.mark.real
 

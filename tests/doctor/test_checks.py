@@ -20,7 +20,8 @@ from tfbus.doctor.examine import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.flow import EdgeFlow, spread_of
+from tfbus.monitor.report import EdgeFlow
+from tfbus.monitor.windows import spread_of
 from tfbus.secure.folder import SecureFolder
 from tfbus.secure.rights import Identity, Rights
 from tfbus.wire.descriptions import BufferDescription, DelayDescription, NodeDescription

@@ -87,9 +87,9 @@ class Past:
         self.history.ask(key, cast(StreamReception, self))
 
     def ask_later(
-        self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float, background: bool
+        self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float, priority: str
     ) -> None:
-        assert background
+        assert priority == "background"
         self.questions.append((key, answer, end))
 
     def receive_kept(self, payload: bytes) -> None:

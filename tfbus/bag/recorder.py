@@ -15,6 +15,7 @@ from tfbus.bag.keeping import (
     UNSPLIT,
     Fill,
     InFiles,
+    ItemWriter,
     Keeping,
     LastSeconds,
     MissedMessages,
@@ -27,7 +28,7 @@ from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import EventItem, Item
 from tfbus.recording.selection import Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
@@ -156,45 +157,7 @@ _DROPPED_EVERY_S = 1.0
 # A service, or a key, waits at most this long for the thread.
 _ANSWER_WITHIN_S = 60.0
 
-UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "history"
-
-
-@dataclass
-class Counts:
-    """Counts of recorded and lost messages.
-
-    `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
-    and `streams` count messages by name, without those of static transforms, which repeat; `filled`
-    are those that came later, from who had kept them. `lost` counts messages by what became of
-    them: the kinds that the queue dropped, "unreadable", "refused" by the format of the file,
-    "missing": those of dynamic transforms that never came, and "history": those held from before
-    for which there was no room.
-    """
-
-    messages: int = 0
-    transforms: int = 0
-    statics: set[tuple[str, str]] = field(default_factory=set)
-    events: int = 0
-    topics: Counter[str] = field(default_factory=Counter)
-    streams: Counter[str] = field(default_factory=Counter)
-    filled: int = 0
-    lost: Counter[str] = field(default_factory=Counter)
-
-    def add(self, item: Item) -> None:
-        """Count an item that was written."""
-        if isinstance(item, TransformItem):
-            self.messages += 1
-            name = item.stream.name
-            if item.static:
-                self.statics.update((name, child) for child in item.rows.children())
-            else:
-                self.transforms += item.rows.count
-            self.streams[name] += 0 if item.static else 1
-        elif isinstance(item, TopicItem):
-            self.messages += 1
-            self.topics[item.topic] += 1
-        else:
-            self.events += 1
+MISSING, HISTORY = "missing", "history"
 
 
 @dataclass(frozen=True)
@@ -240,7 +203,8 @@ class Recorder:
         source: SourceOf = lambda key: None,
         on_file: Callable[[Path, WrittenPart, str], object] = lambda path, written, why: None,
     ) -> None:
-        self.counts = Counts()
+        items = ItemWriter(parts, selection, log)
+        self.counts = items.counts
         self.failure = ""
         # How many messages came, also such as are only held.
         self.received = 0
@@ -249,7 +213,6 @@ class Recorder:
         self._parts = parts
         self._log = log
         self._once = LogOnce(log)
-        self._selection = None if selection.is_all else selection
         self._triggers = None if snapshots is None else snapshots.triggers
         self._past = past
         self._source = source
@@ -270,19 +233,11 @@ class Recorder:
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = self._files = files = InFiles(
-                parts, splits, self._read, self._select, self._write, self._refuse
-            )
+            self._keeping = self._files = files = InFiles(parts, splits, items)
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
-                parts,
-                snapshots.last_s,
-                snapshots.most_bytes,
-                self._read,
-                self._select,
-                self._write,
-                self._refuse,
+                parts, snapshots.last_s, snapshots.most_bytes, items
             )
         # Not a daemon: the process ends when the file is whole.
         self._thread = scheduler.Thread(target=self._run, name="recorder")
@@ -431,34 +386,6 @@ class Recorder:
             return
         if why := self._triggers.fulfilled_by(event):
             self._split(why)
-
-    def _read(self, raw: Raw) -> Item | None:
-        try:
-            return raw.item()
-        except DecodeError as error:
-            self._lose(UNREADABLE, raw.source, error)
-            return None
-
-    def _select(self, item: Item) -> Item | None:
-        return item if self._selection is None else self._selection.taken_of(item)
-
-    def _write(self, item: Item) -> bool:
-        try:
-            self._parts.write(item)
-        except InvalidArgumentException as error:
-            self._refuse(item, error)
-            return False
-        self.counts.add(item)
-        return True
-
-    def _refuse(self, item: Item, error: InvalidArgumentException) -> None:
-        self._lose(REFUSED, item, error)
-
-    def _lose(self, how: str, what: object, error: TfbusError) -> None:
-        self.counts.lost[how] += 1
-        named = what.stream if isinstance(what, TransformItem) else what
-        name = getattr(named, "name", "") or getattr(named, "topic", "")
-        self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
     def _split(self, why: str) -> WrittenPart:
         path = self._keeping.split(max(scheduler.time_ns(), self._queue.last_ns))

@@ -20,7 +20,7 @@ from tfbus.bridge.topics import TopicBridge, TopicTable
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
-from tfbus.ros.ros_names import is_bridge
+from tfbus.ros.rmw import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import counted, listed, printable

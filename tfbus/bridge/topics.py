@@ -20,7 +20,7 @@ from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.ros.counterparts import fitted
 from tfbus.ros.message_type import MessageType, Sequence, Text, Type, message_of
-from tfbus.ros.ros_names import is_bridge
+from tfbus.ros.rmw import is_bridge
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.executor import Executor

@@ -169,7 +169,7 @@ class Lookup:
         store = self._store
         if store.tree.unreported:
             store.report_questions()
-        store.expired_lookups.note(reason)
+        store.expired_lookups.record(reason)
         if isinstance(reason, LookupException | ConnectivityException):
             reason = store.explained(reason, self._questions)
         return without_waiting(reason) if store.is_ended else reason

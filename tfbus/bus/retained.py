@@ -179,7 +179,7 @@ def ask_retained_later(
         on_end,
         timeout_s=timeout_s,
         answers_at=key,
-        urgent=True,
+        priority="urgent",
     )
 
 

@@ -25,6 +25,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
+from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, cut, duration, near_names
 
@@ -149,8 +150,6 @@ def _watch(
     findings: Iterable[dict[str, Finding]], as_json: bool, exit_on_fail: bool, on_fail: str | None
 ) -> None:
     """Print findings when they begin and end, for ever."""
-    from tfbus.frames.changes import Ongoing  # Zenoh, which a recording does not need
-
     ongoing: Ongoing[tuple[str, Verdict], Finding] = Ongoing()
     is_first = True
     for found in findings:

@@ -275,7 +275,7 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
             _check_names(hints[name], value, f"{path}{name}.")
 
 
-class _Typed(Protocol):
+class _HasTypes(Protocol):
     @property
     def types(self) -> tuple[str, ...]: ...
 
@@ -295,7 +295,7 @@ def is_of_type(announced: str, type_name: str) -> bool:
     return supplied is not None and supplied is supplied_type(announced)
 
 
-def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
+def names_of_type(known: Mapping[str, _HasTypes], type_name: str, kind: str) -> list[str]:
     """The names of those of this type.
 
     Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".

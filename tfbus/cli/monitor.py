@@ -36,8 +36,17 @@ from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusMoment, BusView, faults, state
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.columns import EDGES, STREAMS, Column
-from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
+from tfbus.monitor.report import (
+    EDGES,
+    STREAMS,
+    Column,
+    MeasuredEdge,
+    Pair,
+    PairWatch,
+    Report,
+    as_map,
+    make_report,
+)
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, cut_middle, duration, listed, stamp_text

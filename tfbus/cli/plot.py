@@ -22,7 +22,7 @@ from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import install_command
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 

@@ -36,8 +36,8 @@ from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
+from tfbus.ros.rmw import domain_of, is_domain
 from tfbus.ros.ros1 import Ros1Master
-from tfbus.ros.ros_names import domain_of, is_domain
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import version_and_origin, why_interpreted

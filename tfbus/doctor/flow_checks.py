@@ -20,7 +20,7 @@ from tfbus.frames.moment import state, why_another_time
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.flow import EdgeFlow
+from tfbus.monitor.report import EdgeFlow
 from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:

@@ -33,6 +33,7 @@ from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
 from tfbus.recording.selection import ALL, Selection, Viewpoint
+from tfbus.recording.state import LastingStatics, Statics
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
@@ -41,7 +42,6 @@ from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
-    from tfbus.recording.state import LastingStatics, Statics
 
 S = 1_000_000_000
 
@@ -90,8 +90,6 @@ class RecordedFrames:
 
     @cached_property
     def _lasting(self) -> "LastingStatics | None":
-        from tfbus.recording.state import LastingStatics  # numpy
-
         return LastingStatics(self._source) if self._statics == "always" else None
 
     @property
@@ -108,10 +106,10 @@ class RecordedFrames:
     def _start(self) -> None:
         self.buffer = self._new_buffer()
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, _HeardStream] = {}
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
         self._around = _RecordedHooks(self._conflicts, self._described_reception)
-        self._full_names: dict[str, _Stream] = {}
+        self._full_names: dict[str, _HeardStream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
         self._nodes: dict[str, NodeDescription] = {}
@@ -305,13 +303,13 @@ class RecordedFrames:
     def _pause_at(self, log_ns: int) -> Pause | None:
         return next((each for each in self.pauses if each.from_ns == log_ns), None)
 
-    def _meet(self, name: str, full_name: str) -> "_Stream":
+    def _meet(self, name: str, full_name: str) -> "_HeardStream":
         reception = StreamReception(
             *(name, self.buffer, _SILENT, self._clock.now_ns, _READER),
             around=self._around,
             now_s=self._clock.log_s,
         )
-        stream = _Stream(reception, StreamState(name), full_name)
+        stream = _HeardStream(reception, StreamState(name), full_name)
         self._streams[name] = self._full_names[full_name] = stream
         return stream
 
@@ -523,7 +521,7 @@ class _RecordedHooks(ReceptionHooks):
 
 
 @dataclass
-class _Stream:
+class _HeardStream:
     """A stream, the state of its token and description, and the receptions of its keys.
 
     `gone_ns` is when its publisher was lost. `listed` are all frames that it ever listed and has

@@ -27,7 +27,7 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import Item, TransformItem
-from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
+from tfbus.trajectory import Trajectory, check_count, of_checked
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from tfbus.buffer.buffer import Buffer
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
-from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
+from tfbus.trajectory import Trajectory, check_count, of_checked, read_echo
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -76,8 +76,6 @@ def track_from_file(path: Path) -> Trajectory:
 
     Raises DecodeError, which names the line, if the file is neither.
     """
-    from tfbus.trajectory.files import read_echo  # numpy, which the command line starts without
-
     return read_echo(path)
 
 

@@ -426,4 +426,4 @@ class Conflicts:
         for child in conflict.frames:
             parents = other.parent_of(child), first.parent_of(child)
             change = Change("conflict", child, *parents, other.stream, first.stream, 0)
-            self._buffer.tell(change)
+            self._buffer.announce(change)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from tfbus.bus.settings import NodeSettings
 from tfbus.listen.info import StreamState
 from tfbus.listen.stages import FrameRights
+from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.structs import replace
 from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
@@ -29,8 +30,9 @@ class StreamNames:
 
     def __init__(self, fleet: Fleet | None) -> None:
         self._fleet = fleet
-        self._names: dict[str, FrameNames] = {}
-        self._readers: dict[str, TransformReader] = {}
+        self._names: Bounded[str, FrameNames] = Bounded(MOST_NAMESPACES)
+        # Receptions hold the readers that they use.
+        self._readers: Bounded[str, TransformReader] = Bounded(MOST_NAMESPACES)
         self._tables = NameTables()
 
     def at(self, key: str) -> FrameNames | None:
@@ -40,7 +42,6 @@ class StreamNames:
             return None
         names = self._names.get(namespace)
         if names is None:
-            self._make_room()
             names = self._names[namespace] = self._fleet.names(namespace)
         return names
 
@@ -64,12 +65,6 @@ class StreamNames:
         if reader is None:
             reader = self._readers[namespace] = TransformReader(names, self._tables)
         return reader
-
-    def _make_room(self) -> None:
-        # Receptions hold the readers that they use.
-        if len(self._names) >= MOST_NAMESPACES:
-            self._names.clear()
-            self._readers.clear()
 
 
 class StreamRights:

@@ -136,6 +136,7 @@ class TransformListener:
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
         node.describers.append(self._describe_buffer)
+        node.buffers.append(buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Everything(self._subscribe, everywhere=everywhere)
@@ -182,6 +183,7 @@ class TransformListener:
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
             self._node.describers.remove(self._describe_buffer)
+            self._node.buffers.remove(self.buffer)
 
     def _describe_buffer(self) -> dict[str, list[Any]]:
         short = self.buffer.expired_lookups

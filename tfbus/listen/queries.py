@@ -57,7 +57,7 @@ def ask_for_statics(
     key = static_transforms_key_beside(stream_key)
     if turn % 2:
         within_s = _answer_within_s(turn)
-        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, urgent=True)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, priority="urgent")
     else:
         ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
 
@@ -113,7 +113,7 @@ def _ask_beside(
         on_end,
         timeout_s=within_s,
         answers_at=stream_key,
-        urgent=True,
+        priority="urgent",
     )
 
 
@@ -358,7 +358,7 @@ class AskPages:
                 lambda answer: on_answer(answer, scheduler.monotonic() - asked_s),
                 end,
                 timeout_s=_KEPT_WITHIN_S,
-                background=True,
+                priority="background",
             )
         except BusError:  # the session is closed
             end_turn()

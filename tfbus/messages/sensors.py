@@ -164,7 +164,7 @@ class PointCloud(WithArrays):
         """The cloud of a structured array (N,), or (height, width), with its fields as columns.
 
         It shares the array's memory, if that is contiguous. Raises ValueError for an array without
-        fields, or with a field that is no number of 1 to 8 bytes.
+        fields, or with one of another type than a PointField has.
         """
         import numpy as np
 
@@ -182,7 +182,9 @@ class PointCloud(WithArrays):
             base = of_column.base
             kind = f"{base.kind}{base.itemsize}"
             if kind not in _DATATYPE_OF:
-                raise ValueError(f"column {name!r} must be a number of 1 to 8 bytes, not {base}")
+                raise ValueError(
+                    f"column {name!r} must be {', '.join(_DATATYPES.values())}, not {base}"
+                )
             count = int(np.prod(of_column.shape, dtype=int))
             fields.append(PointField(name, int(offset), _DATATYPE_OF[kind], count))
             orders.add(base.newbyteorder("=").str[0] == base.str[0] or base.itemsize == 1)
@@ -277,39 +279,48 @@ class PointCloud(WithArrays):
         """
         import numpy as np
 
-        for name in _TIME_COLUMNS:
-            if name in self and (column := self[name]).ndim == 1:
-                return _stamps(np.asarray(column), self.stamp_ns)
-        return None
+        name = self.time_column
+        if name is None:
+            return None
+        numbers = np.asarray(self[name])
+        unit_ns, is_since_epoch = _unit(numbers)
+        start_ns = 0 if is_since_epoch else self.stamp_ns
+        if numbers.dtype.kind in "iu":
+            return numbers.astype(np.int64) + start_ns
+        is_known = np.isfinite(numbers)
+        finite = np.where(is_known, numbers, 0.0).astype(np.float64)
+        finite = np.clip(finite, -(2.0**62) / unit_ns, 2.0**62 / unit_ns)
+        whole = np.floor(finite)
+        ns = whole.astype(np.int64) * unit_ns + np.rint((finite - whole) * unit_ns).astype(np.int64)
+        return np.where(is_known, ns + start_ns, self.stamp_ns)
+
+    def at_stamp(self, array: "NDArray[Any]") -> None:
+        """Write into the columns of a copy that each point is as it was at the stamp."""
+        name = self.time_column
+        if name is not None:
+            unit_ns, is_since_epoch = _unit(self[name])
+            array[name] = self.stamp_ns / unit_ns if is_since_epoch else 0
+
+    @property
+    def time_column(self) -> str | None:
+        """The name of the column that says when each point was measured; None without one."""
+        names = [each.name for each in self.fields if each.count <= 1]
+        return next((name for name in _TIME_COLUMNS if name in names), None)
 
 
-def _stamps(column: "NDArray[Any]", stamp_ns: int) -> "NDArray[np.int64]":
+def _unit(times: "NDArray[Any]") -> tuple[int, bool]:
+    """How many nanoseconds a one of these times is, and whether they are since the Unix epoch."""
     import numpy as np
 
-    if column.dtype.kind == "u" and column.dtype.itemsize < 8:
-        return column.astype(np.int64) + stamp_ns
-    if column.dtype.kind in "iu":
-        ns = column.astype(np.int64)
-        return ns if len(ns) and int(ns.max()) >= _EPOCH_NS else ns + stamp_ns
-    finite = np.isfinite(column)
-    numbers = np.where(finite, column, 0.0).astype(np.float64)
-    largest = float(abs(numbers).max()) if len(numbers) else 0.0
-    if largest >= _EPOCH_NS:
-        found = np.where(finite, numbers, stamp_ns)
-        return np.clip(found, 0, 2.0**62).astype(np.int64)
-    if largest >= _EPOCH_S:
-        whole = np.floor(numbers)
-        ns = whole.astype(np.int64) * 1_000_000_000 + np.rint((numbers - whole) * 1e9).astype(
-            np.int64
-        )
-        return np.where(finite, ns, stamp_ns)
-    return np.rint(numbers * 1e9).astype(np.int64) + stamp_ns
+    largest = float(np.nanmax(np.abs(times), initial=0.0)) if len(times) else 0.0
+    if times.dtype.kind in "iu":
+        return 1, largest >= _EPOCH_NS
+    return (1, True) if largest >= _EPOCH_NS else (1_000_000_000, largest >= _EPOCH_S)
 
 
-# Larger numbers are times since the epoch, in seconds or nanoseconds, and not since the stamp:
-# 1980 or so.
-_EPOCH_S = 3e8
+# Larger numbers are times since the epoch, in nanoseconds or seconds, and not since the stamp.
 _EPOCH_NS = 3e17
+_EPOCH_S = 3e8
 
 
 @lru_cache(64)

@@ -19,8 +19,8 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
-from tfbus.monitor.flow import Edge, EdgeFlow, MessageWindow, Spread, StreamFlow, spread_of
-from tfbus.monitor.report import PairWatch, Report, make_report
+from tfbus.monitor.report import Edge, EdgeFlow, PairWatch, Report, StreamFlow, make_report
+from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between

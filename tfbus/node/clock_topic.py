@@ -6,6 +6,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
 from tfbus.node.endpoint import NodeEndpoint
+from tfbus.node.topic import REJECTED, warn_rejected
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
@@ -21,8 +22,6 @@ _MOST_NAMESPACES = 1000
 
 # A clock that is set by hand jumps back less often.
 _MANY_JUMPS = 10
-
-_REJECTED = "rejected"
 
 
 class ClockPublisher(NodeEndpoint):
@@ -101,7 +100,7 @@ class ClockSubscription(NodeEndpoint):
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape."""
-        return self._log_once.counts[_REJECTED]
+        return self._log_once.counts[REJECTED]
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
@@ -109,13 +108,7 @@ class ClockSubscription(NodeEndpoint):
         except DecodeError as error:
             if is_of_ros(payload):
                 return
-            self._log_once.warning(
-                _REJECTED,
-                "Dropped a message on topic %r that is not %s: %s",
-                self.name,
-                self.type_name,
-                error,
-            )
+            warn_rejected(self._log_once, self, error)
             return
         back_ns = self._clock.set(message.stamp_ns)
         if back_ns:

@@ -144,7 +144,7 @@ class Flow:
 
 
 @dataclass(frozen=True)
-class StreamFacts:
+class RecordedStreamFacts:
     """A stream: its epochs, each with the time at which it begins by its own word; how its dynamic
     messages came; how many transforms these hold; and its frames.
     """
@@ -195,7 +195,7 @@ class Summary:
     start_ns: int
     end_ns: int
     about: Mapping[str, str]
-    streams: tuple[StreamFacts, ...]
+    streams: tuple[RecordedStreamFacts, ...]
     topics: tuple[TopicFacts, ...]
     nodes: tuple[NodeFacts, ...]
     events: tuple[EventItem, ...]
@@ -297,7 +297,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
 
 def _streams(
     reader: "RecordingReader", facts: Iterable[EdgeFacts], flows: Mapping[_FlowKey, Flow]
-) -> tuple[StreamFacts, ...]:
+) -> tuple[RecordedStreamFacts, ...]:
     dynamic: dict[str, set[str]] = {}
     static: dict[str, set[str]] = {}
     transforms: Counter[str] = Counter()
@@ -315,7 +315,7 @@ def _streams(
             streams[name] = each.stream
     gone = reader.state_at(reader.end_ns).gone
     return tuple(
-        StreamFacts(
+        RecordedStreamFacts(
             name,
             stream.node,
             stream.namespace,

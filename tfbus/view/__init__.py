@@ -10,7 +10,6 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.runtime.addresses import is_local as is_local
     from tfbus.view.frames import Placed as Placed
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
@@ -53,7 +52,6 @@ _MODULE_OF = {
     "ViewSettings": "tfbus.view.settings",
     "find_browser": "tfbus.view.screenshot",
     "holds_settings": "tfbus.view.settings",
-    "is_local": "tfbus.runtime.addresses",
     "load_settings": "tfbus.view.settings",
     "show": "tfbus.view.local",
 }

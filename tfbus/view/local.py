@@ -17,7 +17,7 @@ from tfbus.command import install_command
 from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recording import Recording
-from tfbus.frames.snapshot import FrameTree, frame_tree
+from tfbus.frames.snapshot import frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
 from tfbus.recording.reader import RecordingReader
 from tfbus.robot.robot import Robot
@@ -71,20 +71,9 @@ class ShownBuffer:
     def close(self) -> None:
         pass
 
-    # As the bus of the page: a buffer without publishers.
-
-    @property
-    def dropped(self) -> int:
-        return 0
-
-    def tree(self) -> FrameTree:
-        return frame_tree(self.buffer, (), self.now_ns())
-
     def moment(self) -> BusMoment:
-        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=self.tree())
-
-    def hint(self, frame: str = "") -> str:
-        return ""
+        tree = frame_tree(self.buffer, (), self.now_ns())
+        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=tree)
 
 
 class View:

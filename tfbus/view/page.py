@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.frames.moment import BusView
+from tfbus.frames.moment import BusMoment
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
@@ -37,6 +37,17 @@ class PageHost(Protocol):
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until the end of the page; whether it goes on."""
+
+
+class Moments(Protocol):
+    """The bus moment after moment: a listener, a replay, or the buffer of a program."""
+
+    @property
+    def buffer(self) -> Buffer:
+        """The samples of the last seconds."""
+
+    def moment(self) -> BusMoment:
+        """The bus now, or at the cursor."""
 
 
 # The panel is for reading, and looking at all frames costs more than moving them.
@@ -103,7 +114,7 @@ class Page:
     def __init__(
         self,
         host: PageHost,
-        bus: BusView,
+        bus: Moments,
         serving: Serving,
         robots: RobotSource | None = None,
         guests: Sequence[Guest] = (),
@@ -122,6 +133,7 @@ class Page:
         self.frames = Frames()
         self.choice = Choice(serving.settings)
         self._refresh_at_s = 0.0
+        self._now_ns = 0
         self._is_held = False
         self._was_watched = False
         # The frames that are drawn, and these with those that only need a place.
@@ -241,8 +253,9 @@ class Page:
             self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
-                now_ns = self._bus.now_ns()
-                self.panel.refresh(self.frames, whole, choice.fixed_frame, self._buffer, now_ns)
+                self.panel.refresh(
+                    self.frames, whole, choice.fixed_frame, self._buffer, self._now_ns
+                )
         shown = [self.frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
         # Without this the end of a movement would wait for the next one.
@@ -267,6 +280,7 @@ class Page:
     def _look(self, settings: ViewSettings) -> Frames:
         before = settings.fixed_frame or self.frames.natural_fixed_frame()
         moment = self._bus.moment()
+        self._now_ns = moment.now_ns
         self.panel.fleet.refresh(moment)
         return frames_of(moment, self._buffer, before)
 

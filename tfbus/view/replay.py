@@ -10,7 +10,6 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.snapshot import FrameTree
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.recording.reader import RecordingReader
@@ -92,26 +91,13 @@ class Replay:
         """The namespace that it shows."""
         return self._frames.namespace
 
-    @property
-    def dropped(self) -> int:
-        """How many messages the listener would have dropped."""
-        return self._frames.dropped
-
     def moment(self) -> BusMoment:
         """The bus at the cursor."""
         return self._frames.moment()
 
-    def tree(self) -> FrameTree:
-        """The frames at the cursor."""
-        return self._frames.tree()
-
     def hint(self, frame: str = "") -> str:
         """The place of a frame, or of any, elsewhere than at the cursor; "" if nowhere."""
         return self._frames.hint(frame)
-
-    def now_ns(self) -> int:
-        """The time of the cursor; by the simulated clock if the publishers followed that."""
-        return self._frames.now_ns()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until the end of the page; whether it goes on."""

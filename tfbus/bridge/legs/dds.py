@@ -34,11 +34,11 @@ from tfbus.ros.rmw import (
     ParticipantNodes,
     dds_topic,
     dds_type,
+    domain_of,
     encode_nodes,
     graph_definition,
     type_hash,
 )
-from tfbus.ros.ros_names import domain_of
 from tfbus.runtime.installation import install_command
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import did_you_mean, listed, printable

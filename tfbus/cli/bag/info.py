@@ -26,7 +26,7 @@ from tfbus.frames.track import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.reader import topics_of
-from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
+from tfbus.recording.summary import Flow, RecordedStreamFacts, Summary, TopicFacts, summary_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
@@ -56,7 +56,7 @@ _EVENTS: dict[EventKind, str] = {
 }
 
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
-_ORDERS: dict[str, tuple[Callable[[StreamFacts], Any], Callable[[TopicFacts], Any]]] = {
+_ORDERS: dict[str, tuple[Callable[[RecordedStreamFacts], Any], Callable[[TopicFacts], Any]]] = {
     "name": (lambda it: it.name, lambda it: it.name),
     "type": (lambda it: it.node, lambda it: (it.type_name, it.name)),
     "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
@@ -270,11 +270,11 @@ def _streams(summary: Summary) -> Iterator[str]:
     )
 
 
-def _restarts(stream: StreamFacts) -> str:
+def _restarts(stream: RecordedStreamFacts) -> str:
     return paint(str(stream.restarts), "warning") if stream.restarts else "-"
 
 
-def _is_gone(stream: StreamFacts) -> bool:
+def _is_gone(stream: RecordedStreamFacts) -> bool:
     return stream.gone_ns is not None
 
 

@@ -201,11 +201,8 @@ def selected(
     """The selection of these options; names may begin with a slash. Raises click.UsageError for
     what is no regular expression.
     """
-    from tfbus.recording.selection import Selection
-
-    full = [tuple(name.removeprefix("/") for name in names) for names in (topics, streams)]
     try:
-        return Selection(full[0], full[1], frames, regex, exclude)
+        return SelectionOptions(topics, streams, frames, regex, exclude, ()).selection()
     except InvalidArgumentException as error:
         raise click.UsageError(str(error)) from error
 

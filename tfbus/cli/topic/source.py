@@ -19,7 +19,7 @@ from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError, DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.monitor.flow import WindowReading
+from tfbus.monitor.windows import WindowReading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (

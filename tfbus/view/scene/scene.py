@@ -508,7 +508,7 @@ def readable(
     importance = np.array([_importance(frames[row], settings.selected, shown) for row in at])
     order = np.lexsort((depth_m, importance))
     order = order[window.sees(pixels, depth_m)[order]][:_CONSIDERED]
-    written: list[_Label] = []
+    written: list[_WrittenName] = []
     for nearest in order:
         row = int(at[nearest])
         beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
@@ -523,7 +523,7 @@ def readable(
             beside.rows.append(row)
             beside.box = box
         else:
-            written.append(_Label([row], pixel, box))
+            written.append(_WrittenName([row], pixel, box))
     # Names in one label are in the order of the tree.
     return {
         frames[one.rows[0]].name: _text([frames[row] for row in sorted(one.rows)])
@@ -532,7 +532,7 @@ def readable(
 
 
 @dataclass
-class _Label:
+class _WrittenName:
     rows: list[int]
     pixel: Floats
     box: Floats

@@ -11,6 +11,13 @@ from pathlib import Path
 
 from tfbus.bus.networks import check_network
 from tfbus.errors import TfbusError
+from tfbus.launch.arguments import (
+    LaunchFields,
+    Scope,
+    argument_values,
+    declared_arguments,
+    truth,
+)
 from tfbus.launch.description import (
     Argument,
     DescribedProcess,
@@ -18,14 +25,7 @@ from tfbus.launch.description import (
     LaunchError,
     Respawn,
 )
-from tfbus.launch.read.arguments import (
-    LaunchFields,
-    Scope,
-    argument_values,
-    declared_arguments,
-    truth,
-)
-from tfbus.launch.read.find import find_in, find_launch_file
+from tfbus.launch.find import find_in, find_launch_file
 from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
 from tfbus.secure.folder import open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, resolve

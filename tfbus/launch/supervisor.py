@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import Protocol
 
 from tfbus.errors import TfbusError
-from tfbus.launch.run.child import Child, Escalation, LaunchProgram, Timeouts
-from tfbus.launch.run.console import Console
+from tfbus.launch.child import Child, Escalation, LaunchProgram, Timeouts
+from tfbus.launch.console import Console
 from tfbus.wording import counted, listed
 
 # There is no event for an empty process group.

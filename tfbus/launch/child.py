@@ -15,8 +15,8 @@ from shutil import which
 from typing import TypeVar
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.launch.console import Console
 from tfbus.launch.description import DescribedProcess, Respawn
-from tfbus.launch.run.console import Console
 from tfbus.wording import did_you_mean
 
 

@@ -11,11 +11,11 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from tfbus.launch.run.child import LaunchProgram, Timeouts
-from tfbus.launch.run.console import Console, OutputStream
-from tfbus.launch.run.guard import GuardProcess
-from tfbus.launch.run.service_manager import ServiceManager
-from tfbus.launch.run.supervisor import Presence, Supervisor
+from tfbus.launch.child import LaunchProgram, Timeouts
+from tfbus.launch.console import Console, OutputStream
+from tfbus.launch.guard import GuardProcess
+from tfbus.launch.service_manager import ServiceManager
+from tfbus.launch.supervisor import Presence, Supervisor
 
 _REASONS = {
     signal.SIGINT: "user interrupted with ctrl-c (SIGINT)",

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import IO
 
-from tfbus.launch.run.service_manager import is_journal, journal_level
+from tfbus.launch.service_manager import is_journal, journal_level
 from tfbus.wording import printable
 
 _LONGEST_LINE = 65536

@@ -4,7 +4,7 @@ it writes a snapshot, `gone base_link`.
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,12 +13,14 @@ from weakref import WeakSet
 
 from tfbus.bag.keeping import (
     UNSPLIT,
+    Fill,
     InFiles,
     ItemWriter,
     Keeping,
     LastSeconds,
     MissedMessages,
     PartsWritten,
+    Received,
     Splits,
     WrittenPart,
 )
@@ -26,7 +28,7 @@ from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
-from tfbus.recording.items import EventItem
+from tfbus.recording.items import EventItem, Item
 from tfbus.recording.selection import Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
@@ -159,6 +161,14 @@ MISSING, HISTORY = "missing", "history"
 
 
 @dataclass(frozen=True)
+class Filled:
+    """The items that were written into a gap, and its fill."""
+
+    items: list[Item]
+    fill: Fill
+
+
+@dataclass(frozen=True)
 class Snapshots:
     """Write the last `last_s` seconds when asked, or when one of the `triggers` fires; keep at most
     `most_bytes` in memory.
@@ -219,10 +229,11 @@ class Recorder:
         self._closing = scheduler.Event()
         self._missed = MissedMessages()
         self.window: LastSeconds | None = None
+        self._files: InFiles | None = None
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(parts, splits, items)
+            self._keeping = self._files = files = InFiles(parts, splits, items)
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
@@ -273,6 +284,40 @@ class Recorder:
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
         self._submit(lambda: self._split("asked"))
+
+    def now_ns(self) -> int:
+        """The log time of now."""
+        return self._queue.now_ns()
+
+    def notice_received(self, *, held: bool) -> None:
+        """Know from now on which messages come by themselves, so that `fill` writes the others: for
+        a minute or, `held`, until it is called again.
+        """
+
+        def notice() -> None:
+            if (files := self._files) is not None:
+                if files.received is None or (held and not files.received.is_held):
+                    files.received = files.received or Received()
+                files.received.is_held = held
+
+        self._submit(notice)
+
+    def fill(self, raws: Sequence[Raw], fill: Fill | None, again_ns: int) -> "Future[object]":
+        """Write messages of before the last ones, if they did not come by themselves; None begins a
+        fill. From the log time `again_ns` on they may come again. The result is a `Filled`, or an
+        error.
+        """
+
+        def write() -> Filled:
+            assert self._files is not None
+            of = fill or self._files.begin_fill()
+            items = self._files.fill(raws, of, again_ns)
+            for item in items:
+                self.counts.add(item)
+            self.counts.filled += sum(not isinstance(item, EventItem) for item in items)
+            return Filled(items, of)
+
+        return self._submit(write)
 
     def close(self) -> None:
         """Write all that has come, end the file, and wait for that. Twice is fine."""

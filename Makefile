@@ -1,4 +1,4 @@
-# demo, test, quick, check, sanitize, docs, release-check, bench: each sets up what it needs, in .venv
+# demo, test, quick, kernel, check, sanitize, docs, release-check, bench: each sets up what it needs, in .venv
 # (bench: .venv-bench).
 
 PYTHON ?= python3
@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test quick check types sanitize docs pictures docs-api release-check bench clean
+.PHONY: demo test quick kernel check types sanitize docs pictures docs-api release-check bench clean
 
 # The first demo does not wait for the compiler.
 demo: $(VENV)/demo.stamp
@@ -20,6 +20,11 @@ test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal \
 	  --hypothesis-profile quick -m "not real" $(ARGS)
+
+# The compiled modules; also where make has compiled them, and they are gone.
+kernel: $(VENV)/dev.stamp
+	$(BIN)/python scripts/environment.py kernel
+	@touch $(VENV)/kernel.stamp
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

@@ -67,12 +67,12 @@ guide](../guide/view.md).
 # Methods and constructors that only other parts of tfbus call, by their class: a listener, the
 # waits of the clock, the simulated network, the completion of a shell.
 _INNER = {
-    "Buffer": "ask_again count_sent_by expect_no_more expect_past forget interrupt known_frame"
-    " mark_gone remove_sent senders_of sent_by tell waiting watch_questions",
+    "Buffer": "announce ask_again count_sent_by expect_no_more expect_past forget interrupt"
+    " known_frame mark_gone remove_sent senders_of sent_by waiting watch_questions",
     "tfbus.buffer.formats": "branch",
-    "Node": "describe describers",
+    "Node": "buffers describe describers",
     "NodeSettings": "check_right named_by_default renamed",
-    "Limits": "mistake_in of",
+    "Limits": "limit_of mistake_in",
     "Parameter": "__init__ checked describe",
     "GoalHandle": "__init__",
     "Robot": "__init__",
@@ -164,7 +164,7 @@ def page() -> str:
     parts += [
         f"### {name}\n"
         for name, value in vars(tfbus.messages).items()
-        if inspect.isclass(value) and value.__module__ == "tfbus.messages"
+        if inspect.isclass(value) and value.__module__.startswith("tfbus.messages")
     ]
     return _each_text_once("\n".join(parts))
 

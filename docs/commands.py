@@ -14,7 +14,7 @@ import click
 from tfbus import node_options
 from tfbus.cli import NODES, TOOLS
 from tfbus.cli import main as tfbus
-from tfbus.command.option_kinds import SHOWS_ALL
+from tfbus.command.options import SHOWS_ALL
 
 PAGE = Path(__file__).parent / "reference" / "commands.md"
 

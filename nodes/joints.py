@@ -32,9 +32,17 @@ from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .robot.board import Board
 from .robot.description import xacro_arguments
-from .robot.joint_tables import check_loop, rows_of_csv, rows_of_recording
-from .robot.motions import Motion, RandomPlaces, Row, Sweep, Table
-from .robot.slider_screen import run_sliders
+from .robot.motions import (
+    Motion,
+    RandomPlaces,
+    Row,
+    Sweep,
+    Table,
+    check_loop,
+    rows_of_csv,
+    rows_of_recording,
+)
+from .robot.sliders import run_sliders
 
 _STANDARD_INPUT = 0
 

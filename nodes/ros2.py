@@ -69,7 +69,7 @@ def main(
     """
     note = ""
     if via == "auto":
-        via, note = _choose(ros_connect)
+        via, note = choose_way(ros_connect)
     leg = LegSettings(
         ros_node_name(settings),
         crossing.options.ros_namespace,
@@ -80,7 +80,7 @@ def main(
     run_bridge(settings, crossing, via, leg, f", domain {leg.domain}{note}")
 
 
-def _choose(ros_connect: tuple[str, ...]) -> tuple[str, str]:
+def choose_way(ros_connect: tuple[str, ...]) -> tuple[str, str]:
     """The middleware of `--via auto`, and why, as the end of a line."""
     if find_spec("rclpy") is not None:
         return "rclpy", "; by rclpy, since it is there (--via)"
@@ -93,14 +93,14 @@ def _choose(ros_connect: tuple[str, ...]) -> tuple[str, str]:
         if any("/" in each for each in ros_connect):
             return "zenoh", f"; --ros-connect is an endpoint of Zenoh; {dds}"
         return "dds", "; --ros-connect is a host or an interface; --via zenoh is for rmw_zenoh"
-    if _has_router():
+    if has_router():
         return "zenoh", f"; a Zenoh router answers at localhost:7447; {dds}"
     if has_dds:
         return "dds", "; no Zenoh router answers at localhost:7447; --via zenoh is for rmw_zenoh"
     return "zenoh", f"; there is no rclpy here; {dds}"
 
 
-def _has_router() -> bool:
+def has_router() -> bool:
     with suppress(OSError):
         socket.create_connection(_ROUTER, _ANSWER_WITHIN_S).close()
         return True

@@ -86,7 +86,7 @@ def main(
         with TransformListener(Buffer(), node, fleet=fleet, reads="needed") as listener:
             shown = [f"{robot}/{frame}" for frame in dict.fromkeys(frames)]
             sharing = Sharing(node, listener, shown, relative_to, rate_hz)
-            sharing.go_on(named, Others(robot, node, listener) if ALL in recipients else None)
+            sharing.go_on(named, Others(robot, listener) if ALL in recipients else None)
 
 
 def _namespace(settings: NodeSettings, name: str, what: str) -> str:
@@ -106,18 +106,16 @@ class Others:
     Streams that show frames of others, here or from another process, do not count.
     """
 
-    def __init__(self, robot: str, node: Node, listener: TransformListener) -> None:
+    def __init__(self, robot: str, listener: TransformListener) -> None:
         self._robot = robot
-        self._namespace = node.namespace
         self._listener = listener
 
     def robots(self) -> set[str]:
         """The namespaces of the robots now on the bus."""
-        robots = set()
-        for info in self._listener.streams():
-            if info.alive and not info.name.endswith(SHARED):
-                above, _, _ = info.node.strip("/").rpartition("/")
-                robots.add(above.removeprefix(self._namespace).strip("/"))
+        streams = self._listener.streams()
+        robots = {
+            each.namespace for each in streams if each.alive and not each.name.endswith(SHARED)
+        }
         return robots - {"", self._robot}
 
 

@@ -19,8 +19,7 @@ from tfbus import (
 )
 from tfbus.command import own_name
 
-from .static_edge import EdgeMistake, make_edge
-from .static_old_form import in_new_form
+from .static_edge import EdgeMistake, in_new_form, make_edge
 
 
 class _Static(click.Command):

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tfbus import (
     Buffer,
@@ -14,6 +14,7 @@ from tfbus import (
 )
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import Timer
+from tfbus.wire.keys import stream_key
 
 T = TypeVar("T")
 
@@ -67,3 +68,9 @@ def send_static(node: Node, parent: str, child: str) -> None:
     StaticTransformBroadcaster(node).send_transform(
         TransformStamped(node.now_ns(), parent, child, Transform.identity())
     )
+
+
+def tell_token(node: Node, *, alive: bool) -> None:
+    """Half a link: this node alone is told that the token of "sim" is there, or has ended."""
+    zenoh: Any = node.session.zenoh
+    zenoh.tokens.report(zenoh.names.full(stream_key("sim")), alive=alive)

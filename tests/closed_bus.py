@@ -10,9 +10,8 @@ import zenoh
 from tests.live_bus import free_port
 from tfbus import Node, NodeSettings
 from tfbus.bus.session import Session
-from tfbus.secure.access_control import access_control
 from tfbus.secure.keystore import Keystore
-from tfbus.secure.rights import Identity, Rights
+from tfbus.secure.rights import Identity, Rights, access_control
 
 _QUICK = (
     "{scouting: {multicast: {enabled: false}, delay: 10},"

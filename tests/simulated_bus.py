@@ -128,10 +128,10 @@ def bare_host() -> Iterator[None]:
         raise OSError
 
     with (
-        patch("tfbus.doctor.examine._is_taken", lambda port: False),
-        patch("tfbus.doctor.examine._joined", none_joined),
-        patch("tfbus.doctor.examine.RosWatch._look_at_router", lambda watch: None),
-        patch("tfbus.bus.interfaces._interface", interface),
+        patch("tfbus.doctor.examine.is_taken", lambda port: False),
+        patch("tfbus.doctor.examine.joined_socket", none_joined),
+        patch("tfbus.doctor.examine.RosWatch.look_at_router", lambda watch: None),
+        patch("tfbus.bus.interfaces.interface_of", interface),
         patch("tfbus.doctor.examine.local_scouts", dict),
         patch("tfbus.runtime.installation.commit_of_clone", lambda: ""),
     ):

@@ -254,7 +254,7 @@ def test_the_messages_are_these() -> None:
         name
         for name, value in vars(messages).items()
         if inspect.isclass(value)
-        and value.__module__ == messages.__name__
+        and value.__module__.startswith("tfbus.messages")
         and not hasattr(value, "__msgtype__")
     ]
     assert sorted(MESSAGES) == sorted(name for name in defined if not name.startswith("_"))

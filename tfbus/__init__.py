@@ -68,14 +68,14 @@ if TYPE_CHECKING:
     from tfbus.robot.model import Joint as Joint
     from tfbus.robot.model import Link as Link
     from tfbus.robot.robot import Robot as Robot
-    from tfbus.runtime.callback_groups import (
+    from tfbus.runtime.callbacks import (
         MutuallyExclusiveCallbackGroup as MutuallyExclusiveCallbackGroup,
     )
-    from tfbus.runtime.callback_groups import ReentrantCallbackGroup as ReentrantCallbackGroup
+    from tfbus.runtime.callbacks import ReentrantCallbackGroup as ReentrantCallbackGroup
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.runtime.stamps import stamp_ns as stamp_ns
-    from tfbus.trajectory.trajectory import Trajectory as Trajectory
+    from tfbus.trajectory import Trajectory as Trajectory
     from tfbus.wire.fleet import Fleet as Fleet
     from tfbus.wire.limits import Limits as Limits
 
@@ -102,7 +102,7 @@ _MODULE_OF = {
     "Link": "tfbus.robot.model",
     "LookupException": "tfbus.errors",
     "LoopException": "tfbus.errors",
-    "MutuallyExclusiveCallbackGroup": "tfbus.runtime.callback_groups",
+    "MutuallyExclusiveCallbackGroup": "tfbus.runtime.callbacks",
     "NoDataException": "tfbus.errors",
     "Node": "tfbus.node.node",
     "NodeName": "tfbus.command.types",
@@ -111,7 +111,7 @@ _MODULE_OF = {
     "Parameter": "tfbus.node.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
-    "ReentrantCallbackGroup": "tfbus.runtime.callback_groups",
+    "ReentrantCallbackGroup": "tfbus.runtime.callbacks",
     "RightsError": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
     "Recording": "tfbus.frames.recording",
@@ -127,7 +127,7 @@ _MODULE_OF = {
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
     "TopicName": "tfbus.command.types",
-    "Trajectory": "tfbus.trajectory.trajectory",
+    "Trajectory": "tfbus.trajectory",
     "Transform": "tfbus.geometry.transform",
     "TransformArray": "tfbus.geometry.transform_array",
     "TransformBatch": "tfbus.geometry.batch",

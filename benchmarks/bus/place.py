@@ -103,6 +103,10 @@ class Process:
             self._popen.kill()
             self._popen.communicate()
 
+    def signal(self, number: int) -> None:
+        """Send it a signal."""
+        self._popen.send_signal(number)
+
     def hear(self) -> Any:
         """The next thing that it says."""
         assert self._popen.stdout is not None

@@ -18,11 +18,26 @@ from tests.ros2_on_zenoh import Ros2
 from tfbus import TransformBroadcaster
 from tfbus.bag import capture as capture_module
 from tfbus.bag.capture import Capture, NodeRoster
-from tfbus.bag.raw_queue import EVENTS, RawQueue
+from tfbus.bag.raw_queue import EVENTS, RawQueue, TransformSource
 from tfbus.bus.session import Session
-from tfbus.discover.graph import TopicInfo
 from tfbus.messages import Clock
 from tfbus.recording.selection import Selection
+from tfbus.runtime import scheduler
+from tfbus.wire.transforms import TransformReader
+
+STATIC = TransformSource("other", "", {}, TransformReader(), static=True)
+
+
+class Noted(Selection):
+    """Takes no streams of this name, and notes which it was asked about."""
+
+    def __init__(self) -> None:
+        super().__init__(exclude="noise")
+        self.asked: list[str] = []
+
+    def takes_transforms(self, stream: str, *, static: bool) -> bool:
+        self.asked.append(stream)
+        return super().takes_transforms(stream, static=static)
 
 
 class TestKeys:
@@ -34,12 +49,17 @@ class TestKeys:
 
     def test_keys_that_are_not_recorded_leave_room(self, bus: simulated_bus.Bus) -> None:
         """Names that cannot be shown, or are not selected, block no stream."""
-        capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection(exclude="noise"))
+        selection = Noted()
+        capture = Capture(bus.node("recorder"), RawQueue(1_000), selection)
         for number in range(50):
             assert capture.source(f"tf/\x1b{number}") is None
             assert capture.source(f"tf/noise{number}") is None
         assert capture.source("tf/sim") is not None
-        assert len(capture._refused) <= 5
+        # The last are remembered as refused, the first are not.
+        selection.asked.clear()
+        for number in (49, 0):
+            assert capture.source(f"tf/noise{number}") is None
+        assert selection.asked == ["noise0"]
         capture.close()
 
     def test_keys_without_a_stream_give_way(self, bus: simulated_bus.Bus) -> None:
@@ -47,19 +67,22 @@ class TestKeys:
         capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
         capture.described["sim"] = description([])
         sim = capture.source("tf/sim")
-        for number in range(50):
-            assert capture.source(f"tf/stray{number}") is not None
+        strays = [capture.source(f"tf/stray{number}") for number in range(50)]
+        assert None not in strays
         assert capture.source("tf/sim") is sim is not None
-        assert len(capture._sources) <= 5
+        assert capture.source("tf/stray49") is strays[49]
+        assert capture.source("tf/stray45") is not strays[45]
         capture.close()
 
     def test_topics_beyond_the_limit_take_no_memory(self, bus: simulated_bus.Bus) -> None:
         """Their types are not remembered either."""
-        capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
+        recorder, sim = bus.node("recorder"), bus.node("sim")
+        log = Lines(recorder.log)
         for number in range(50):
-            if capture._take_topic(f"topic{number}", info := TopicInfo(f"topic{number}")):
-                capture._note_type(f"topic{number}", info)
-        assert len(capture.types) == len(capture._topics) == 5
+            sim.create_raw_publisher(f"topic{number}")
+        capture = Capture(recorder, RawQueue(1_000), Selection())
+        eventually(lambda: any("there are more than 5" in line for line in log.lines))
+        assert len(capture.types) == len(recorder.describe()["subscribes"]) == 5
         capture.close()
 
 
@@ -78,6 +101,7 @@ class TestBesideRos2:
         broadcaster = TransformBroadcaster(sender)
         publisher = sender.create_publisher(Clock, "turtle1/pose")
         came: Counter[tuple[str, bytes]] = Counter()
+        names: set[str] = set()
 
         def has_all() -> bool:
             ros2.send()
@@ -86,6 +110,7 @@ class TestBesideRos2:
             for raw in queue.take(0):
                 if raw.source is not EVENTS:
                     came[raw.source.kind, raw.payload[:1]] += 1
+                    names.add(raw.source.name)
             # The retained messages of ROS 2, and some time for those that are not.
             is_joined = len(capture._refused) >= (4 if everywhere else 1)
             return is_joined and len(came) >= 2 and min(came.values()) > 20
@@ -93,7 +118,7 @@ class TestBesideRos2:
         eventually(has_all)
         capture.close()
         ros2.close()
-        assert {source.name for source in capture._sources.values()} == {"sim"}
+        assert names == {"sim", "turtle1/pose"}
         # CDR begins with a zero, a map in MessagePack does not.
         assert b"\0" not in {first for _, first in came}
         assert log.lines == []
@@ -104,13 +129,21 @@ class TestStatics:
         self, bus: simulated_bus.Bus
     ) -> None:
         """And then not a second time."""
-        queue = RawQueue(0)
-        capture = Capture(bus.node("recorder"), queue, Selection(topics=("tf_static",)))
-        capture._on_static("tf_static/sim", b"x")
-        queue._most_bytes = 1_000
+        queue, session = RawQueue(1_000), bus.node("sim").session
+        capture = Capture(bus.node("recorder"), queue, Selection())
+        assert session.watch_heard("tf_static/sim").wait(20.0)
+        publisher = session.publisher("tf_static/sim")
+        while queue.put(STATIC, b"full"):
+            pass
+        publisher.put(b"x")
+        eventually(lambda: queue.dropped["statics"] > 1)
+        queue.take(0)
         for _ in range(2):
-            capture._on_static("tf_static/sim", b"x")
-        assert [raw.payload for raw in queue.take(0) if raw.source.kind == "statics"] == [b"x"]
+            publisher.put(b"x")
+        publisher.put(b"y")
+        came: list[bytes] = []
+        eventually(lambda: came.extend(raw.payload for raw in queue.take(0)) or b"y" in came)
+        assert came == [b"x", b"y"]
         capture.close()
 
 
@@ -150,8 +183,16 @@ class TestNodes:
             session.on_token("@tfbus/node/sim", True)
             if number < 5:
                 eventually(partial(session.has_asked_since, asked))
+            scheduler.sleep(1e-3)
             session.on_token("@tfbus/node/sim", False)
-            eventually(lambda: not roster._news)
-        assert len(roster._executor._due) <= 10
-        eventually(lambda: not roster._living)
+            scheduler.sleep(1e-3)
+        session.on_token("@tfbus/node/sim", True)
+        asked = session.asked
+        scheduler.sleep(3.0)
+        assert asked < session.asked <= asked + 10
+        session.on_token("@tfbus/node/sim", False)
+        scheduler.sleep(1.0)
+        asked = session.asked
+        scheduler.sleep(30.0)
+        assert session.asked == asked
         roster.close()

@@ -16,7 +16,7 @@ from tfbus.bag.raw_queue import (
     TopicSource,
     TransformSource,
 )
-from tfbus.bag.trigger import Condition, Triggers
+from tfbus.bag.recorder import Condition, Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.items import EventItem, RecordedStream
 from tfbus.wire.codec import as_map, encode_map

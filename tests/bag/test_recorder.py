@@ -5,26 +5,28 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
-from tests.builders import S, at, description, payload
+from tests.builders import S, at, description, live_stream, payload
 from tests.buses import eventually
 from tests.fakes import Lines
 from tfbus.bag.keeping import PartsWritten, Splits
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
-from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.trigger import Condition, Triggers
+from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers
+from tfbus.bus.query import Answer
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.writer import RecordingWriter
+from tfbus.runtime import scheduler
+from tfbus.runtime.structs import replace
 from tfbus.wire.codec import as_map, encode_map
 from tfbus.wire.transforms import TransformReader
 
@@ -476,17 +478,17 @@ class TestMemory:
             return run.queue.dropped["transforms"] > 20
 
         eventually(is_full)
-        assert sum(raw.size for raw in list(run.recorder._pending)) <= 5_000
         sent, dropped = run.seq, run.queue.dropped["transforms"]
+        message = Raw(0, DYNAMIC, payload([at(0)], seq=0))
+        assert (sent - dropped) * message.size <= 5_000
         closing.set()
         assert len(numbers(run.items())) == sent - dropped
         assert run.recorder.counts.lost == {"transforms": dropped}
 
     def test_what_publishers_hold_is_taken_up_to_the_limit(self, tmp_path: Path) -> None:
         """Beyond it messages are counted, and said."""
-        past = a_past(is_complete=lambda: True)
-        for seq in range(10):
-            past._keep("tf/sim", payload([at(stamp_ns=S + seq)], seq=seq))
+        held = [payload([at(stamp_ns=S + seq)], seq=seq) for seq in range(10)]
+        past = a_past(is_complete=lambda: True, held=held)
         assert 0 < past.dropped < 10
         lines = Lines(LOG)
         run = Run(tmp_path, past=past, source=lambda key: DYNAMIC)
@@ -496,37 +498,65 @@ class TestMemory:
         assert f"Dropped {past.dropped} messages that publishers held" in lines.lines[0]
 
 
-def a_past(is_complete: Callable[[], bool]) -> Past:
-    """One that asks nothing."""
-    nothing: Any = None  # no session and no streams
-    past: Any = Past(nothing, nothing, 1_500)
+class Holding:
+    """A session on which the stream `sim` answers at once with the messages that it holds."""
+
+    def __init__(self, held: Iterable[bytes]) -> None:
+        self._held = held
+
+    def ask_later(
+        self, key: str, payload: None, on_answer: Callable[[Answer], None], *_: object, **__: object
+    ) -> None:
+        for data in self._held:
+            on_answer(Answer("tf/sim", data))
+
+
+def a_past(
+    is_complete: Callable[[], bool], held: Iterable[bytes] = (), most_bytes: int = 1_500
+) -> Past:
+    """The history that one stream holds, all of which has come."""
+    past: Any = Past(cast(Any, Holding(held)), cast(Any, None), most_bytes)
     past.is_complete = is_complete
+    past.meet(live_stream("sim", replace(DESCRIBED["sim"], history_s=10.0)))
     return past
 
 
 class TestPast:
-    def before(self, kept: list[tuple[bytes, int]], live: list[Raw]) -> list[Raw]:
-        past = Past.__new__(Past)
-        past.__dict__.update(_lock=threading.Lock())
-        past._kept = [("tf/sim", data, came_ns) for data, came_ns in kept]
-        return past.before(live, lambda key: DYNAMIC)
+    @pytest.fixture
+    def before(self, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Raw]]:
+        """All that was held, each with when it came, before what came by itself."""
 
-    def test_what_was_held_comes_first_with_the_delay_of_the_stream(self) -> None:
+        def before(kept: list[tuple[bytes, int]], live: list[Raw]) -> list[Raw]:
+            def held() -> Iterator[bytes]:
+                for data, came_ns in kept:
+                    monkeypatch.setattr(scheduler, "time_ns", lambda came_ns=came_ns: came_ns)
+                    yield data
+
+            past = a_past(lambda: True, held(), 1_000_000)
+            return past.before(live, lambda key: DYNAMIC)
+
+        return before
+
+    def test_what_was_held_comes_first_with_the_delay_of_the_stream(
+        self, before: Callable[..., list[Raw]]
+    ) -> None:
         """Log times before the recording are the stamps and the delay that live messages have."""
         kept = [(payload([at(stamp_ns=(10 + k) * S)], seq=k), 90 * S) for k in range(3)]
         live = [Raw(13 * S + 5, DYNAMIC, payload([at(stamp_ns=13 * S)], seq=3))]
-        merged = self.before(kept, live)
+        merged = before(kept, live)
         assert [raw.log_ns for raw in merged] == [10 * S + 5, 11 * S + 5, 12 * S + 5, 13 * S + 5]
 
-    def test_a_message_that_came_by_itself_is_not_taken_twice(self) -> None:
+    def test_a_message_that_came_by_itself_is_not_taken_twice(
+        self, before: Callable[..., list[Raw]]
+    ) -> None:
         """Its number tells."""
         data = payload([at(stamp_ns=5 * S)], seq=7)
-        assert len(self.before([(data, 9 * S)], [Raw(6 * S, DYNAMIC, data)])) == 1
+        assert len(before([(data, 9 * S)], [Raw(6 * S, DYNAMIC, data)])) == 1
 
-    def test_what_is_in_force_goes_to_the_beginning(self) -> None:
+    def test_what_is_in_force_goes_to_the_beginning(self, before: Callable[..., list[Raw]]) -> None:
         """Streams and statics that were met at first stand before what was held."""
         kept = [(payload([at(stamp_ns=2 * S)], seq=0), 8 * S)]
         live = [Raw(9 * S, EVENTS, THERE)]
-        merged = self.before(kept, live)
+        merged = before(kept, live)
         assert [raw.source.kind for raw in merged] == ["events", "transforms"]
         assert merged[0].log_ns == merged[1].log_ns == 8 * S

@@ -17,6 +17,7 @@ from tests.builders import S, at, x_of
 from tests.buses import eventually
 from tests.fakes import Clock as FakeClock
 from tests.fakes import InAThread, Lines
+from tests.listen.received import registry_of
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -165,7 +166,7 @@ class Played:
         eventually(lambda: all(self._is_known(each) for each in streams if each.is_there))
 
     def _is_known(self, stream: ReplayedStream) -> bool:
-        known = self._listener._registry.get(stream.name)
+        known = registry_of(self._listener).get(stream.name)
         return known is not None and (
             known.reception.facts.epochs.confirmed_ns == stream._description.epoch
         )
@@ -246,11 +247,13 @@ def test_stamps_of_now_are_moved_by_one_number(played: Any, buffer: Buffer, rece
     assert first.transform.x == 1.0
 
 
-def test_static_transforms_reach_who_comes_late(played: Any, bus: Bus) -> None:
+def test_static_transforms_reach_who_comes_late(
+    played: Any, bus: Bus, states: dict[str, Any]
+) -> None:
     """They are retained, as those of a broadcaster."""
     items = [described(0, ("drone", True)), static(0, at(5.0, "drone")), moving(1, 1.0)]
-    run = played(items)
-    eventually(lambda: run.replay._is_there("sim"))
+    played(items)
+    eventually(lambda: "sim" in states and states["sim"].alive)
     buffer = Buffer()
     with TransformListener(buffer, bus.node("late")):
         eventually(lambda: x_of(buffer, source="drone") == 5.0)

@@ -12,11 +12,10 @@ from tests import needs
 from tests.buses import DEADLINE_S, eventually, send_until
 from tfbus.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
-from tfbus.bridge.legs.dds_config import configuration, dropped_datagrams, udp_sockets
+from tfbus.bridge.legs.dds import configuration, dropped_datagrams, udp_sockets
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.definitions import STRING, TF_MESSAGE
-from tfbus.ros.rmw import NodeEntities, ParticipantNodes, encode_nodes
-from tfbus.ros.ros_names import domain_of
+from tfbus.ros.rmw import NodeEntities, ParticipantNodes, domain_of, encode_nodes
 
 pytestmark = pytest.mark.real
 

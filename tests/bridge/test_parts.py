@@ -4,6 +4,8 @@ import logging
 import math
 import sys
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,32 +120,44 @@ def test_the_newest_row_goes_when_its_time_has_come() -> None:
         executor.close()
 
 
+class NotedTimers(Executor):
+    """An executor that notes which timers it was given."""
+
+    def __init__(self) -> None:
+        super().__init__("test", logging.getLogger("test"))
+        self.given: list[Timer] = []
+
+    def every(self, period_s: float, callback: Callable[[], Any], **more: Any) -> Timer:
+        self.given.append(super().every(period_s, callback, **more))
+        return self.given[-1]
+
+    @property
+    def running(self) -> list[Timer]:
+        """The timers that have neither fired nor been cancelled."""
+        return [timer for timer in self.given if not timer.cancelled]
+
+
 def test_no_timer_runs_where_nothing_waits() -> None:
     """A thousand times a second nothing would be done."""
     clock = Clock()
-    executor = Executor("test", logging.getLogger("test"))
+    executor = NotedTimers()
     limit = RateLimit(1e-3, lambda columns: None, executor, lambda: clock.now_ns / 1e9)
     try:
         limit.pass_on(rows("a"))
-        assert not timers_of(executor)
+        assert not executor.running
         limit.pass_on(rows("a"))
         limit.pass_on(rows("a"))
-        assert len(timers_of(executor)) == 1
+        assert len(executor.running) == 1
         clock.now_ns = 1001 * S
         limit.flush()
-        assert not timers_of(executor)
+        assert not executor.running
         limit.pass_on(rows("a"))
         limit.close()
         limit.pass_on(rows("a"))
-        assert not timers_of(executor)
+        assert not executor.running
     finally:
         limit.close()
         executor.close()
-
-
-def timers_of(executor: Executor) -> list[Timer]:
-    """Those that run."""
-    return [timer for _, _, timer in executor._due if not timer.cancelled]
 
 
 def test_rows_that_are_no_transform_are_found() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 from importlib import import_module
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -26,7 +26,10 @@ Policy = Enum("Policy", ["RELIABLE", "BEST_EFFORT", "VOLATILE", "TRANSIENT_LOCAL
 class FakeNode:
     """A node, and all of ROS: what is published comes to all its subscriptions at once."""
 
+    made: ClassVar[list["FakeNode"]] = []
+
     def __init__(self, name: str, **_: object) -> None:
+        self.made.append(self)
         self.name = name
         self.subscriptions: list[FakeSubscription] = []
         self.publishers: list[FakePublisher] = []
@@ -109,6 +112,7 @@ class FakeExecutor:
 
 @pytest.fixture
 def leg(monkeypatch: pytest.MonkeyPatch) -> Iterator[Leg]:
+    FakeNode.made.clear()
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {"init": lambda **_: None},
         "rclpy.context": {
@@ -146,9 +150,10 @@ def leg(monkeypatch: pytest.MonkeyPatch) -> Iterator[Leg]:
         sys.modules[LEG] = vars(tfbus.bridge.legs)["rclpy"] = former
 
 
-def stranger(leg: Any, topic: RosTopic) -> FakePublisher:
+def stranger(topic: RosTopic) -> FakePublisher:
     """A publisher that is not of the leg."""
-    return FakePublisher(leg._node, topic.name, SimpleNamespace(depth=topic.depth))
+    [node] = FakeNode.made
+    return FakePublisher(node, topic.name, SimpleNamespace(depth=topic.depth))
 
 
 def test_own_messages_come_to_no_subscription(leg: Leg) -> None:
@@ -160,7 +165,7 @@ def test_own_messages_come_to_no_subscription(leg: Leg) -> None:
     for payload in (b"a", b"a", b"b"):
         sender.send(payload)
     assert heard == []
-    stranger(leg, CHATTER).publish(b"a")
+    stranger(CHATTER).publish(b"a")
     assert heard == [("first", b"a"), ("second", b"a")]
 
 
@@ -173,12 +178,12 @@ def test_own_retained_messages_come_to_no_later_subscription(leg: Leg) -> None:
     leg.subscribe(KEPT, lambda data, _: heard.append(data))
     assert heard == []
     for payload in (b"old", b"new"):
-        stranger(leg, KEPT).publish(payload)
+        stranger(KEPT).publish(payload)
     assert heard == [b"old", b"new"]
     other = leg.publisher(CHATTER)
     other.send(b"a")
     leg.subscribe(CHATTER, lambda data, _: heard.append(data))
-    stranger(leg, CHATTER).publish(b"a")
+    stranger(CHATTER).publish(b"a")
     assert heard[2:] == [b"a"]
 
 
@@ -191,8 +196,9 @@ def test_a_subscription_that_is_closed_hears_nothing(leg: Any) -> None:
         subscription.close()
 
     subscription = leg.subscribe(CHATTER, hear)
-    [made] = leg._node.subscriptions
+    [node] = FakeNode.made
+    [made] = node.subscriptions
     for payload in (b"a", b"b"):
         made.hear(payload)
     subscription.close()
-    assert heard == [b"a"] and not leg._node.subscriptions
+    assert heard == [b"a"] and not node.subscriptions

@@ -4,7 +4,6 @@ import pytest
 
 from tfbus import TfbusError
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS, fitted
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     JOINT_STATE,
     ODOMETRY,
@@ -15,6 +14,7 @@ from tfbus.ros.definitions import (
     TWIST,
     Definition,
 )
+from tfbus.ros.message_type import message_of
 from tfbus.ros.ros1 import ros1_type
 from tfbus.ros.schema import MessageCodec
 

@@ -8,8 +8,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tfbus import TfbusError
 from tfbus.bridge.common import BridgeOptions, RosFrameNames
-from tfbus.bridge.topic_crossings import Translation
 from tfbus.bridge.topic_table import TABLE, TopicTable
+from tfbus.bridge.topics import Translation
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.wire.codec import decode_map, encode_map
 

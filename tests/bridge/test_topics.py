@@ -12,8 +12,8 @@ from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.bridge.common import BridgeOptions, RosFrameNames
+from tfbus.bridge.from_ros import with_odometry_frames
 from tfbus.bridge.legs import RosTopic
-from tfbus.bridge.odometry_frames import with_odometry_frames
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.topics import TopicBridge
 from tfbus.messages import (

@@ -34,7 +34,7 @@ def test_a_stream_that_begins_anew_takes_the_place_of_the_former(
 
     monkeypatch.setattr(stream_module, "Stream", Stream)
     robot = node("robot")
-    former, streams = stream_of_node(robot), NodeStreams.of(robot)
+    former, streams = stream_of_node(robot), NodeStreams.of_node(robot)
     again = streams.reopen(robot, "robot", ("gid",))
     assert again.origin == ("gid",)
     assert closed == [former]

@@ -29,9 +29,14 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.broadcast import sender
-from tfbus.broadcast.keys import RowsOfKey, StreamOptions
 from tfbus.broadcast.retained import FrameAnnouncer
-from tfbus.broadcast.sender import MOST_BACK_NS, NewestStamps, TransformSender
+from tfbus.broadcast.sender import (
+    MOST_BACK_NS,
+    NewestStamps,
+    RowsOfKey,
+    StreamOptions,
+    TransformSender,
+)
 from tfbus.broadcast.stream import NodeStreams
 from tfbus.bus.networks import NETWORKS
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
@@ -39,7 +44,8 @@ from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked, StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Without a bus
@@ -320,7 +326,7 @@ def judge_as_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
         stamps = [seconds * S + i for i in range(len(children))]
         late = [i for i, f in enumerate(children) if stamps[i] < known.get(f, 0) - MOST_BACK_NS]
         rows = newest.rows(children)
-        assert newest.note(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
+        assert newest.advance(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
         if not late:
             for child, stamp in zip(children, stamps, strict=True):
                 known[child] = max(stamp, known.get(child, 0))
@@ -629,7 +635,7 @@ def test_a_closed_stream_retains_nothing(sender: Node, receiver: Node) -> None:
         return [answer.key for key in within for answer in ask_retained(receiver.session, key)]
 
     eventually(lambda: sorted(set(retained())) == ["@tfbus/stream/sender", "tf_static/sender"])
-    NodeStreams.of(sender).close(sender.name)
+    NodeStreams.of_node(sender).close(sender.name)
     assert retained() == []
 
 
@@ -855,3 +861,24 @@ def test_a_frame_that_cannot_be_encoded_does_not_stop_the_description(bus: Bus) 
 
     eventually(lambda: listed() == [("world", "robot", False)])
     watching.close()
+
+
+def test_a_question_for_frames_is_answered_by_streams_that_list_one(
+    sender: Node, receiver: Node
+) -> None:
+    """A question for descriptions may name child frames: then other streams do not answer, and a
+    question that cannot be read is refused.
+    """
+    for child in ("base", "arm"):
+        TransformBroadcaster(sender, stream=child).send_transform(at(child=child))
+
+    def answers(payload: bytes | None) -> list[tuple[str, str | None]]:
+        key = "tf_static/*?description=1"
+        found = receiver.session.ask(key, payload, answers_at="@tfbus/stream/*")
+        return sorted((each.key, each.refusal) for each in found)
+
+    eventually(lambda: len(answers(None)) == 2)
+    asked = encode_message(FramesAsked(("arm", "hand")))
+    eventually(lambda: answers(asked) == [("@tfbus/stream/arm", None)])
+    assert answers(encode_message(FramesAsked(("world",)))) == []
+    assert all("children" in (refusal or "") for _, refusal in answers(b"\x80"))

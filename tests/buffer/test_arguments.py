@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.builders import S, moved
-from tfbus.broadcast.keys import StreamOptions
+from tfbus.broadcast.sender import StreamOptions
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling

@@ -12,7 +12,7 @@ from tests.builders import S, moved, store_of
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.errors import FutureExtrapolationException, LookupException
-from tfbus.runtime.callback_thread import Bell
+from tfbus.runtime.callbacks import Bell
 
 _BEGIN = """
 import gc, signal, weakref
@@ -203,7 +203,7 @@ def test_a_bell_rung_twice_rings_once():
 
 
 @pytest.mark.skipif(COMPILED, reason="no interrupt comes within the compiled lock")
-def test_an_interrupt_right_after_the_lock_is_taken_frees_it():
+def test_an_interrupt_right_after_the_lock_is_taken_frees_it(monkeypatch):
     """Ctrl-C may raise between any two calls of an interpreted buffer."""
 
     class Interrupted:
@@ -220,10 +220,9 @@ def test_an_interrupt_right_after_the_lock_is_taken_frees_it():
 
     buffer = Buffer()
     lock = store_of(buffer).lock
-    mutex, lock._mutex = lock._mutex, Interrupted(lock._mutex)
-    with pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(lock, "_mutex", Interrupted(lock._mutex))
         buffer.set_transform(moved(0, "world", "robot"))
-    lock._mutex = mutex
     buffer.set_transform(moved(0, "world", "robot"))
     assert InAThread(buffer.frames).result() == ["robot", "world"]
 

@@ -91,6 +91,21 @@ def test_json(bag: Path) -> None:
     assert told["topics"][0]["flow"]["messages"] == 10
 
 
+def test_a_gap_is_judged_by_the_median_period(tmp_path: Path) -> None:
+    """Many gaps in a stream of 10 Hz make its rate 2 Hz: still each is one, as to the monitor."""
+    path = tmp_path / "bursts.mcap"
+    with RecordingWriter(path) as writer:
+        for i in range(60):
+            now = T0 + i * S // 10 + i // 5 * 2 * S
+            writer.write(in_recording(now, [at(i, "arm", now)], seq=i))
+    [stream] = json.loads(info("--json", path).output)["streams"]
+    assert 2.0 * 5.0 / stream["flow"]["rate"] > stream["flow"]["longest_gap_s"]
+    assert stream["flow"]["period_s"] == pytest.approx(0.1)
+    assert "2.1 s at +0.4s" in info(path).output
+    measured = CliRunner().invoke(main, ["monitor", "--bag", str(path)]).output
+    assert "2.1 s at +0.4s" in measured
+
+
 def test_a_file_cut_short(bag: Path) -> None:
     """It is said, and what is there is shown."""
     data = bag.read_bytes()

@@ -194,6 +194,37 @@ def test_doctor_checks_a_recording(path: Path) -> None:
     assert "clock-jumps" in listed and "routers" not in listed
 
 
+@pytest.mark.parametrize(
+    ("library", "extra", "arguments"),
+    [
+        ("zstandard", "bag", ("bag", "info", "RUN")),
+        ("zstandard", "bag", ("frames", "--bag", "RUN")),
+        ("mcap", "bag", ("bag", "cut", "RUN", "--to", "1", "-o", "NEW")),
+        ("mcap", "bag", ("bag", "record", "-o", "NEW")),
+        ("matplotlib", "plot", ("plot", "world", "base", "--bag", "RUN", "-o", "plot.png")),
+        ("textual", "top", ("top",)),
+        ("cryptography", "secure", ("keys", "init", "KEYS")),
+    ],
+)
+def test_a_missing_library_is_answered_with_its_extra(
+    path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    library: str,
+    extra: str,
+    arguments: tuple[str, ...],
+) -> None:
+    """With the command that installs it, as it is typed."""
+    for name in [library, *(each for each in sys.modules if each.startswith(f"{library}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr("tfbus.cli.keys.find_spec", lambda name: None)
+    monkeypatch.chdir(tmp_path)
+    places = {"RUN": str(path), "NEW": "new.mcap"}
+    done = run(*(places.get(each, each) for each in arguments))
+    assert done.exit_code == 1
+    assert f"pip install 'tfbus[{extra}]'" in done.output
+
+
 def test_plot_draws_a_span(path: Path, tmp_path: Path) -> None:
     """--from and --to are moments of the recording."""
     module("matplotlib")

@@ -26,8 +26,7 @@ from tfbus import (
 )
 from tfbus.cli import main
 from tfbus.cli.completion import SHELLS, Bash
-from tfbus.cli.message import complete_values, supplied_names, supplied_type
-from tfbus.cli.message_fields import prototype
+from tfbus.cli.message import complete_values, prototype, supplied_names, supplied_type
 from tfbus.command.names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 from tfbus.recording.items import TopicItem

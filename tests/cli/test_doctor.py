@@ -164,6 +164,20 @@ def test_a_watch_calls_a_command(bus: Bus, tmp_path: Path) -> None:
     assert doctor.stop() == 0
 
 
+def test_a_watch_says_at_once_that_it_watches(bus: Bus) -> None:
+    """Findings come after the time it listens for; until then it is not silent."""
+    doctor = bus.start("doctor", "--watch", "--for", "60", "--only", "gone")
+    doctor.wait_for_line("watching the bus: gone, first findings after 60.0 s")
+
+
+def test_a_wrong_name_of_a_check_is_answered_with_the_nearest(bus: Bus) -> None:
+    """Not with all 36 names, which --list has."""
+    done = bus.run("doctor", "--only", "node")
+    assert done.returncode == 2
+    assert "'nodes'" in done.stderr and "--list" in done.stderr
+    assert len(done.stderr.splitlines()[-1]) < 150
+
+
 @pytest.mark.parametrize(
     "options", [("--exit-on-fail",), ("--on-fail", "true"), ("--watch", "--bag", __file__)]
 )
@@ -184,11 +198,14 @@ def test_a_node_that_is_stopped_is_named(bus: Bus) -> None:
     eventually(lambda: bus.run("node", "list", *client).stdout.split() == ["/odometry", "/sim"])
     doctor = bus.start("doctor", "--json", "--only", "nodes", *client)
     frames = bus.start("frames", "--json", "--wait-time", "0.2", *client)
+    nodes = bus.start("node", "list", *client)
     bus.network.stop(process)
-    assert (doctor.wait(), frames.wait()) == (0, 0)
+    assert (doctor.wait(), frames.wait(), nodes.wait()) == (0, 0, 0)
     assert json.loads(frames.stdout)["unanswered"] == ["/sim"]
     assert frames.stderr == "Warning: /sim is there, and did not answer: stopped, or too busy?\n"
     finding = json.loads(doctor.stdout)["nodes"]
     assert finding["verdict"] == "warn"
     assert finding["evidence"] == ["/sim is there, and did not answer"]
+    assert nodes.stdout.split() == ["/odometry", "/sim"]
+    assert nodes.stderr == frames.stderr
     bus.network.go_on(process)

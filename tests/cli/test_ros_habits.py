@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus.cli import _CALLED_IN_ROS, _NOT_NEEDED, NODES, TOOLS, main
+from tfbus.cli import CALLED_IN_ROS, NODES, NOT_NEEDED_FROM_ROS, TOOLS, main
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.messages import Spawn
 
@@ -103,7 +103,7 @@ def test_a_command_of_ros_names_what_does_the_same_or_why_there_is_none(
     assert f"there is no command {answer}" in usage_error(*command.split())
 
 
-@pytest.mark.parametrize("word", sorted({**_CALLED_IN_ROS, **_NOT_NEEDED}))
+@pytest.mark.parametrize("word", sorted({**CALLED_IN_ROS, **NOT_NEEDED_FROM_ROS}))
 def test_no_answer_is_given_of_a_command_that_is_there(word: str) -> None:
     """The words that are answered are not commands, and the commands that they name are."""
     answer = usage_error(*word.split())
@@ -186,7 +186,7 @@ def test_a_message_type_of_ros_that_tfbus_lacks_names_those_it_has() -> None:
     """It says that the type may be omitted, too, and what publishes transforms."""
     answer = usage_error("topic", "pub", "--once", "/x", "my_msgs/msg/Weight", "data: hi")
     assert "leave the type out" in answer
-    assert "available: Clock, Color, Imu" in answer
+    assert "available: CameraInfo, Clock, Color" in answer
     answer = usage_error("topic", "pub", "--once", "/tf", "tf2_msgs/msg/TFMessage", "{}")
     assert "`tfbus static`" in answer
 

@@ -4,7 +4,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tfbus.command.option_kinds import Several
+from tfbus.command.options import Several
 from tfbus.command.types import ByteSize
 
 

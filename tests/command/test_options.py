@@ -10,8 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tfbus import BusError, NodeSettings, node_options
-from tfbus.command.option_kinds import in_tfbus_words
-from tfbus.command.options import bus_options, settings_from_args
+from tfbus.command.options import bus_options, in_tfbus_words, settings_from_args
 
 seen: list[NodeSettings] = []
 

@@ -14,7 +14,7 @@ from tfbus.compat.example_interfaces.action import Fibonacci
 from tfbus.compat.lifecycle_msgs.msg import State, Transition
 from tfbus.compat.lifecycle_msgs.srv import ChangeState, GetState
 from tfbus.compat.rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
-from tfbus.compat.rclpy.action.client import _Feedbacks
+from tfbus.compat.rclpy.action.client import Feedbacks
 from tfbus.compat.rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from tfbus.compat.rclpy.executors import MultiThreadedExecutor
 from tfbus.compat.rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -132,7 +132,7 @@ def test_a_goal_is_cancelled_where_its_server_takes_that(rclpy: ModuleType, is_t
 def test_the_first_feedback_may_come_before_the_id_of_its_goal() -> None:
     """It waits for that, and the order stays."""
     heard: list[Any] = []
-    feedbacks = _Feedbacks(heard.append, lambda call: call())
+    feedbacks = Feedbacks(heard.append, lambda call: call())
     feedbacks.came(1)
     assert heard == []
     feedbacks.begin("id")

@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import pickle
+import struct
 import subprocess
 import sys
 from array import array
@@ -317,10 +318,10 @@ def test_ported_types_are_listed_by_their_names_in_ros(rclpy: ModuleType, bus: B
 
 
 def test_serialized_arrays_come_back_as_they_are() -> None:
-    """Of numbers, booleans and bytes, and of a fixed size; on the bus they are lists."""
+    """Of numbers, booleans and bytes, and of a fixed size; on the bus they are binary."""
     scan = LaserScan(ranges=np.arange(3, dtype=np.float32), intensities=[0.5])
     assert deserialize_message(serialize_message(scan), LaserScan) == scan
-    assert decode_map(encode_message(scan))["ranges"] == [0.0, 1.0, 2.0]
+    assert decode_map(encode_message(scan))["ranges"] == struct.pack("<3f", 0.0, 1.0, 2.0)
     imu = Imu(orientation_covariance=np.arange(9.0))
     assert deserialize_message(serialize_message(imu), Imu) == imu
     value = ParameterValue(bool_array_value=[True, False], integer_array_value=[-1, 2])

@@ -1,12 +1,14 @@
 """The graph: topics and services with their ends, from descriptions of nodes and streams."""
 
+import re
+
 import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
 from tfbus.cli.bus import look
-from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
+from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of, where_to_look
 from tfbus.discover.presence import ask_streams
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
@@ -98,3 +100,18 @@ def test_streams_that_do_not_answer_are_named(bus: Bus, capsys: pytest.CaptureFi
     look(session)
     assert "'/sim'" in capsys.readouterr().err
     bus.network.go_on(process)
+
+
+def test_namespaces_that_have_a_frame_are_named() -> None:
+    """At most three, and only those that have it."""
+    frames = {("robot7", "base"), ("robot8", "base"), ("robot9", "arm")}
+    hint = where_to_look(frames, "base")
+    assert hint.startswith("'base' is known")
+    assert re.findall(r"--\w+|robot\d", hint) == ["--namespace", "robot7", "robot8", "--fleet"]
+    assert where_to_look(frames, "wheel") == ""
+
+
+def test_what_is_in_no_namespace_is_seen_without_one() -> None:
+    """The hint has no empty name in it."""
+    hint = where_to_look({("", "map"), ("robot7", "map")}, "map")
+    assert hint.startswith("'map' is known outside") and hint.endswith("without --namespace")

@@ -8,8 +8,8 @@ import pytest
 
 from tfbus import NodeSettings
 from tfbus.bus.session import Session
-from tfbus.discover import out_of_reach
-from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover import presence
+from tfbus.discover.presence import bus_out_of_reach
 from tfbus.errors import BusError
 
 TLS = ("tls/[fe80::1]:4711", "tls/10.0.0.1:4711")
@@ -32,7 +32,7 @@ class FakeSession:
 def answering(monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[str, ...]]:
     """What answers scouting; the session itself does too."""
     hellos: dict[str, tuple[str, ...]] = {"own": TLS}
-    monkeypatch.setattr(out_of_reach, "scout", lambda *_, **__: hellos)
+    monkeypatch.setattr(presence, "scout", lambda *_, **__: hellos)
     return hellos
 
 
@@ -97,11 +97,11 @@ def test_without_scouting_nothing_is_said(answering: Any, monkeypatch: pytest.Mo
     """Neither where it is off, nor where this host cannot ask."""
     answering["arm"] = TLS
     with monkeypatch.context() as without:
-        without.setattr(out_of_reach, "has_scouting", lambda _: False)
+        without.setattr(presence, "has_scouting", lambda _: False)
         assert said(FakeSession()) == ""
 
     def fail(*_: object, **__: object) -> dict[str, tuple[str, ...]]:
         raise BusError("could not look for others by scouting")
 
-    monkeypatch.setattr(out_of_reach, "scout", fail)
+    monkeypatch.setattr(presence, "scout", fail)
     assert said(FakeSession()) == ""

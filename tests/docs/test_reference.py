@@ -40,7 +40,7 @@ def test_the_api_page_has_every_public_name() -> None:
 def message_types() -> Iterator[tuple[str, Any]]:
     """The dataclasses of tfbus.messages, those of services and actions by their outer name."""
     for name, value in vars(tfbus.messages).items():
-        if isinstance(value, type) and value.__module__ == "tfbus.messages":
+        if isinstance(value, type) and value.__module__.startswith("tfbus.messages"):
             for message_type in filter(is_dataclass, (value, *vars(value).values())):
                 yield name, message_type
 

@@ -20,7 +20,8 @@ from tfbus.doctor.examine import is_stopped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.flow import EdgeFlow, spread_of
+from tfbus.monitor.report import EdgeFlow
+from tfbus.monitor.windows import spread_of
 from tfbus.secure.folder import SecureFolder
 from tfbus.secure.rights import Identity, Rights
 from tfbus.wire.descriptions import BufferDescription, DelayDescription, NodeDescription
@@ -70,6 +71,7 @@ OTHER = replace(STREAM, name="other", node="/other", pid=8, frames=())
 FLOW = EdgeFlow(
     *("sim", "world", "base"),
     rate_hz=10.0,
+    period_s=0.1,
     jitter_s=0.002,
     delays_s=spread_of([0.001, 0.003]),
     longest_gap_s=0.11,
@@ -354,6 +356,14 @@ def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
     assert finding.evidence == ("2 samples of 'base' arrived with the stamp 0",)
+
+
+def test_a_gap_is_judged_by_the_median_period(healthy: Examination) -> None:
+    """A frame that mostly comes every 0.1 s had a gap of 1.5 s, even if gaps halve its rate."""
+    often = with_flow(rate_hz=2.5, period_s=0.1, longest_gap_s=1.5)(healthy)
+    assert CHECKS["gaps"](often).verdict == "warn"
+    seldom = with_flow(rate_hz=10.0, period_s=0.4, longest_gap_s=1.5)(healthy)
+    assert CHECKS["gaps"](seldom).verdict == "ok"
 
 
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:

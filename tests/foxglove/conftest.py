@@ -16,7 +16,7 @@ def streams(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
         return
     request.getfixturevalue("network")
     made = Streams()
-    monkeypatch.setattr("tfbus.foxglove.front._listening", made.listen)
+    monkeypatch.setattr("tfbus.foxglove.front.listening_sockets", made.listen)
     for name in ("sock_accept", "connect_accepted_socket", "create_connection"):
         method = getattr(made, name)
         monkeypatch.setattr(SimulatedEventLoop, name, _as_method(method), raising=False)

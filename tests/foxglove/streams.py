@@ -19,7 +19,7 @@ class Streams:
         self._ports: dict[int, Listening] = {}
 
     def listen(self, host: str, port: int) -> "list[Listening]":
-        """As `front._listening`, on a port that is always free."""
+        """As `front.listening_sockets`, on a port that is always free."""
         made = Listening(port or 50_000 + len(self._ports))
         self._ports[made.port] = made
         return [made]

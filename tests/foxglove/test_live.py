@@ -32,9 +32,15 @@ POSE = Pose(1670400305709085026, 1.5, -2.0, 0.25, 0.5, -0.125)
 
 
 @pytest.fixture
-def bridge(bus: Bus) -> Iterator[LiveBridge]:
+def bridge_node(bus: Bus) -> Node:
+    """The node of the bridge."""
+    return bus.node("foxglove")
+
+
+@pytest.fixture
+def bridge(bridge_node: Node) -> Iterator[LiveBridge]:
     """A bridge that lets clients drive on turtle1/cmd_vel."""
-    bridge = LiveBridge(bus.node("foxglove"), Serving(port=0), teleop=("turtle1/cmd_vel",))
+    bridge = LiveBridge(bridge_node, Serving(port=0), teleop=("turtle1/cmd_vel",))
     yield bridge
     bridge.close()
 
@@ -159,23 +165,18 @@ def test_what_ros_cannot_express_comes_as_json(sender: Node, client: Client) -> 
 
 
 def test_the_bus_sends_only_what_a_client_watches(
-    bridge: LiveBridge, sender: Node, client: Client
+    bridge_node: Node, sender: Node, client: Client
 ) -> None:
     """The bridge subscribes to a topic when a client does, and no longer when that is gone."""
     sender.create_publisher(Pose, "turtle1/pose")
 
     def subscribed() -> set[str]:
-        return set(bridge_node_of(bridge).describe()["subscribes"])
+        return set(bridge_node.describe()["subscribes"])
 
     client.subscribe("/turtle1/pose")
     eventually(lambda: "turtle1/pose" in subscribed())
     client.unsubscribe("/turtle1/pose")
     eventually(lambda: "turtle1/pose" not in subscribed())
-
-
-def bridge_node_of(bridge: LiveBridge) -> Node:
-    """The node of a bridge."""
-    return bridge._node
 
 
 # Parameters

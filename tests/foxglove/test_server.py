@@ -16,8 +16,8 @@ from tests.foxglove.client import Client
 from tfbus.foxglove.client import BACKLOG, Requests
 from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections
-from tfbus.foxglove.protocol import Capability, Parameter, PlaybackState, PlaybackStatus
-from tfbus.foxglove.server import Channel, Server, Service
+from tfbus.foxglove.protocol import Capability, PlaybackState, PlaybackStatus, ShownParameter
+from tfbus.foxglove.server import ServedChannel, ServedService, Server
 
 # A client that asks for a WebSocket and then reads nothing.
 UPGRADE = (
@@ -30,10 +30,10 @@ UPGRADE = (
 class Knows(Requests):
     """Knows any parameter, and sets it."""
 
-    def get_parameters(self, names: list[str]) -> list[Parameter]:  # type: ignore[override]
-        return [Parameter(name, 1) for name in names]
+    def get_parameters(self, names: list[str]) -> list[ShownParameter]:  # type: ignore[override]
+        return [ShownParameter(name, 1) for name in names]
 
-    def set_parameters(self, given: list[Parameter]) -> list[Parameter]:  # type: ignore[override]
+    def set_parameters(self, given: list[ShownParameter]) -> list[ShownParameter]:  # type: ignore[override]
         return given
 
 
@@ -63,7 +63,7 @@ def test_clients_come_and_go_while_all_is_published(server: Server, front: Front
         while not is_ended.is_set():
             rounds += 1
             server.publish_graph(Connections({f"/topic{rounds % 7}": ["/node"]}))
-            server.publish_parameters([Parameter("/node.a", rounds)])
+            server.publish_parameters([ShownParameter("/node.a", rounds)])
             server.say("no")
             channel = server.open_channel(f"/topic{rounds % 7}", "json")
             channel.send(b"{}", rounds)
@@ -187,7 +187,7 @@ def _open_files() -> int:
     return len(os.listdir("/dev/fd"))
 
 
-def _subscribe(client: socket.socket, channel: Channel) -> None:
+def _subscribe(client: socket.socket, channel: ServedChannel) -> None:
     """Have a client without a reader subscribe to a channel."""
     wish = b'{"op":"subscribe","subscriptions":[{"id":1,"channelId":%d}]}' % channel.id
     client.sendall(UPGRADE + _masked(wish))
@@ -218,15 +218,15 @@ def _masked(text: bytes) -> bytes:
 )
 def test_parameters_keep_their_type(front: Front, server: Server, value: object) -> None:
     """There and back: a float says that it is one, and bytes are base64."""
-    given = Parameter("/node.a", value)
-    assert Parameter.from_map(given.as_map()) == given
+    given = ShownParameter("/node.a", value)
+    assert ShownParameter.from_map(given.as_map()) == given
 
 
 @pytest.mark.parametrize("value", [float("nan"), 2**63, [float("inf")], {1: 2}, object()])
 def test_what_json_cannot_say_is_no_parameter(value: object) -> None:
     """A ValueError or TypeError, so that its text is shown instead."""
     with pytest.raises((TypeError, ValueError)):
-        Parameter("/node.a", value)
+        ShownParameter("/node.a", value)
 
 
 @pytest.mark.parametrize(
@@ -268,6 +268,6 @@ def test_a_call_that_fails_unforeseen_is_answered(server: Server, front: Front) 
     def call(request: bytes) -> bytes:
         raise KeyError("x")
 
-    server.add_service(Service("/fails", "Fails", ("", "{}"), ("", "{}"), call))
+    server.add_service(ServedService("/fails", "Fails", ("", "{}"), ("", "{}"), call))
     with Client(front.port) as client:
         assert "KeyError" in client.call("/fails", {})

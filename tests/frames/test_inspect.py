@@ -12,7 +12,7 @@ from tests.needs import module
 from tests.processes.sim_time import follower, start_clock
 from tests.recordings import at, described, gone, node, publisher, statics, steadily, write
 from tests.simulated_bus import Bus
-from tfbus import InvalidArgumentException, Node
+from tfbus import FileError, InvalidArgumentException, MissingFileError, Node
 from tfbus.inspect import BusChange, BusMoment, Recorded, Watch
 from tfbus.runtime import scheduler
 
@@ -132,6 +132,13 @@ def test_a_moment_outside_of_a_recording_is_refused(tmp_path: Path) -> None:
         assert recorded.at(recorded.end_ns).frames["base"].rate_hz == pytest.approx(10.0)
     with pytest.raises(InvalidArgumentException, match="file"):
         Recorded()
+
+
+def test_a_missing_file_is_an_error_of_tfbus(tmp_path: Path) -> None:
+    """It says which file, and programs catch it as any error of a file."""
+    with pytest.raises(MissingFileError, match="cannot be read") as caught:
+        Recorded(tmp_path / "gone.mcap")
+    assert isinstance(caught.value, FileError)
 
 
 def test_the_changes_of_a_bus_come_as_they_happen(bus: Bus) -> None:

@@ -18,7 +18,7 @@ from tfbus.command.recordings import BagChoice
 from tfbus.command.types import Moment
 from tfbus.errors import ExtrapolationException, LookupException, TfbusError
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.recorded_poses import frames_of, recorded_track, recorded_transform
+from tfbus.frames.recorded_poses import frames_of_bag, recorded_track, recorded_transform
 from tfbus.frames.recorded_poses import recorded_transforms as echoed
 from tfbus.frames.why import explain_recorded
 from tfbus.geometry.columns import Columns
@@ -207,7 +207,7 @@ def test_a_lookup_at_a_stamp_has_one_answer(drawn: tuple[Drawn, BagChoice]) -> N
                 echo = asked(recorded_transform, moment, SETTINGS, None, *pair)
                 assert echo == answer, (pair, stamp_ns - T0)
                 with moment.opened() as opened:
-                    frames = frames_of(opened, SETTINGS, None)
+                    frames = frames_of_bag(opened, SETTINGS, None)
                     frames.seek(stamp_ns)
                     said = explain_recorded(frames, *pair, ["run.mcap"], at_moment=True)
                 if frames.pause is None:

@@ -12,7 +12,7 @@ from tfbus.command.recordings import BagChoice
 from tfbus.command.types import parse_moment
 from tfbus.errors import TfbusError
 from tfbus.frames.recorded_poses import recorded_track, recorded_transform, recorded_transforms
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 
 SETTINGS = NodeSettings("echo")
 SIM, ARM = publisher("sim"), publisher("arm")

@@ -30,8 +30,8 @@ from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import Report
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.top.rows import frames_table
-from tfbus.view.model.frames import frames_of
-from tfbus.view.panels import text
+from tfbus.view.frames import frames_of
+from tfbus.view.panels.tree import facts_of
 
 S = 1_000_000_000
 NOW_NS = 1_670_400_300 * S
@@ -191,7 +191,7 @@ def said_by_doctor(tree: FrameTree) -> Faults:
 def said_by_view(tree: FrameTree, buffer: Buffer) -> Faults:
     """The words before a colon in the facts of the frame on the page."""
     frame = frames_of(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "map")[FRAME]
-    row = re.findall(r"<dt>State</dt><dd>(.*?)</dd>", text.facts(frame, tree.recorded_ns))[0]
+    row = re.findall(r"<dt>State</dt><dd>(.*?)</dd>", facts_of(frame, tree.recorded_ns))[0]
     words = re.findall(r"(\w+):", unescape(re.sub("<.*?>", "", row)))
     assert words[0] == frame.state
     return tuple(word for word in words if word not in ("dynamic", "static", "root"))

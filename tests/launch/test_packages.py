@@ -6,7 +6,7 @@ import pytest
 
 from tests.simulated_bus import Bus
 from tfbus.launch.description import LaunchError
-from tfbus.launch.read.find import (
+from tfbus.launch.find import (
     find_in,
     find_in_package,
     find_launch_file,

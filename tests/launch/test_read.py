@@ -11,6 +11,9 @@ from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
+from tfbus.launch import reader
+from tfbus.launch.arguments import Scope, show_arguments
+from tfbus.launch.child import check_startable, dry_run_line, program_of
 from tfbus.launch.description import (
     Argument,
     DescribedProcess,
@@ -18,11 +21,8 @@ from tfbus.launch.description import (
     LaunchError,
     Respawn,
 )
-from tfbus.launch.read import reader
-from tfbus.launch.read.arguments import Scope, show_arguments
-from tfbus.launch.read.find import find_launch_file, installed_launch_files
-from tfbus.launch.read.reader import read_arguments, read_launch_file
-from tfbus.launch.run.child import check_startable, dry_run_line, program_of
+from tfbus.launch.find import find_launch_file, installed_launch_files
+from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.runtime.yaml_file import FilePlace, YamlFileError
 
 
@@ -743,11 +743,3 @@ def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: 
 
 def split(row: str) -> list[str]:
     return re.findall(r"`(\w+)`", row)
-
-
-@pytest.mark.parametrize(("half", "other"), [("read", "run"), ("run", "read")])
-def test_the_halves_of_launch_do_not_know_each_other(half: str, other: str) -> None:
-    """Reading and running meet only in the description."""
-    sources = list((Path(__file__).parents[2] / "tfbus" / "launch" / half).glob("*.py"))
-    assert sources
-    assert not [path for path in sources if f"tfbus.launch.{other}" in path.read_text()]

@@ -25,11 +25,11 @@ from hypothesis import strategies as st
 
 from tests.buses import DEADLINE_S
 from tfbus.errors import BusError
+from tfbus.launch.child import LaunchProgram, Timeouts
+from tfbus.launch.console import Console, Lines, OutputStream, safe_line
 from tfbus.launch.description import Respawn
-from tfbus.launch.run.child import LaunchProgram, Timeouts
-from tfbus.launch.run.console import Console, Lines, OutputStream, safe_line
-from tfbus.launch.run.run import Debounce, adopting_orphans
-from tfbus.launch.run.supervisor import GroupGuard, Presence, Supervisor
+from tfbus.launch.run import Debounce, adopting_orphans
+from tfbus.launch.supervisor import GroupGuard, Presence, Supervisor
 
 pytestmark = pytest.mark.real
 

@@ -6,7 +6,8 @@ from typing import Any
 from tests.builders import S, payload, x_of
 from tfbus import Buffer, TransformListener, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.registry import Registry
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.transforms import TransformReader
 
@@ -16,12 +17,17 @@ def watch_of(listener: TransformListener) -> StreamWatch:
     return listener._watch
 
 
+def registry_of(listener: TransformListener) -> Registry:
+    """What a listener keeps of each stream."""
+    return listener._registry
+
+
 def receive(listener: TransformListener, key: str, data: bytes) -> None:
     """A message comes, and has been dealt with when this returns."""
     listener._on_message(key, data)
 
 
-class Takeovers(Listening):
+class Takeovers(ReceptionHooks):
     """Notes which stream's other process counts from which epoch on."""
 
     def __init__(self, noted: list[tuple[str, int]]) -> None:

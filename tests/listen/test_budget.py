@@ -1,7 +1,5 @@
 """How much memory the streams of a listener take, and which of them go."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.builders import at, payload, x_of
@@ -22,31 +20,31 @@ def small() -> Budget:
 
 def test_the_oldest_of_a_peer_that_takes_too_much_goes(small: Budget) -> None:
     """Its own streams make room, and none of another peer."""
-    assert small.note("honest", "h", 10) == []
-    assert [small.note(f"s{number}", "largest", 25) for number in range(4)] == [
+    assert small.resize("honest", "h", 10) == []
+    assert [small.resize(f"s{number}", "largest", 25) for number in range(4)] == [
         [],
         [],
         ["s0"],
         ["s1"],
     ]
     assert small.bytes == 60
-    assert small.note("s9", "largest", 1000) == ["s2", "s3", "s9"]
+    assert small.resize("s9", "largest", 1000) == ["s2", "s3", "s9"]
     assert small.bytes == 10
 
 
 def test_where_all_take_too_much_the_largest_gives(small: Budget) -> None:
     """However it is divided, those who take little keep what they have."""
-    small.note("honest", "h", 10)
-    small.note("a", "first", 50)
-    assert small.note("b", "second", 45) == ["a"]
-    assert small.note("honest", "h", 20) == []
+    small.resize("honest", "h", 10)
+    small.resize("a", "first", 50)
+    assert small.resize("b", "second", 45) == ["a"]
+    assert small.resize("honest", "h", 20) == []
 
 
 def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None:
     """What counts is how much it takes now, and whose it is now."""
-    small.note("a", "first", 50)
-    assert small.note("a", "first", 5) == []
-    assert small.note("a", "second", 6) == []
+    small.resize("a", "first", 50)
+    assert small.resize("a", "first", 5) == []
+    assert small.resize("a", "second", 6) == []
     assert (small.bytes, small.peer_of("a")) == (6, "second")
     small.forget("a")
     small.forget("unknown")
@@ -54,26 +52,24 @@ def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None
 
 
 @pytest.fixture
-def narrow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Listeners with room for some ten streams that do not say whose they are."""
-    monkeypatch.setattr(
-        module, "Budget", lambda: Budget(most_bytes=200_000, most_bytes_a_peer=60_000)
-    )
-    yield
+def narrow(monkeypatch: pytest.MonkeyPatch) -> Budget:
+    """The budget of a listener: room for some ten streams that do not say whose they are."""
+    budget = Budget(most_bytes=200_000, most_bytes_a_peer=60_000)
+    monkeypatch.setattr(module, "Budget", lambda: budget)
+    return budget
 
 
-@pytest.mark.usefixtures("narrow")
-def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus) -> None:
+def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus, narrow: Budget) -> None:
     """Of 200 keys of a stranger the last are kept, one line says so, and another's static stays."""
     receiver = bus.node("receiver")
     log, buffer = Lines(receiver.log), Buffer()
-    with TransformListener(buffer, receiver) as listener:
+    with TransformListener(buffer, receiver):
         sim = bus.node("sim")
         broadcaster = StaticTransformBroadcaster(sim)
         broadcaster.send_transform(at(2, "post"))
         eventually(lambda: x_of(buffer, "world", "post") == 2)
         # Until then the stream counts as one of a stranger.
-        eventually(lambda: listener._budget.peer_of("sim") == sim.session.id)
+        eventually(lambda: narrow.peer_of("sim") == sim.session.id)
         session = bus.node("stranger").session
         assert session.watch_heard("tf_static/stranger0").wait(20.0)
 

@@ -9,12 +9,12 @@ from tests.builders import S, at, payload
 from tfbus import Buffer
 from tfbus.listen.conflicts import Conflicts, Rule
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformReader
 
 
-class Deciding(Listening):
+class Deciding(ReceptionHooks):
     """Decides at once by the conflicts of both streams."""
 
     def __init__(self, received: "Received") -> None:

@@ -3,6 +3,8 @@
 import heapq
 import itertools
 from collections.abc import Callable
+from random import Random
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -10,13 +12,58 @@ import pytest
 from tests.builders import at, store_of
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
-from tfbus import Buffer, TransformBroadcaster, TransformListener
+from tfbus import Buffer, Node, TransformBroadcaster, TransformListener
+from tfbus.buffer.trajectories import samples
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.listen.queries import AskedHistory
 from tfbus.listen.reception import StreamReception
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+
+
+def test_minutes_without_a_link_come_back_behind_what_is_sent_now(bus: Bus) -> None:
+    """The gap comes by pages on a narrow link that is cut again meanwhile: all of it, while what is
+    sent now is as fresh as ever.
+    """
+    network = bus.network
+    robot, base = network.host("robot"), network.host("base")
+    # The gap takes half a minute on this link.
+    network.path(robot, base, delay_s=0.05, bytes_a_second=12_000.0)
+    with network.process(robot, "sim"):
+        node = Node("sim")
+        broadcaster = TransformBroadcaster(node, history_s=3600.0)
+    sent: list[int] = []
+    frames = ["robot", *(f"link{number}" for number in range(5))]
+    random = Random(1).random
+
+    def send() -> None:
+        sent.append(node.now_ns())
+        broadcaster.send_transform([at(random(), frame, sent[-1]) for frame in frames])
+
+    node.create_timer(0.2, send)
+    buffer = Buffer(cache_time_s=3600.0)
+    with network.process(base, "listener"):
+        listener = TransformListener(buffer, Node("listener"), history_s=3600.0)
+
+    def missing() -> int:
+        return len({*sent[:-10]} - {*samples(buffer, "robot").stamps_ns.tolist()})
+
+    network.run(until=lambda: "robot" in buffer.frames())
+    for away_s in (900.0, 20.0):
+        network.partition(robot, base)
+        network.run(away_s)
+        network.heal()
+        network.run(until=lambda: listener.streams()[0].alive)
+        for _ in range(12):
+            network.run(0.5)
+            age_ns = node.now_ns() - buffer.lookup_transform("world", "robot").stamp_ns
+            assert age_ns < 1.0e9
+        came = len(sent) - missing()
+        assert missing() > 100 and came > 100
+    for _ in range(60):
+        network.run(5.0)
+    assert not missing()
 
 
 class Past:
@@ -39,7 +86,10 @@ class Past:
     def ask(self, key: str = "tf/sim") -> None:
         self.history.ask(key, cast(StreamReception, self))
 
-    def ask_later(self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float) -> None:
+    def ask_later(
+        self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float, priority: str
+    ) -> None:
+        assert priority == "background"
         self.questions.append((key, answer, end))
 
     def receive_kept(self, payload: bytes) -> None:
@@ -48,8 +98,9 @@ class Past:
     def submit(self, what: str, job: Callable[[], None]) -> None:
         self.after(0.0, job)
 
-    def after(self, delay_s: float, job: Callable[[], None]) -> None:
+    def after(self, delay_s: float, job: Callable[[], None]) -> Any:
         heapq.heappush(self._due, (self._now_s + delay_s, next(self._order), job))
+        return SimpleNamespace(cancel=lambda: None)
 
     def run(self, end_s: float) -> None:
         while self._due and self._due[0][0] <= end_s:
@@ -71,7 +122,7 @@ def test_the_past_is_expected_from_the_first_message_until_it_has_come() -> None
     past.ask()
     past.ask()
     ((selector, answer, end),) = past.questions
-    assert selector == "tf/sim?last_s=10"
+    assert selector == "tf/sim?last_s=10;page=4000"
     answer(Answer("tf/sim", b"first"))
     answer(Answer("tf/sim", b"second"))
     past.run(1.0)

@@ -5,7 +5,7 @@ import logging
 from tests.builders import S, at, payload, x_of
 from tfbus import Buffer
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening, PendingMessages, Receive
+from tfbus.listen.stream_facts import PendingMessages, Receive, ReceptionHooks
 from tfbus.wire.transforms import TransformReader
 
 
@@ -46,7 +46,7 @@ def test_a_message_whose_epoch_is_confirmed_while_it_is_being_kept_is_received()
             super().add(name, epoch_ns, receive, payload)
 
     buffer = Buffer()
-    around = Listening(logging.getLogger("test"))
+    around = ReceptionHooks(logging.getLogger("test"))
     around.pending = ConfirmedMeanwhile()
     stream = StreamReception(
         "sim",

@@ -12,7 +12,7 @@ from tests.listen.received import Received
 from tfbus import Buffer
 from tfbus.listen.conflicts import Resolution
 from tfbus.listen.reception import StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.transforms import TransformReader
 
@@ -415,7 +415,7 @@ def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
 ) -> None:
     """They fill the log of strangers; a stream that its publisher has confirmed has another."""
     log = logging.getLogger("test")
-    around = Listening(log)
+    around = ReceptionHooks(log)
     around.once, around.once_of_unconfirmed = LogOnce(log, most=10), LogOnce(log, most=10)
 
     def stream(name: str) -> StreamReception:

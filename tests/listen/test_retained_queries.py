@@ -42,7 +42,7 @@ class Asked:
         *,
         timeout_s: float,
         answers_at: str = "",
-        urgent: bool = False,
+        priority: str = "usual",
     ) -> None:
         self.keys.append(key)
         self.on_answer, self.on_end = on_answer, on_end

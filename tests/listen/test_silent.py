@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.buses import eventually, keep_sending
-from tests.listen.test_still_sending import tell_token
+from tests.buses import eventually, keep_sending, tell_token
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, TransformListener
 from tfbus.bus.networks import NETWORKS

@@ -1,21 +1,12 @@
 """Publishers whose token is lost, and that go on to send."""
 
-from typing import Any
-
 import pytest
 
-from tests.buses import eventually, keep_sending
+from tests.buses import eventually, keep_sending, tell_token
 from tests.simulated_bus import Bus
-from tfbus import Buffer, Node, Transform, TransformBroadcaster, TransformListener, TransformStamped
+from tfbus import Buffer, Transform, TransformBroadcaster, TransformListener, TransformStamped
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.wire.keys import stream_key
-
-
-def tell_token(node: Node, *, alive: bool) -> None:
-    """Half a link: this node alone is told that the token of "sim" is there, or has ended."""
-    zenoh: Any = node.session.zenoh
-    zenoh.tokens.report(zenoh.names.full(stream_key("sim")), alive=alive)
 
 
 def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:

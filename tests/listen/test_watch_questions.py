@@ -11,7 +11,8 @@ from tfbus.bus.networks import LAN
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.listen import watch
+from tfbus.listen import wanted, watch
+from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
@@ -29,7 +30,7 @@ def description(epoch_ns: int) -> StreamDescription:
 class Questions:
     """A watch, and in the place of the bus questions that take `takes_s` seconds each."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, only_wanted: bool = False) -> None:
         self.network = LAN
         self.takes_s = 0.0
         self.answers: list[bytes] = []
@@ -38,6 +39,9 @@ class Questions:
         self.asked_together_at_s: list[float] = []
         self.asked_at_s: list[float] = []
         self.asked_keys: list[str] = []
+        self.changed: list[StreamState] = []
+        # The questions which streams list a frame: their keys, and the frames.
+        self.sought: list[tuple[str, set[str]]] = []
         # The tokens that are there, whatever has been told of them.
         self.living: list[str] = []
         self.now_s = 0.0
@@ -50,11 +54,17 @@ class Questions:
         monkeypatch.setattr(watch, "ask_for_description", self.ask)
         monkeypatch.setattr(watch, "ask_for_descriptions", self.ask_together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
+        monkeypatch.setattr(wanted, "ask_who_lists", self.seek)
         self.watch = StreamWatch(
-            cast(Session, self), lambda state: None, executor=cast(Executor, self)
+            cast(Session, self),
+            self.changed.append,
+            executor=cast(Executor, self),
+            only_wanted=only_wanted,
         )
 
-    def subscribe(self, session: Session, key: str, callback: Callable[..., None]) -> None:
+    def subscribe(
+        self, session: Session, key: str, callback: Callable[..., None], *, only_new: bool
+    ) -> None:
         self.describe = callback
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> None:
@@ -72,6 +82,12 @@ class Questions:
 
     def ask_together(self, session: Session, keys: str, on_answer: Any, on_end: Any) -> None:
         self.asked_together_at_s.append(self.now_s)
+        for key, answer in self.answers_together.items():
+            on_answer(Answer(key, answer))
+        self.after(self.takes_s, on_end)
+
+    def seek(self, session: Session, keys: str, children: Any, on_answer: Any, on_end: Any) -> None:
+        self.sought.append((keys, {*children}))
         for key, answer in self.answers_together.items():
             on_answer(Answer(key, answer))
         self.after(self.takes_s, on_end)
@@ -312,3 +328,67 @@ def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(
     asked[-1](Answer(KEY, encode_message(listed), sender="b"))
     questions.run(2.0)
     assert questions.watch.streams()["sim"].description == removed
+
+
+def robot_key(number: int) -> str:
+    return f"robot{number}/@tfbus/stream/wheels"
+
+
+def test_of_a_fleet_only_wanted_streams_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all other robots no more than the token is known, and no change is reported: whether the
+    token comes before they are wanted or afterwards, and whatever they send.
+    """
+    questions = Questions(monkeypatch, only_wanted=True)
+    questions.answers = [encode_message(description(7))]
+    for number in range(300):
+        questions.token(robot_key(number), True)
+    questions.describe(robot_key(8), encode_message(description(5)))
+    questions.run(1.0)
+    assert (questions.asked_keys, questions.changed) == ([], [])
+    questions.watch.want({"", "robot7", "robot900"}, set())
+    questions.token(robot_key(900), True)
+    questions.run(2.0)
+    assert questions.asked_keys == [robot_key(7), robot_key(900)]
+    assert {state.name for state in questions.changed} == {"robot7/wheels", "robot900/wheels"}
+    streams = questions.watch.streams()
+    assert streams["robot7/wheels"].description == description(7)
+    assert (streams["robot8/wheels"].alive, streams["robot8/wheels"].description) == (True, None)
+    questions.watch.want({f"robot{number}" for number in range(100)}, set())
+    questions.run(3.0)
+    assert len(set(questions.asked_keys)) == 101
+    assert (questions.asked_together_at_s, questions.sought) == ([], [])
+
+
+def test_streams_that_list_a_wanted_frame_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One question goes to all, and one to each that comes later; of many that come at once one
+    again to all. A stream that answers or describes itself so is asked for.
+    """
+    questions = Questions(monkeypatch, only_wanted=True)
+    everywhere = "**/@tfbus/stream/*"
+    of_map = replace(description(7), frames=(("world", "map", True),))
+    questions.answers = [encode_message(of_map)]
+    questions.answers_together = {
+        robot_key(1): encode_message(of_map),
+        # Of an earlier version, which answers whatever it lists.
+        robot_key(2): encode_message(description(7)),
+    }
+    for number in range(3):
+        questions.token(robot_key(number), True)
+    questions.run(1.0)
+    questions.watch.want({""}, {"map"})
+    questions.run(10.0)
+    assert (*questions.sought[0], questions.asked_keys) == (everywhere, {"map"}, [robot_key(1)])
+    assert questions.watch.streams()["robot1/wheels"].description == of_map
+    questions.describe(robot_key(2), encode_message(of_map))
+    questions.run(20.0)
+    assert questions.asked_keys == [robot_key(1), robot_key(2)]
+    asked = len(questions.sought)
+    questions.token(robot_key(3), True)
+    questions.run(20.2)
+    assert questions.sought[asked:] == [(robot_key(3), {"map"})]
+    questions.run(30.0)
+    asked = len(questions.sought)
+    for number in range(100, 200):
+        questions.token(robot_key(number), True)
+    questions.run(30.2)
+    assert questions.sought[asked:] == [(everywhere, {"map"})]

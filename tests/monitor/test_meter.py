@@ -10,8 +10,8 @@ from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 from tfbus.monitor import meter as meter_module
-from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import TransformMeter
+from tfbus.monitor.report import EdgeFlow
 from tfbus.runtime.clock import SystemClock
 
 S = 1_000_000_000

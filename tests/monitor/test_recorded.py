@@ -15,9 +15,8 @@ from tests.recordings import (
     write,
 )
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import measured
-from tfbus.monitor.report import PairWatch, Report
+from tfbus.monitor.report import EdgeFlow, PairWatch, Report
 from tfbus.recording.items import EventItem
 from tfbus.recording.reader import RecordingReader
 

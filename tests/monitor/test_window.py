@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.monitor.flow import MessageWindow, WindowReading, spread_of
+from tfbus.monitor.windows import MessageWindow, WindowReading, spread_of
 
 
 def test_the_spread_of_numbers() -> None:

@@ -16,11 +16,11 @@ def test_few_free_files_are_warned_of_once(
     monkeypatch.setattr(resource, "getrlimit", lambda which: (64, 64))
     watch = OpenFilesWatch(logging.getLogger("test"))
     monkeypatch.setattr("os.listdir", lambda folder: range(50))
-    watch.look()
+    watch.check()
     assert not caplog.messages
     monkeypatch.setattr("os.listdir", lambda folder: range(60))
-    watch.look()
-    watch.look()
+    watch.check()
+    watch.check()
     assert [message.partition(":")[0] for message in caplog.messages] == [
         "60 of 64 open files are in use"
     ]

@@ -23,8 +23,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.nodes.echo import main
-from tfbus.nodes.echo_answers import Question, answers
+from tfbus.nodes.echo import Question, answers, main
 from tfbus.testing.programs import Program
 
 STAMP_NS = 1_649_109_418_061_570_822

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.nodes.robots import arm
-from tfbus.nodes.robot.joint_tables import TableError, rows_of_csv
-from tfbus.nodes.robot.motions import Row
+from tfbus.nodes.robot.motions import Row, TableError, rows_of_csv
 
 
 def rows(folder: Path, text: str, rate_hz: float = 10.0) -> list[Row]:

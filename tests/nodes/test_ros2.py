@@ -73,6 +73,6 @@ def test_auto_takes_what_is_there(
     monkeypatch.setattr(
         ros2, "find_spec", lambda name: ModuleSpec(name, None) if name in modules else None
     )
-    monkeypatch.setattr(ros2, "_has_router", lambda: has_router)
-    chosen, note = ros2._choose(connect)
+    monkeypatch.setattr(ros2, "has_router", lambda: has_router)
+    chosen, note = ros2.choose_way(connect)
     assert chosen == via and said in note

@@ -134,10 +134,13 @@ def test_a_refused_spawn_says_why(user: Node, request_: Spawn.Request, reason: s
 
 def test_a_request_that_waited_while_its_turtle_was_killed_is_refused() -> None:
     """A command then moves nothing."""
-    interface = TurtleInterface(Mock(), World(), "bob")
+    node = Mock()
+    TurtleInterface(node, World(), "bob")
+    set_pen, *_ = [made.args[2] for made in node.create_service.call_args_list]
     with pytest.raises(ServiceError, match=r"no turtle \[bob\]"):
-        interface._set_pen(SetPen.Request())
-    interface._command(Twist())
+        set_pen(SetPen.Request())
+    [command] = [made.args[2] for made in node.create_subscription.call_args_list]
+    command(Twist())
 
 
 def test_a_killed_turtle_leaves_the_bus(user: Node) -> None:

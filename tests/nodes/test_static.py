@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Transform, TransformListener
 from tfbus.nodes.static import main
-from tfbus.nodes.static_old_form import in_new_form
+from tfbus.nodes.static_edge import in_new_form
 from tfbus.testing.programs import Program
 
 

@@ -20,7 +20,7 @@ from tfbus.listen.info import StreamInfo
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import PairWatch, as_map, make_report
 from tfbus.top.rows import chosen, frames_table, nodes_table, streams_table, topics_table
-from tfbus.view.model.frames import frames_of
+from tfbus.view.frames import frames_of
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import stream_key
 

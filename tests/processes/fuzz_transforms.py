@@ -31,7 +31,7 @@ from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import stream_key
-from tfbus.wire.scan import NameTables, scan_message
+from tfbus.wire.transform_bytes import NameTables, scan_message
 from tfbus.wire.transforms import (
     TransformMessage,
     TransformReader,

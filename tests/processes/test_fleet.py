@@ -18,6 +18,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
+from tfbus.inspect import StreamInfo
 from tfbus.testing.programs import Program
 
 PATIENCE_S = 20.0
@@ -86,7 +87,9 @@ def test_what_is_outside_of_all_namespaces_keeps_its_names(bus: Bus, receiver: N
 
 
 def test_only_the_robots_of_a_lookup_are_read(bus: Bus, receiver: Node) -> None:
-    """A fleet can be read by need: no transforms come of robots that no lookup needs."""
+    """A fleet can be read by need: of robots that no lookup needs neither transforms come nor the
+    names of their frames; only that they are there.
+    """
     for number in (3, 5, 7):
         robot(bus, number)
     buffer = Buffer()
@@ -96,14 +99,33 @@ def test_only_the_robots_of_a_lookup_are_read(bus: Bus, receiver: Node) -> None:
         )
         assert found.transform.x == pytest.approx(4)
 
-        def counts() -> dict[str, int]:
-            return {info.name: info.messages for info in listener.streams() if info.frames}
+        def streams() -> dict[str, StreamInfo]:
+            return {info.namespace: info for info in listener.streams() if info.alive}
 
-        eventually(lambda: len(counts()) == 3 and counts()["robot7/wheels"] > 20)
-        assert counts()["robot5/wheels"] == 0
-        assert dict(zip(counts(), [info.frames for info in listener.streams()], strict=True))[
-            "robot5/wheels"
-        ] == (("map", "robot5/base_link", False),)
+        eventually(lambda: len(streams()) == 3 and streams()["robot7"].messages > 20)
+        assert streams()["robot7"].frames == (("map", "robot7/base_link", False),)
+        assert (streams()["robot5"].messages, streams()["robot5"].frames) == (0, ())
+
+
+def test_a_robot_that_says_where_a_shared_frame_is_is_found(bus: Bus, receiver: Node) -> None:
+    """A shared frame may come from any robot, also from one that says so later, or comes later."""
+    shared = Fleet(shared_frames=("map", "hall", "site"))
+    robot(bus, 3)
+    robot(bus, 5)
+    buffer = Buffer()
+    with TransformListener(buffer, receiver, fleet=shared, reads="needed") as listener:
+        buffer.lookup_transform("map", "robot3/base_link", timeout_s=PATIENCE_S)
+        slam = StaticTransformBroadcaster(bus.node("slam", namespace="robot5"))
+        slam.send_transform(moved(S, "hall", "map", 10))
+        found = buffer.lookup_transform("hall", "robot3/base_link", timeout_s=PATIENCE_S)
+        assert found.transform.x == pytest.approx(13)
+        StaticTransformBroadcaster(bus.node("survey", namespace="robot7")).send_transform(
+            moved(S, "site", "hall", 100)
+        )
+        found = buffer.lookup_transform("site", "robot3/base_link", timeout_s=PATIENCE_S)
+        assert found.transform.x == pytest.approx(113)
+        described = {info.name for info in listener.streams() if info.frames}
+        assert described == {"robot3/wheels", "robot5/slam", "robot7/survey"}
 
 
 def test_of_a_split_stream_of_a_robot_single_frames_are_read(bus: Bus, receiver: Node) -> None:

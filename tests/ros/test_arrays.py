@@ -10,8 +10,8 @@ import pytest
 
 from tfbus import DecodeError
 from tfbus.ros.counterparts import fitted
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
+from tfbus.ros.message_type import message_of
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from tfbus import DecodeError, messages
-from tfbus.cli.message_fields import prototype
+from tfbus.cli.message import prototype
 from tfbus.ros.counterparts import COUNTERPARTS, LIVE_COUNTERPARTS, counterpart_of_ros
 from tfbus.ros.definitions import JOINT_STATE, STRING, Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from tfbus.ros.counterparts import field_at, fitted, plain, zero
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import ODOMETRY, POSE_STAMPED, TURTLE_POSE, Definition
+from tfbus.ros.message_type import message_of
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from tfbus import DecodeError
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition, known_definition, message_named, standard_definition
+from tfbus.ros.message_type import message_of
 from tfbus.ros.rmw import type_hash
 from tfbus.ros.schema import MessageCodec
 

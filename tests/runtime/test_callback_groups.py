@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.buses import DEADLINE_S, eventually
-from tfbus.runtime.callback_groups import (
+from tfbus.runtime.callbacks import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
     ReentrantCallbackGroup,

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.buses import DEADLINE_S, eventually
+from tfbus.runtime.callbacks import Delays
 from tfbus.runtime.clock import SimulatedClock
-from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor
 from tfbus.testing.network import Network
 

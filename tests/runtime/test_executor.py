@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.buses import DEADLINE_S, eventually
+from tfbus.runtime.callbacks import ExecutorEnd, here
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.testing.network import Network
@@ -168,7 +169,10 @@ def test_close_finishes_what_runs_and_drops_the_rest() -> None:
     ran: list[str] = []
     entered, leave = threading.Event(), threading.Event()
 
+    ends: list[ExecutorEnd | None] = []
+
     def first() -> None:
+        ends.append(here.closing)
         entered.set()
         leave.wait(DEADLINE_S)
         ran.append("first")
@@ -178,7 +182,7 @@ def test_close_finishes_what_runs_and_drops_the_rest() -> None:
     assert entered.wait(DEADLINE_S)
     closer = threading.Thread(target=executor.close)
     closer.start()
-    eventually(lambda: executor._closed)
+    eventually(lambda: ends[0] and ends[0].has_begun)
     leave.set()
     closer.join(DEADLINE_S)
     executor.submit("third", lambda: ran.append("third"))

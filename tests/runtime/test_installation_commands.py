@@ -37,6 +37,16 @@ def test_the_kernel_is_compiled_by_the_command_for_a_clone_or_a_wheel(tmp_path: 
     assert compile_command(tmp_path).endswith(f"--editable {tmp_path}")
 
 
+def test_in_the_environment_that_make_has_made_the_kernel_is_made_by_make(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """There the doctor advises no reinstallation: `make kernel` compiles it in place."""
+    for name in ("setup.py", "pyproject.toml", "Makefile"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    assert compile_command(tmp_path) == f"make -C {tmp_path} kernel"
+
+
 def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """If another pip is first on PATH, the command calls this Python's."""
     monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/pip")

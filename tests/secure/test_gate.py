@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from tfbus.secure.server_access import Gate, machine_names
+from tfbus.secure.server_access import PageGate, machine_names
 
 LOCAL = machine_names("127.0.0.1")
 LAN = frozenset({"0.0.0.0", "robot", "robot.lan"})
@@ -41,14 +41,14 @@ def test_a_page_may_use_the_server_it_came_from(
     headers: dict[str, str], names: frozenset[str], is_served: bool
 ) -> None:
     """Through a tunnel too; a foreign name that points to this machine is refused."""
-    gate, host = Gate(names, knows_neighbours=not names), headers.get("Host", "")
+    gate, host = PageGate(names, knows_neighbours=not names), headers.get("Host", "")
     refused = gate.stranger(host) or gate.refusal(headers.get("Origin"), host)
     assert (not refused) is is_served
 
 
 def test_a_server_with_a_cookie_has_no_neighbours() -> None:
     """A browser sends the cookie of a port to all ports, so only its own page may connect."""
-    gate = Gate(LAN, knows_neighbours=False)
+    gate = PageGate(LAN, knows_neighbours=False)
     for origin in ("https://localhost:3000", "https://127.0.0.1", "file://", "null"):
         assert "may not connect" in gate.refusal(origin, "localhost:8080")
     assert not gate.refusal("https://localhost:8080", "localhost:8080")

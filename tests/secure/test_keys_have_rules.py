@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tfbus.secure.access_control import access_control
-from tfbus.secure.rights import ROLES, Identity, Rights
+from tfbus.secure.rights import ROLES, Identity, Rights, access_control
 from tfbus.wire import keys
 
 ALL = frozenset(ROLES)
@@ -55,6 +54,7 @@ NO_KEYS = {
     "definitions_selector",
     "description_selector",
     "kept_transforms_selector",
+    "page_selector",
     "TRANSFORMS",
     "STATIC_TRANSFORMS",
 }

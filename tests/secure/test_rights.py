@@ -140,7 +140,7 @@ def test_a_stream_of_later_rights_comes_through_and_a_revoked_one_does_not() -> 
 def test_an_identity_that_is_not_there_is_named_with_the_nearest() -> None:
     """A name that was misspelt is answered with those there are."""
     with pytest.raises(SettingsError, match=r"identity 'amr'; .*'arm'"):
-        Rights({"arm": Identity("arm", "reader")}).of("amr")
+        Rights({"arm": Identity("arm", "reader")}).identity("amr")
 
 
 def test_no_identity_has_the_name_of_another_s_node() -> None:
@@ -149,7 +149,7 @@ def test_no_identity_has_the_name_of_another_s_node() -> None:
     with pytest.raises(SettingsError, match=r"'arm' .*'arm-left'"):
         Rights({"arm": arm, "arm_left": left})
     elsewhere = Identity("arm_left", "publisher", "robot8")
-    assert Rights({"arm": arm, "arm_left": elsewhere}).of("arm_left") == elsewhere
+    assert Rights({"arm": arm, "arm_left": elsewhere}).identity("arm_left") == elsewhere
 
 
 def test_an_identity_needs_the_rights_of_few() -> None:
@@ -159,7 +159,9 @@ def test_an_identity_needs_the_rights_of_few() -> None:
         {each.name: each for each in (*fleet, Identity("hub", "router"), Identity("ben", "reader"))}
     )
     assert list(rights.seen_by(fleet[0]).identities) == ["robot1", "hub", "ben"]
-    assert rights.seen_by(rights.of("hub")) == rights.seen_by(rights.of("ben")) == rights
+    assert (
+        rights.seen_by(rights.identity("hub")) == rights.seen_by(rights.identity("ben")) == rights
+    )
 
 
 @pytest.mark.parametrize(

@@ -59,9 +59,9 @@ def test_the_example_of_the_guide_is_valid(tmp_path: Path) -> None:
         guide.read_text().partition("```yaml\n")[2].partition("```")[0]
     )
     rights = read_rights(tmp_path / "rights.yaml")
-    arm, sim = rights.of("arm"), rights.of("sim")
+    arm, sim = rights.identity("arm"), rights.identity("sim")
     assert arm.allows("nodes", "gripper") and arm.allows("nodes", "arm_camera")
     assert arm.allows("frames", "tool") and not arm.allows("frames", "base_link")
     assert not arm.allows("calls", "spawn")
     assert sim.allows("nodes", "robot7/any") and sim.allows("topics", "clock")
-    assert rights.of("ben").allows("sets", "sim/background_r")
+    assert rights.identity("ben").allows("sets", "sim/background_r")

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tests.builders import store_of
+from tests.listen.received import watch_of
 from tfbus.listen.listener import TransformListener
 from tfbus.runtime.executor import Executor
 from tfbus.testing.zenoh_session import ZenohSession
@@ -30,7 +32,7 @@ def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
         if seconds > FORGOTTEN_WITHIN_S:
             for what in _kept_of(listener, stream):
                 yield f"stream {stream} is gone for {FORGOTTEN_WITHIN_S:g} s, and {what}"
-    for executor in (part.node.executor, listener._watch._executor):
+    for executor in (part.node.executor, watch_of(listener)._executor):
         yield from _full(executor, MORE_A_STREAM * len(gone_for_s))
     for session in part.process.sessions:
         yield from _full_tables(session, len(gone_for_s))
@@ -40,23 +42,19 @@ def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
 
 
 def _kept_of(listener: TransformListener, stream: str) -> Iterator[str]:
-    watch, history = listener._watch, listener._history
-    key = watch.streams()[stream].key
-    if key in watch._asking or key in watch._to_ask:
+    watch = watch_of(listener)
+    if watch.is_asking(watch.streams()[stream].key):
         yield "its description is asked for"
-    if key in watch._claims or key in watch._challenges:
-        yield "its epoch is disputed"
-    asking = listener._recovery._asking.get(stream)
-    if asking is not None and not asking.is_over:
+    if listener._recovery.is_asking(stream):
         yield "its static transforms are asked for"
-    if stream in listener._offsets._sessions:
+    if listener._offsets.is_watching(stream):
         yield "its clock is measured"
-    if stream in history._expected:
+    if stream in store_of(listener.buffer).expected_pasts:
         yield "its history is expected"
 
 
 def _full(executor: Executor, more: int) -> Iterator[str]:
-    ready, due = len(executor._ready), len(executor._due)
+    ready, due = executor.waiting()
     if ready > MOST_READY + more:
         yield f"{ready} callbacks wait for a thread"
     if due > MOST_DUE + more:

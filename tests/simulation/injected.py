@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from tests.simulation.histories import violation
 from tests.simulation.plans import Plan
@@ -22,18 +23,18 @@ from tfbus.listen.stream_facts import Epochs, Listing, Verdict
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
-from tfbus.runtime.structs import replace
 
 # Where a function is, and what takes its place.
 _Patch = tuple[type, str, Callable[..., Any]]
 
+_judge, _take_token, _tick = Epochs.judge, StreamWatch._take_token, Executor._tick
+_words = itertools.count()
+_arrivals: WeakKeyDictionary[Starts, dict[Any, tuple[int, int]]] = WeakKeyDictionary()
+
 
 def _present(epochs: Epochs, epoch_ns: int) -> Verdict:
     """Messages of all epochs count."""
-    if epochs.present_ns is None:
-        epochs._newest_ns = epoch_ns
-        epochs._begin(epoch_ns)
-    return Verdict.PRESENT
+    return _judge(epochs, epoch_ns) if epochs.present_ns is None else Verdict.PRESENT
 
 
 def _is_outdated(epochs: Epochs, epoch_ns: int) -> bool:
@@ -47,12 +48,9 @@ def _check_nothing(recovery: StaticRecovery, key: str, stream: object) -> None:
 
 def _alive_at_once(watch: StreamWatch, key: str, alive: bool, came_s: float) -> None:
     """A token that is back is taken for the process of before, with its description."""
-    former = watch._state(key)
-    watch._set(replace(former, alive=alive, displaced="", held=False))
+    _take_token(watch, key, alive, came_s)
     if alive:
-        watch._ask_for_description(key)
-    else:
-        watch._end_questions(key)
+        watch._take_back(key)
 
 
 def _nothing_removed(listing: Listing, epoch_ns: int) -> frozenset[str]:
@@ -66,10 +64,8 @@ def _hear_nothing(unlisted: UnlistedFrames, stream: str, frames: object) -> None
 
 def _by_arrival(starts: Starts, stream: str, description: Any) -> tuple[int, int]:
     """The first to arrive has priority."""
-    return starts._starts.setdefault((stream, description.session), (starts._clock_ns(), 0))
-
-
-_words = itertools.count()
+    first = _arrivals.setdefault(starts, {})
+    return first.setdefault((stream, description.session), (next(_words), 0))
 
 
 def _by_last_word(claims: Claims, stream: str, description: Any) -> tuple[int, int, int, str]:
@@ -84,11 +80,8 @@ def _cancel_nothing(timer: Timer) -> None:
 def _tick_once_more(executor: Executor, when_s: float, timer: Timer) -> Any:
     """A timer that is cancelled while it is due ticks once more."""
     if timer.cancelled and not timer.once:
-        return executor._fire(timer, when_s, 0)
+        return timer.fire()
     return _tick(executor, when_s, timer)
-
-
-_tick = Executor._tick
 
 
 DEFECTS: dict[str, tuple[_Patch, ...]] = {

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import tfbus
+from tests.listen.received import registry_of, watch_of
 from tests.simulation.budgets import beyond
 from tests.simulation.model import Publisher
 from tests.simulation.plans import PLAIN
@@ -208,7 +209,7 @@ class Laws:
 
     def _check_part(self, part: "Part") -> None:
         # As its `streams()` says, without the work of telling all.
-        states = part.listener._watch.streams()
+        states = watch_of(part.listener).streams()
         if strange := states.keys() - self._run.plan.publishers.keys():
             self._run.violate(f"{part.name}: there are no streams {strange}")
         self._check_budgets(part, states)
@@ -236,10 +237,10 @@ class Laws:
         now_s, gone_for_s = self._run.now_s, {}
         for slot, state in states.items():
             # One whose token is back is asked for until it describes itself.
-            is_gone = not (state.alive or part.listener._watch.has_token(state.key))
+            is_gone = not (state.alive or watch_of(part.listener).has_token(state.key))
             self._note(self._gone_s, (id(part), slot), is_gone)
             gone_for_s[slot] = now_s - self._gone_s.get((id(part), slot), now_s)
-        if extra := part.listener._registry._streams.keys() - self._run.plan.publishers.keys():
+        if extra := registry_of(part.listener).streams().keys() - self._run.plan.publishers.keys():
             self._suspect(f"{part.name}: it keeps streams {sorted(extra)}")
         for text in beyond(part, gone_for_s):
             self._suspect(f"{part.name}: {text}")
@@ -285,7 +286,7 @@ class Laws:
             if not is_alive and known_s > LIVES_WITHIN_S * self._patience:
                 self._suspect(f"{part.name}: {slot} is taken for gone and lives")
         key = id(part), slot
-        reception = part.listener._registry.reception(slot)
+        reception = registry_of(part.listener).reception(slot)
         counts = None if reception is None else reception.counts
         count = 0 if counts is None else counts.messages + counts.outdated + counts.disputed
         if self._heard.get(key, (-1, 0.0))[0] != count:

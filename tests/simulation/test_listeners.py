@@ -24,7 +24,7 @@ def test_a_frame_that_was_removed_before_the_first_list_goes(network: Network) -
     network.run(5.0)
     with network.process("h2", "listener"):
         listener = tfbus.TransformListener(tfbus.Buffer(), tfbus.Node("listener"))
-    network.run(until=lambda: broadcaster._sender.heard)
+    network.run(until=lambda: not node.describe()["unread"])
     _send(broadcaster, node, "kept", "removed")
     broadcaster.remove("removed")
     buffer = listener.buffer

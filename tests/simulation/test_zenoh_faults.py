@@ -1,11 +1,14 @@
 """Faults of Zenoh's, among them declarations that a link loses for good."""
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 import tfbus
 from tests.simulation.stages import SimulatedStage
 from tfbus.broadcast.stream import Stream
-from tfbus.listen.watch import StreamWatch
+from tfbus.bus.session import Session
 from tfbus.runtime import scheduler
 from tfbus.testing import Network
 
@@ -176,14 +179,17 @@ def test_the_end_of_a_process_on_a_thread_that_waits_is_not_that_of_the_next(
     network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The token of the next one comes first: its stream is alive, though it hardly ever sends."""
-    on_token = StreamWatch._on_token
+    watch_living = Session.watch_living
 
-    def on_token_late(watch: StreamWatch, key: str, alive: bool) -> None:
-        if not alive:
-            scheduler.sleep(2.0)
-        on_token(watch, key, alive)
+    def watch_late(session: Session, key: str, callback: Callable[[str, bool], None]) -> Any:
+        def on_token(key: str, alive: bool) -> None:
+            if not alive:
+                scheduler.sleep(2.0)
+            callback(key, alive)
 
-    monkeypatch.setattr(StreamWatch, "_on_token", on_token_late)
+        return watch_living(session, key, on_token)
+
+    monkeypatch.setattr(Session, "watch_living", watch_late)
 
     def publish(x: float) -> None:
         node = tfbus.Node("sim")

@@ -21,10 +21,8 @@ from tfbus import (
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import Empty
-from tfbus.monitor.columns import EDGES
-from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.meter import SpanMeter
-from tfbus.monitor.report import Report
+from tfbus.monitor.report import EDGES, EdgeFlow, Report
 from tfbus.top.rows import Cell, Row, ScreenTable, chosen, fitting, frames_table, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 

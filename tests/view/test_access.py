@@ -9,7 +9,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 
 from tfbus.secure.server_access import made_tls  # noqa: E402 - needs it
-from tfbus.view.server import Access, Answer  # noqa: E402 - needs it
+from tfbus.view.server import Access, PageReply  # noqa: E402 - needs it
 
 TLS = made_tls("127.0.0.1")
 
@@ -20,13 +20,13 @@ def access() -> Access:
     return Access(AccessToken("correct horse"), TLS)
 
 
-def cookie(answer: Answer | None) -> str:
+def cookie(answer: PageReply | None) -> str:
     """What a browser sends after an answer that sets a cookie."""
     assert answer is not None
     return dict(answer.headers)["Set-Cookie"].partition(";")[0]
 
 
-def status(answer: Answer | None) -> int:
+def status(answer: PageReply | None) -> int:
     """Of an answer; 200 for what goes on to the page."""
     return 200 if answer is None else answer.status.value
 

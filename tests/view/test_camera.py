@@ -1,6 +1,7 @@
 """Where the cameras of the page look, and which frame each browser has selected."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,10 @@ from tfbus import Transform
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view import Region
-from tfbus.view.model.frames import Placed
-from tfbus.view.model.settings import Selections
+from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import unless_it_left
 from tfbus.view.scene.camera import Cameras, around, region_of
+from tfbus.view.settings import Selections
 
 ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)
 
@@ -78,6 +79,23 @@ def test_cameras_that_the_user_has_not_moved_follow_a_robot_that_is_being_built(
     cameras.aim(Region(np.zeros(3), 1.0), True, 5, (1, 2))
     assert left.look_at.tolist() == [0.0, 0.0, 0.0]
     assert moved.position.tolist() == [9.0, 9.0, 14.0]
+
+
+class Hidden(SimpleNamespace):
+    """A camera whose canvas has no height."""
+
+    @property
+    def aspect(self) -> float:
+        """As viser's."""
+        return 640.0 / 0
+
+
+def test_a_canvas_without_a_size_holds_up_no_browser() -> None:
+    """Its camera moves, and so do those of the others."""
+    hidden = Hidden(position=np.array((1.0, 0.0, 2.0)), look_at=np.zeros(3))
+    seen = camera((1.0, 0.0, 2.0), (0, 0, 0))
+    Cameras(Server(hidden, seen)).aim(ARM, True, 3)
+    assert hidden.look_at.tolist() == seen.look_at.tolist() == [8.0, 4.0, 1.0]
 
 
 def test_a_camera_at_the_start_that_it_was_given_is_where_it_was_left() -> None:

@@ -10,9 +10,9 @@ import pytest
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.model.settings import ViewSettings, ViewState
 from tfbus.view.panels.controls import Control, FrameDropdown
 from tfbus.view.panels.markup import Channel
+from tfbus.view.settings import ViewSettings, ViewState
 
 
 class Handle(SimpleNamespace):

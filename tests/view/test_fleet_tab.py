@@ -7,7 +7,7 @@ from tests.builders import S
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.fleet import RobotStatus
-from tfbus.view.panels.fleet import fleet_rows
+from tfbus.view.panels.panel import fleet_rows
 
 
 def test_a_row_says_how_a_robot_is() -> None:

@@ -12,13 +12,13 @@ from tfbus import FrameInfo
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.moment import State
-from tfbus.view.model.frames import ViewFrame
-from tfbus.view.model.settings import ViewSettings
-from tfbus.view.scene.camera import Window, overview
+from tfbus.view.frames import ViewFrame
+from tfbus.view.scene.camera import Viewport, overview
 from tfbus.view.scene.scene import MOST_NAMES, readable
+from tfbus.view.settings import ViewSettings
 
 # Looks down on the origin from 10 m above, x to the right: a metre is 50 pixels on the ground.
-ABOVE = Window(
+ABOVE = Viewport(
     np.array((0.0, 0.0, 10.0)),
     np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
     2.0 * math.atan(0.8),
@@ -106,7 +106,7 @@ def test_the_camera_starts_where_all_is_in_sight(
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(ahead, right), ahead], axis=1)
-    window = Window(position, rotation, math.radians(75.0), (round(800 * aspect), 800))
+    window = Viewport(position, rotation, math.radians(75.0), (round(800 * aspect), 800))
     ends = np.array(middle) + radius_m * 0.7 * np.array(
         [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)]
     ) / math.sqrt(2.0)

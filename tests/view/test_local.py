@@ -37,7 +37,7 @@ def buffer() -> Buffer:
 def served(real: None, buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The pages that `show` makes."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
-    from tfbus.view import page
+    from tfbus.view import local, page
 
     made: list[Any] = []
 
@@ -46,7 +46,7 @@ def served(real: None, buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> list[
             super().__init__(*given, **more)
             made.append(self)
 
-    monkeypatch.setattr(page, "Page", Noted)
+    monkeypatch.setattr(local, "Page", Noted)
     return made
 
 
@@ -69,7 +69,7 @@ def step(page: Any, buffer: Buffer) -> Callable[[], None]:
     """Bring the shapes up to date, as the page does for a browser."""
 
     def draw() -> None:
-        from tfbus.view.model.frames import place
+        from tfbus.view.frames import place
 
         page.drawn.draw(place(buffer, "map", buffer.frames(), None))
 

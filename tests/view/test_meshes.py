@@ -19,7 +19,7 @@ from tests.buses import eventually
 from tfbus import InvalidNameError
 from tfbus.testing.network import Network
 from tfbus.view.meshes.loader import FairTurns, MeshLoader, MeshReader, MeshSource, ReadMesh
-from tfbus.view.meshes.mesh import MeshError, MeshRequest, Part, bounds_of
+from tfbus.view.meshes.mesh import MeshError, MeshPart, MeshRequest, bounds_of
 from tfbus.view.meshes.read import References, answer, read_mesh, with_creases
 
 # A corner of a box: a triangle 1 m wide and 2 m high.
@@ -54,7 +54,7 @@ def box(kind: str) -> bytes:
     return data.encode() if isinstance(data, str) else bytes(data)
 
 
-def extents(parts: list[Part]) -> list[float]:
+def extents(parts: list[MeshPart]) -> list[float]:
     """The sides of the box around parts."""
     low, high = bounds_of(parts)
     return [round(float(side), 6) for side in high - low]

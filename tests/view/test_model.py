@@ -14,7 +14,7 @@ from tfbus import Buffer, SettingsError, Transform, TransformStamped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.view.model.frames import (
+from tfbus.view.frames import (
     FADED,
     Frames,
     arrow_points,
@@ -25,7 +25,10 @@ from tfbus.view.model.frames import (
     place,
     trail,
 )
-from tfbus.view.model.settings import (
+from tfbus.view.panels.markup import clock_time
+from tfbus.view.panels.panel import headline_of, nothing_recorded
+from tfbus.view.panels.tree import between, explained, facts_of
+from tfbus.view.settings import (
     NameFilter,
     PatternError,
     Playback,
@@ -33,7 +36,6 @@ from tfbus.view.model.settings import (
     load_settings,
     save_settings,
 )
-from tfbus.view.panels import text
 
 S = 1_000_000_000
 
@@ -91,7 +93,7 @@ def test_a_stale_frame_says_for_how_long_it_has_been_silent(buffer: Buffer) -> N
     assert (frames["base"].state, frames["base"].opacity) == ("dynamic", 1.0)
     assert (frames["tool"].state, frames["tool"].silent_s) == ("stale", 5.0)
     assert frames["tool"].opacity < 1.0
-    assert text.explained(frames["tool"]) == "stale: no sample for 5.0 s"
+    assert explained(frames["tool"]) == "stale: no sample for 5.0 s"
 
 
 def test_a_frame_that_is_ahead_says_by_how_much(buffer: Buffer) -> None:
@@ -99,9 +101,9 @@ def test_a_frame_that_is_ahead_says_by_how_much(buffer: Buffer) -> None:
     send(buffer, "map", "base", at_ns=302 * S)
     frames = look(buffer, at_ns=2 * S)
     assert (frames["base"].state, frames["base"].opacity) == ("ahead", 1.0)
-    explained = text.explained(frames["base"])
-    assert explained.startswith("ahead: ") and explained.endswith(" 5 min in the future")
-    assert "1 ahead" in text.headline(frames, "map", Playback())
+    said = explained(frames["base"])
+    assert said.startswith("ahead: ") and said.endswith(" 5 min in the future")
+    assert "1 ahead" in headline_of(frames, "map", Playback())
 
 
 def test_a_conflict_names_both_publishers(buffer: Buffer) -> None:
@@ -110,10 +112,10 @@ def test_a_conflict_names_both_publishers(buffer: Buffer) -> None:
     sides = [StreamInfo(name, alive=True, frames=rows) for name in ("right", "left")]
     base = look(buffer, "map", *sides)["base"]
     assert (base.state, base.publishers) == ("conflict", ("left", "right"))
-    conflict = text.explained(base)
+    conflict = explained(base)
     assert conflict.startswith("conflict: ") and conflict.endswith("left and right")
     buffer.mark_gone(["base"], True, "arm")
-    both = text.explained(look(buffer, "map", *sides)["base"])
+    both = explained(look(buffer, "map", *sides)["base"])
     assert both.startswith("gone: ") and both.endswith(f"; {conflict}")
 
 
@@ -305,28 +307,28 @@ def test_the_way_between_two_frames_is_written_as_by_echo(buffer: Buffer) -> Non
     """Distance and angle in one line, then tf2_echo's block."""
     turned = Transform.from_rpy(0.0, 0.0, -np.pi / 2, (0.0, 3.0, 4.0))
     buffer.set_transform(TransformStamped(2 * S, "base", "hook", turned))
-    summary, block = text.between(buffer, "base", "hook", None)
+    summary, block = between(buffer, "base", "hook", None)
     assert summary == "5.000 m apart, turned by 90.0°"
     assert block.startswith("At time 2.000000000\n- Translation: [0.000, 3.000, 4.000]")
 
 
 def test_the_headline_says_what_the_page_waits_for() -> None:
     """Before any transform, and while the fixed frame is unknown."""
-    assert "Waiting for transforms" in text.headline(Frames(), "", Playback())
+    assert "Waiting for transforms" in headline_of(Frames(), "", Playback())
     buffer = Buffer()
     send(buffer, "map", "base")
-    assert "The first &lt;b&gt;." in text.headline(
-        Frames(), "", Playback(), empty=text.nothing_recorded("the first <b>")
+    assert "The first &lt;b&gt;." in headline_of(
+        Frames(), "", Playback(), empty=nothing_recorded("the first <b>")
     )
-    assert "no frame 'mop'" in text.headline(look(buffer, "mop"), "mop", Playback()).replace(
+    assert "no frame 'mop'" in headline_of(look(buffer, "mop"), "mop", Playback()).replace(
         "&#x27;", "'"
     )
-    assert "2 frames, seen from <b>map</b>" in text.headline(look(buffer), "map", Playback())
+    assert "2 frames, seen from <b>map</b>" in headline_of(look(buffer), "map", Playback())
 
 
 def shown_text(stamp_ns: int, now_ns: int) -> str:
     """A clock time without its tooltip."""
-    return re.sub("<[^>]*>", "", text.clock_time(stamp_ns, now_ns))
+    return re.sub("<[^>]*>", "", clock_time(stamp_ns, now_ns))
 
 
 @pytest.fixture
@@ -347,11 +349,11 @@ def test_stamps_are_clock_times() -> None:
     assert shown_text(noon_ns, noon_ns + 86_400 * S) == "2022-04-05 14:00:00.000"
     assert shown_text(12_345_000_000, 13 * S) == "12.345 s"
     assert shown_text(2**63 - 1, noon_ns).startswith("2262-04-1")
-    assert 'title="1649160000.000000000"' in text.clock_time(noon_ns, noon_ns)
+    assert 'title="1649160000.000000000"' in clock_time(noon_ns, noon_ns)
     buffer = Buffer()
     send(buffer, "map", "base", at_ns=noon_ns)
-    assert "14:00:00.000" in text.facts(look(buffer)["base"], noon_ns)
-    paused = text.headline(look(buffer), "map", Playback(noon_ns), now_ns=noon_ns + 90 * S)
+    assert "14:00:00.000" in facts_of(look(buffer)["base"], noon_ns)
+    paused = headline_of(look(buffer), "map", Playback(noon_ns), now_ns=noon_ns + 90 * S)
     assert re.search("paused</b> at <.*>14:00:00.000</span>, 90.0 s ago", paused)
 
 
@@ -360,5 +362,5 @@ def test_no_name_of_a_frame_becomes_markup() -> None:
     buffer = Buffer()
     send(buffer, "<script>", "<b>&")
     frames = look(buffer, "<script>")
-    assert "<script>" not in text.headline(frames, "<script>", Playback())
-    assert "<b>&" not in text.facts(frames["<b>&"], S)
+    assert "<script>" not in headline_of(frames, "<script>", Playback())
+    assert "<b>&" not in facts_of(frames["<b>&"], S)

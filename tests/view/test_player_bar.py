@@ -13,9 +13,9 @@ from tests.builders import S
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.recording.playhead import Playhead, Progress
-from tfbus.view.model.timeline import Mark, Timeline
 from tfbus.view.panels.markup import Channel
 from tfbus.view.panels.player import PlayerBar
+from tfbus.view.timeline import Mark, Timeline
 
 START, END = 1_795_252_263 * S, 1_795_252_273 * S
 

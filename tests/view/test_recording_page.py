@@ -204,7 +204,9 @@ def test_a_program_shows_a_recording_and_moves_it(path: Path) -> None:
         replay = view._replay()
         assert (replay.playhead.progress.is_paused, replay.playhead.progress.rate) == (True, 0.3)
         view.seek(at(5.5))
-        eventually(lambda: replay.now_ns() == at(5.5) and replay.tree().frames["base"].gone)
+        eventually(
+            lambda: replay.moment().now_ns == at(5.5) and replay.moment().tree.frames["base"].gone
+        )
 
 
 CALLS: dict[str, Callable[[Any], object]] = {

@@ -31,7 +31,7 @@ def replay(path: Path) -> Iterator[Replay]:
 
 def shown(replay: Replay, frame: str = "base") -> tuple[str, float]:
     """The state of a frame, and how many metres it is from the map."""
-    tree = replay.tree()
+    tree = replay.moment().tree
     pose = replay.buffer.lookup_transform("map", frame)
     return state(tree, tree.frames[frame]), round(pose.transform.xyz[0], 6)
 
@@ -62,7 +62,7 @@ def test_frames_are_as_they_were_at_the_cursor(
         replay.move(0.0, is_watched=True)
         assert (second, *shown(replay)) == (second, judged, x_m)
         assert shown(replay, "lamp") == ("static", 2.0)
-        assert replay.now_ns() == at(second)
+        assert replay.moment().now_ns == at(second)
 
 
 def test_playing_shows_the_same_as_seeking(path: Path) -> None:
@@ -86,9 +86,9 @@ def test_it_waits_for_a_browser(replay: Replay) -> None:
     replay.playhead.resume()
     replay.move(10.0, is_watched=False)
     replay.move(10.1, is_watched=False)
-    assert replay.now_ns() == at(0.0)
+    assert replay.moment().now_ns == at(0.0)
     replay.move(10.2, is_watched=True)
-    assert replay.now_ns() == at(0.1)
+    assert replay.moment().now_ns == at(0.1)
 
 
 def test_a_machine_that_slept_plays_on_where_it_was(replay: Replay) -> None:
@@ -96,7 +96,7 @@ def test_a_machine_that_slept_plays_on_where_it_was(replay: Replay) -> None:
     replay.playhead.resume()
     replay.move(0.0, is_watched=True)
     replay.move(3600.0, is_watched=True)
-    assert replay.now_ns() == at(0.25)
+    assert replay.moment().now_ns == at(0.25)
 
 
 def test_steps_go_from_message_to_message(replay: Replay) -> None:
@@ -106,7 +106,7 @@ def test_steps_go_from_message_to_message(replay: Replay) -> None:
         replay.playhead.seek(at(start))
         replay.playhead.step(by)
         replay.move(0.0, is_watched=True)
-        assert (start, by, replay.now_ns()) == (start, by, at(end))
+        assert (start, by, replay.moment().now_ns) == (start, by, at(end))
 
 
 def test_browsers_follow_what_they_cannot_foresee(replay: Replay) -> None:
@@ -135,7 +135,7 @@ def test_a_part_of_a_recording_has_its_own_timeline(path: Path) -> None:
         assert [mark.kind for mark in replay.timeline.marks] == ["gone", "back"]
         replay.playhead.seek(at(100.0))
         replay.move(0.0, is_watched=True)
-        assert replay.now_ns() == at(7.0)
+        assert replay.moment().now_ns == at(7.0)
 
 
 def test_the_silences_come_when_they_have_been_measured(replay: Replay) -> None:

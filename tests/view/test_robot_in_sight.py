@@ -15,8 +15,8 @@ from tfbus import Buffer, Robot, Transform, TransformStamped
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view.local import ShownBuffer
-from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
+from tfbus.view.robots import GivenRobots, ShownRobot
 from tfbus.view.scene.camera import Cameras
 
 pytestmark = pytest.mark.real

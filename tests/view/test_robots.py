@@ -18,13 +18,13 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.view import Page, Serving, View
+from tfbus.view.frames import Frames, Placed, frames_of, place
 from tfbus.view.local import ShownBuffer
-from tfbus.view.model.frames import Frames, Placed, frames_of, place
-from tfbus.view.model.robots import GivenRobots, ShownRobot
-from tfbus.view.model.settings import ViewSettings
 from tfbus.view.panels.robots import JointSliders, shown_position, slider_joints, state_of
+from tfbus.view.robots import GivenRobots, ShownRobot
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
+from tfbus.view.settings import ViewSettings
 from tfbus.wire.fleet import Fleet
 
 ARM = """<robot name="arm">

@@ -19,11 +19,10 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.recording.items import TopicItem
 from tfbus.robot.model import Mesh
-from tfbus.view.described_robots import RobotsOnBus
 from tfbus.view.local import ShownBuffer
 from tfbus.view.meshes.mesh import MeshError
-from tfbus.view.model.robots import GivenRobots, ShownRobot
 from tfbus.view.page import Page, Serving
+from tfbus.view.robots import GivenRobots, RobotsOnBus, ShownRobot
 
 
 def urdf(name: str) -> str:
@@ -258,8 +257,8 @@ def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="needs mcap: the extra bag")
     from tests.recordings import at, write
     from tfbus.recording.reader import RecordingReader
-    from tfbus.view.described_robots import RecordedRobots
     from tfbus.view.replay import Replay
+    from tfbus.view.robots import RecordedRobots
 
     topic = "robot_description"
     path = write(

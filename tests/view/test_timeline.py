@@ -16,7 +16,7 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, RecordedStream, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.view.model.timeline import (
+from tfbus.view.timeline import (
     Mark,
     Timeline,
     cut_to,

@@ -93,7 +93,7 @@ def message_types() -> list[type]:
     """
     found = []
     for _, outer in inspect.getmembers(messages, inspect.isclass):
-        if outer.__module__ == messages.__name__:
+        if outer.__module__.startswith(messages.__name__):
             inner = [value for value in vars(outer).values() if inspect.isclass(value)]
             found += [
                 one

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.errors import DecodeError
-from tfbus.wire.codec import decode_map
-from tfbus.wire.msgpack_items import too_many_items, values_in
+from tfbus.wire.codec import decode_map, too_many_items, values_in
 
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=300)
 scalars = (

@@ -1,22 +1,25 @@
 """The files of a recording that is written, on one disk: split, or of the last seconds only."""
 
+import logging
 import os
 import re
 import shutil
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
 from tfbus.bag.raw_queue import MessageSource, Raw
-from tfbus.errors import InvalidArgumentException, TfbusError
-from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
 
 ENDING = ".mcap"
@@ -256,12 +259,87 @@ class MissedMessages:
         self._next[source] = (epoch_ns, max(expected, seq + 1))
 
 
-# Reads a message; None where it cannot be read.
-Read = Callable[[Raw], Item | None]
-# The part of an item that is recorded; None where that is nothing.
-Select = Callable[[Item], Item | None]
-# Writes an item, and counts it; False where the file refuses it.
-Write = Callable[[Item], bool]
+UNREADABLE, REFUSED = "unreadable", "refused"
+
+
+@dataclass
+class RecordingCounts:
+    """Counts of recorded and lost messages.
+
+    `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
+    and `streams` count messages by name, without those of static transforms, which repeat; `lost`
+    counts messages by what became of them: the kinds that the queue dropped, "unreadable",
+    "refused" by the format of the file, "missing": those of dynamic transforms that never came, and
+    "history": those held from before for which there was no room.
+    """
+
+    messages: int = 0
+    transforms: int = 0
+    statics: set[tuple[str, str]] = field(default_factory=set)
+    events: int = 0
+    topics: Counter[str] = field(default_factory=Counter)
+    streams: Counter[str] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)
+
+    def add(self, item: Item) -> None:
+        """Count an item that was written."""
+        if isinstance(item, TransformItem):
+            self.messages += 1
+            name = item.stream.name
+            if item.static:
+                self.statics.update((name, child) for child in item.rows.children())
+            else:
+                self.transforms += item.rows.count
+            self.streams[name] += 0 if item.static else 1
+        elif isinstance(item, TopicItem):
+            self.messages += 1
+            self.topics[item.topic] += 1
+        else:
+            self.events += 1
+
+
+class ItemWriter:
+    """Reads messages, and writes the selected part of each into files; counts them, and those that
+    cannot be read or written, of which it logs the first of each name.
+    """
+
+    def __init__(self, parts: PartsWritten, selection: Selection, log: logging.Logger) -> None:
+        self.counts = RecordingCounts()
+        self._parts = parts
+        self._selection = None if selection.is_all else selection
+        self._once = LogOnce(log)
+
+    def read(self, raw: Raw) -> Item | None:
+        """A message, read; None if it cannot be."""
+        try:
+            return raw.item()
+        except DecodeError as error:
+            self._lose(UNREADABLE, raw.source, error)
+            return None
+
+    def select(self, item: Item) -> Item | None:
+        """The part of an item that is recorded; None if that is nothing."""
+        return item if self._selection is None else self._selection.taken_of(item)
+
+    def write(self, item: Item) -> bool:
+        """Write and count an item; False if the file refuses it."""
+        try:
+            self._parts.write(item)
+        except InvalidArgumentException as error:
+            self.refuse(item, error)
+            return False
+        self.counts.add(item)
+        return True
+
+    def refuse(self, item: Item, error: InvalidArgumentException) -> None:
+        """Count an item that a file cannot hold."""
+        self._lose(REFUSED, item, error)
+
+    def _lose(self, how: str, what: object, error: TfbusError) -> None:
+        self.counts.lost[how] += 1
+        named = what.stream if isinstance(what, TransformItem) else what
+        name = getattr(named, "name", "") or getattr(named, "topic", "")
+        self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
 
 @dataclass(frozen=True)
@@ -288,21 +366,10 @@ class Keeping(Protocol):
 class InFiles:
     """Writes all messages, into one file after the other."""
 
-    def __init__(
-        self,
-        parts: PartsWritten,
-        splits: Splits,
-        read: Read,
-        select: Select,
-        write: Write,
-        refuse: Refuse,
-    ) -> None:
+    def __init__(self, parts: PartsWritten, splits: Splits, items: ItemWriter) -> None:
         self._parts = parts
         self._splits = splits
-        self._read = read
-        self._select = select
-        self._write = write
-        self._refuse = refuse
+        self._items = items
         self._state = BusState()
         self._began_ns: int | None = None
         self._began_bytes = 0
@@ -310,25 +377,25 @@ class InFiles:
 
     def take(self, raw: Raw) -> EventItem | None:
         """Take a message; the event that it is."""
-        whole = self._read(raw)
+        whole = self._items.read(raw)
         if whole is None:
             return None
         # By their numbers, which those that are not selected have too.
         self.missed.add(raw.source, whole)
-        item = self._select(whole)
+        item = self._items.select(whole)
         if item is None:
             return None
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
         # What a file has refused the next one would refuse too.
-        if self._write(item) and raw.source.is_essential:
+        if self._items.write(item) and raw.source.is_essential:
             self._state.take(item)
         return item if isinstance(item, EventItem) else None
 
     def split(self, log_ns: int) -> Path:
         """Go on in a new file, which begins with what is in force."""
         self._began_ns = log_ns
-        path = self._parts.open(self._state.items(log_ns), self._refuse)
+        path = self._parts.open(self._state.items(log_ns), self._items.refuse)
         self._began_bytes = self._parts.part_bytes
         return path
 
@@ -350,22 +417,12 @@ class LastSeconds:
     """
 
     def __init__(
-        self,
-        parts: PartsWritten,
-        last_s: float,
-        most_bytes: int,
-        read: Read,
-        select: Select,
-        write: Write,
-        refuse: Refuse,
+        self, parts: PartsWritten, last_s: float, most_bytes: int, items: ItemWriter
     ) -> None:
         self._parts = parts
         self._last_ns = int(last_s * 1e9)
         self._most_bytes = most_bytes
-        self._read = read
-        self._select = select
-        self._write = write
-        self._refuse = refuse
+        self._items = items
         self._state = BusState()
         self._kept: deque[Raw] = deque()
         self.bytes = 0
@@ -394,10 +451,10 @@ class LastSeconds:
         """
         if not self._kept:
             raise TfbusError("nothing has come since the last snapshot")
-        path = self._parts.open(self._state.items(self._kept[0].log_ns), self._refuse)
+        path = self._parts.open(self._state.items(self._kept[0].log_ns), self._items.refuse)
         for raw in self._kept:
             item = self._item(raw)
-            if item is not None and self._write(item):
+            if item is not None and self._items.write(item):
                 self._note(raw, item)
         self._kept.clear()
         self.bytes = 0
@@ -413,8 +470,8 @@ class LastSeconds:
                 self._note(raw, item)
 
     def _item(self, raw: Raw) -> Item | None:
-        whole = self._read(raw)
-        return None if whole is None else self._select(whole)
+        whole = self._items.read(raw)
+        return None if whole is None else self._items.select(whole)
 
     def _note(self, raw: Raw, item: Item) -> None:
         if raw.source.is_essential:

@@ -1,8 +1,10 @@
-"""The thread that takes messages out of the queue and has them written."""
+"""The thread that takes messages out of the queue and has them written, and the conditions on which
+it writes a snapshot, `gone base_link`.
+"""
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -12,6 +14,7 @@ from weakref import WeakSet
 from tfbus.bag.keeping import (
     UNSPLIT,
     InFiles,
+    ItemWriter,
     Keeping,
     LastSeconds,
     MissedMessages,
@@ -21,13 +24,118 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
-from tfbus.bag.trigger import Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.listen.conflicts import Claims
+from tfbus.recording.items import EventItem
 from tfbus.recording.selection import Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
-from tfbus.wording import counted, duration
+from tfbus.wire.codec import from_map
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.fleet import FrameNames, has_name
+from tfbus.wire.keys import namespace_of_node
+from tfbus.wording import counted, did_you_mean, duration, listed, printable
+
+_KINDS = ("gone", "conflict")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A frame's publisher is gone, or two publishers send it; "" is any frame."""
+
+    kind: str
+    frame: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> "Condition":
+        """The condition in `gone base_link`. Raises InvalidArgumentException."""
+        kind, _, frame = text.strip().partition(" ")
+        if kind not in _KINDS:
+            raise InvalidArgumentException(
+                f"'{printable(text, 60)}' is no condition: write 'gone FRAME' or 'conflict FRAME'; "
+                "without FRAME it holds for any"
+            )
+        return cls(kind, frame.strip())
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.frame}".strip()
+
+
+@dataclass
+class Triggers:
+    """Finds in the events of streams what fulfils one of some conditions. Their frames have the
+    names of the robot, or those in a fleet: `base_link`, `robot7/base_link`.
+    """
+
+    conditions: tuple[Condition, ...]
+    _claims: Claims = field(default_factory=lambda: Claims("latest"))
+    # Of each stream its namespace and child frames, as they are called in a fleet.
+    _frames: dict[str, tuple[FrameNames, list[str]]] = field(default_factory=dict)
+
+    def fulfilled_by(self, event: EventItem) -> str:
+        """What the event says that a condition asks for, as a sentence; "" for nothing."""
+        if event.kind == "stream":
+            return self._conflict(event)
+        if event.kind != "stream gone":
+            return ""
+        self._claims.update(event.name, None)
+        names, children = self._frames.pop(event.name, (FrameNames(""), []))
+        frames = self._wanted("gone", names, children)
+        return f"stream {event.name!r} is gone, with {listed(frames, most=3)}" if frames else ""
+
+    def _conflict(self, event: EventItem) -> str:
+        try:
+            description = from_map(StreamDescription, event.facts)
+        except DecodeError:
+            return ""
+        # Two robots may have frames of one name.
+        names = FrameNames(namespace_of_node(description.node))
+        description = names.description_outside(description)
+        self._frames[event.name] = names, [child for _, child, _ in description.frames]
+        contested = self._claims.update(event.name, description)
+        for conflict in self._claims.news(event.name, contested):
+            if frames := self._wanted("conflict", names, conflict.frames):
+                streams = f"{conflict.first.stream!r} and {conflict.other.stream!r}"
+                return f"streams {streams} both send {listed(frames, most=3)}"
+        return ""
+
+    def _wanted(self, kind: str, names: FrameNames, frames: Iterable[str]) -> list[str]:
+        wanted = [each.frame for each in self.conditions if each.kind == kind]
+        return [
+            frame
+            for frame in frames
+            for own in [frame.removeprefix(f"{names.namespace}/")]
+            if any(not name or has_name(own, names.namespace, name) for name in wanted)
+        ]
+
+
+def unmatched(
+    selection: Selection,
+    conditions: Collection[Condition],
+    described: Mapping[str, StreamDescription],
+    received: Collection[str],
+) -> Iterator[str]:
+    """A clause for each stream and frame that is asked for and that nothing is called; `described`
+    are the streams that there were, `received` those of which messages came. A frame may come in a
+    stream without a description: then nothing is said.
+    """
+    known = {*described, *received}
+    for name in selection.streams:
+        if name not in known:
+            yield f"no stream is called '{printable(name, 60)}'{did_you_mean(name, known)}"
+    if set(received) - set(described):
+        return
+    frames = {
+        (namespace_of_node(each.node), child)
+        for each in described.values()
+        for _, child, _ in each.frames
+    }
+    in_fleet = {FrameNames(namespace).outside(child) for namespace, child in frames}
+    asked = [*selection.frames, *(each.frame for each in conditions if each.frame)]
+    for name in dict.fromkeys(asked):
+        if not any(has_name(child, namespace, name) for namespace, child in frames):
+            yield f"no frame is called '{printable(name, 60)}'{did_you_mean(name, in_fleet)}"
+
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
 _LOOK_EVERY_S = 0.4
@@ -47,43 +155,7 @@ _DROPPED_EVERY_S = 1.0
 # A service, or a key, waits at most this long for the thread.
 _ANSWER_WITHIN_S = 60.0
 
-UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "history"
-
-
-@dataclass
-class Counts:
-    """Counts of recorded and lost messages.
-
-    `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
-    and `streams` count messages by name, without those of static transforms, which repeat; `lost`
-    counts messages by what became of them: the kinds that the queue dropped, "unreadable",
-    "refused" by the format of the file, "missing": those of dynamic transforms that never came, and
-    "history": those held from before for which there was no room.
-    """
-
-    messages: int = 0
-    transforms: int = 0
-    statics: set[tuple[str, str]] = field(default_factory=set)
-    events: int = 0
-    topics: Counter[str] = field(default_factory=Counter)
-    streams: Counter[str] = field(default_factory=Counter)
-    lost: Counter[str] = field(default_factory=Counter)
-
-    def add(self, item: Item) -> None:
-        """Count an item that was written."""
-        if isinstance(item, TransformItem):
-            self.messages += 1
-            name = item.stream.name
-            if item.static:
-                self.statics.update((name, child) for child in item.rows.children())
-            else:
-                self.transforms += item.rows.count
-            self.streams[name] += 0 if item.static else 1
-        elif isinstance(item, TopicItem):
-            self.messages += 1
-            self.topics[item.topic] += 1
-        else:
-            self.events += 1
+MISSING, HISTORY = "missing", "history"
 
 
 @dataclass(frozen=True)
@@ -121,7 +193,8 @@ class Recorder:
         source: SourceOf = lambda key: None,
         on_file: Callable[[Path, WrittenPart, str], object] = lambda path, written, why: None,
     ) -> None:
-        self.counts = Counts()
+        items = ItemWriter(parts, selection, log)
+        self.counts = items.counts
         self.failure = ""
         # How many messages came, also such as are only held.
         self.received = 0
@@ -130,7 +203,6 @@ class Recorder:
         self._parts = parts
         self._log = log
         self._once = LogOnce(log)
-        self._selection = None if selection.is_all else selection
         self._triggers = None if snapshots is None else snapshots.triggers
         self._past = past
         self._source = source
@@ -150,19 +222,11 @@ class Recorder:
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(
-                parts, splits, self._read, self._select, self._write, self._refuse
-            )
+            self._keeping = files = InFiles(parts, splits, items)
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
-                parts,
-                snapshots.last_s,
-                snapshots.most_bytes,
-                self._read,
-                self._select,
-                self._write,
-                self._refuse,
+                parts, snapshots.last_s, snapshots.most_bytes, items
             )
         # Not a daemon: the process ends when the file is whole.
         self._thread = scheduler.Thread(target=self._run, name="recorder")
@@ -277,34 +341,6 @@ class Recorder:
             return
         if why := self._triggers.fulfilled_by(event):
             self._split(why)
-
-    def _read(self, raw: Raw) -> Item | None:
-        try:
-            return raw.item()
-        except DecodeError as error:
-            self._lose(UNREADABLE, raw.source, error)
-            return None
-
-    def _select(self, item: Item) -> Item | None:
-        return item if self._selection is None else self._selection.taken_of(item)
-
-    def _write(self, item: Item) -> bool:
-        try:
-            self._parts.write(item)
-        except InvalidArgumentException as error:
-            self._refuse(item, error)
-            return False
-        self.counts.add(item)
-        return True
-
-    def _refuse(self, item: Item, error: InvalidArgumentException) -> None:
-        self._lose(REFUSED, item, error)
-
-    def _lose(self, how: str, what: object, error: TfbusError) -> None:
-        self.counts.lost[how] += 1
-        named = what.stream if isinstance(what, TransformItem) else what
-        name = getattr(named, "name", "") or getattr(named, "topic", "")
-        self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
     def _split(self, why: str) -> WrittenPart:
         path = self._keeping.split(max(scheduler.time_ns(), self._queue.last_ns))

@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.broadcast.retained import (
-    Entry,
     FrameAnnouncer,
     FrameRows,
+    HistorySpan,
     SentHistory,
     answer_from_history,
 )
+from tfbus.broadcast.sender import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
@@ -260,11 +260,11 @@ class ReplayedStream:
         return encode_map(vars(replace(self._description, frames=frames)))
 
     def _on_query(self, query: Query) -> None:
-        answer_from_history(query, self._last)
+        answer_from_history(query, transforms_key_beside(self._key), self._span)
 
-    def _last(self, last_s: float) -> list[Entry]:
+    def _span(self, last_s: float, place: str) -> HistorySpan:
         with self._lock:
-            return self._history.last(last_s)
+            return self._history.span(last_s, place)
 
 
 class _Life:

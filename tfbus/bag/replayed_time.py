@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.messages import Clock
@@ -16,12 +18,6 @@ from tfbus.recording.state import Playable
 from tfbus.runtime import scheduler
 from tfbus.wire.codec import from_map
 from tfbus.wire.keys import CLOCK_TOPIC
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 def clock_topic_of(reader: RecordingReader) -> str:

@@ -11,23 +11,23 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tfbus.bridge.bridge import Bridge as Bridge
     from tfbus.bridge.common import BridgeOptions as BridgeOptions
+    from tfbus.bridge.from_ros import with_odometry_frames as with_odometry_frames
     from tfbus.bridge.legs import LegSettings as LegSettings
     from tfbus.bridge.legs import open_leg as open_leg
-    from tfbus.bridge.odometry_frames import with_odometry_frames as with_odometry_frames
     from tfbus.bridge.topics import TopicTable as TopicTable
-    from tfbus.ros.ros_names import BRIDGE_PREFIX as BRIDGE_PREFIX
-    from tfbus.ros.ros_names import HIGHEST_DOMAIN as HIGHEST_DOMAIN
-    from tfbus.ros.ros_names import domain_of as domain_of
+    from tfbus.ros.rmw import BRIDGE_PREFIX as BRIDGE_PREFIX
+    from tfbus.ros.rmw import HIGHEST_DOMAIN as HIGHEST_DOMAIN
+    from tfbus.ros.rmw import domain_of as domain_of
 
 _MODULE_OF = {
-    "BRIDGE_PREFIX": "tfbus.ros.ros_names",
-    "HIGHEST_DOMAIN": "tfbus.ros.ros_names",
-    "domain_of": "tfbus.ros.ros_names",
+    "BRIDGE_PREFIX": "tfbus.ros.rmw",
+    "HIGHEST_DOMAIN": "tfbus.ros.rmw",
+    "domain_of": "tfbus.ros.rmw",
     "Bridge": "tfbus.bridge.bridge",
     "BridgeOptions": "tfbus.bridge.common",
     "LegSettings": "tfbus.bridge.legs",
     "TopicTable": "tfbus.bridge.topics",
-    "with_odometry_frames": "tfbus.bridge.odometry_frames",
+    "with_odometry_frames": "tfbus.bridge.from_ros",
     "open_leg": "tfbus.bridge.legs",
 }
 

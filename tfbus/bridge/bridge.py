@@ -2,7 +2,6 @@
 
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from tfbus.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
 from tfbus.bridge.common import (
@@ -17,16 +16,14 @@ from tfbus.bridge.from_ros import FromRos
 from tfbus.bridge.legs import Endable, Leg, RosTopic
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.to_ros import ToRos
+from tfbus.bridge.topics import TopicBridge, TopicTable
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
-from tfbus.ros.ros_names import is_bridge
+from tfbus.ros.rmw import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import counted, listed, printable
-
-if TYPE_CHECKING:
-    from tfbus.bridge.topics import TopicTable
 
 # How often it looks who is there.
 _POLL_EVERY_S = 1.0
@@ -54,7 +51,7 @@ class Bridge:
         options: BridgeOptions,
         *,
         ros_node: str = "",
-        table: "TopicTable | None" = None,
+        table: TopicTable | None = None,
     ) -> None:
         try:
             check_name_is_free(node)
@@ -80,7 +77,7 @@ class Bridge:
             raise
 
     def _build(
-        self, node: Node, leg: Leg, options: BridgeOptions, table: "TopicTable | None"
+        self, node: Node, leg: Leg, options: BridgeOptions, table: TopicTable | None
     ) -> None:
         self._dynamic = RosTopic(options.topic("tf"), TF_MESSAGE)
         self._static = RosTopic(options.topic("tf_static"), TF_MESSAGE, retained=True, depth=1)
@@ -175,9 +172,7 @@ class Bridge:
         named = f", frames of ROS as '{printable(prefix, 60)}…'" if prefix else ""
         return f"Bridges {topics} by {self.leg.name}, {self._options.directions}{named}"
 
-    def _topic_bridge(self, table: "TopicTable") -> Endable:
-        from tfbus.bridge.topics import TopicBridge
-
+    def _topic_bridge(self, table: TopicTable) -> Endable:
         bridge: Endable = TopicBridge(
             self.node,
             self.leg,

@@ -11,7 +11,7 @@ from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
-from tfbus.ros.ros_names import is_bridge
+from tfbus.ros.rmw import is_bridge
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.wire.codec import decode_message

@@ -13,7 +13,7 @@ from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
-from tfbus.ros.ros_names import is_bridge
+from tfbus.ros.rmw import is_bridge
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.bridge.common import Common
 from tfbus.bridge.routes import RateLimit, Routes
-from tfbus.broadcast.keys import StreamOptions
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.sender import StreamOptions, TransformSender
 from tfbus.broadcast.stream import NodeStreams, Stream
 from tfbus.errors import RightsError
 from tfbus.geometry.columns import Columns
@@ -30,7 +29,7 @@ class RosStream:
         self.name = name
         self.gids: set[str] = set()
         self._node = node
-        self._streams = NodeStreams.of(node)
+        self._streams = NodeStreams.of_node(node)
         self._stream: Stream | None = None
         self._sender: TransformSender | None = None
         self._statics: dict[str, TransformStamped] = {}

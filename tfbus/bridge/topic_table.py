@@ -20,12 +20,12 @@ from tfbus.ros.counterparts import (
     AS_IN_ROS,
     BY_ROS_TYPE,
     LIVE_COUNTERPARTS,
+    OURS_IN_ROS,
     Counterpart,
     as_in_ros,
     field_at,
     plain,
 )
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import (
     STRING,
     Definition,
@@ -33,7 +33,7 @@ from tfbus.ros.definitions import (
     message_names,
     standard_definition,
 )
-from tfbus.ros.message_type import MessageType
+from tfbus.ros.message_type import MessageType, message_of
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wording import did_you_mean, printable
@@ -73,7 +73,8 @@ class TopicLine:
     @property
     def said_names(self) -> tuple[str, ...]:
         """The names that a user may give the type by; `Imu` is sensor_msgs/msg/Imu."""
-        return self.type_name, self.ros_type, self.type_name.rpartition("/")[2]
+        ours = getattr(OURS_IN_ROS.get(self.type_name), "__name__", self.type_name)
+        return self.type_name, self.ros_type, self.type_name.rpartition("/")[2], ours
 
     @property
     def has_fields_of_ros(self) -> bool:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from tfbus.broadcast.keys import StreamOptions
+from tfbus.broadcast.sender import StreamOptions
 from tfbus.broadcast.stream import stream_of_node
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns

@@ -2,8 +2,10 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice, takewhile
+from typing import NamedTuple
 
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Query, within
@@ -11,6 +13,7 @@ from tfbus.errors import BusError, InvalidArgumentException, LookupException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+from tfbus.wire.pages import KeptMessage, Page, encode_page
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 from tfbus.wording import listed, near_names
 
@@ -102,6 +105,11 @@ class FrameAnnouncer:
                 self._edges.pop(child, None)
         self.announce_soon()
 
+    def lists_any_of(self, children: Iterable[str]) -> bool:
+        """Whether one of these frames is a child frame of the stream."""
+        with self._lock:
+            return not self._edges.keys().isdisjoint(children)
+
     def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
         """Send the description after this time, once for all changes until then; later if a long
         one was sent just now.
@@ -179,6 +187,10 @@ class SentHistory:
         self._clock_ns = clock_ns
         self._messages: deque[tuple[int, str | None, bytes]] = deque()
         self._bytes = 0
+        # The number of the oldest message: they are numbered in their order, and once.
+        self._first = 0
+        # No other history has this name, also none of a publisher that was restarted.
+        self._name = f"{scheduler.time_ns():x}"
 
     def append(self, key: str | None, payload: bytes) -> None:
         """Keep a message that is sent now on `key`."""
@@ -189,6 +201,7 @@ class SentHistory:
         too_old_ns = now_ns - self._history_ns
         while messages and (messages[0][0] < too_old_ns or self._bytes > self._most_bytes):
             self._bytes -= len(messages.popleft()[2]) + _OVERHEAD_BYTES
+            self._first += 1
 
     def remove(self, frame: str) -> None:
         """Keep nothing that was sent of a child frame so far."""
@@ -196,37 +209,122 @@ class SentHistory:
 
     def last(self, last_s: float) -> list[Entry]:
         """The entries of the last `last_s` seconds, oldest first, for `without_removed`."""
-        since_ns = self._clock_ns() - min(_ns(last_s), self._history_ns)
-        return [(key, payload) for sent_ns, key, payload in self._messages if sent_ns >= since_ns]
+        return list(self.span(last_s).entries)
+
+    def span(self, last_s: float, place: str = "") -> "HistorySpan":
+        """The entries of the last `last_s` seconds, or those that are left from a place that a
+        span of this history has named.
+        """
+        start, end = self._within(place)
+        if start is None:
+            since_ns = self._clock_ns() - min(_ns(last_s), self._history_ns)
+            older = takewhile(lambda each: each[0] < since_ns, self._messages)
+            start = self._first + sum(1 for _ in older)
+        entries = [
+            (key, payload) for _, key, payload in islice(self._messages, start - self._first, None)
+        ]
+        return HistorySpan(self._name, start, min(end, start + len(entries)), entries)
+
+    def _within(self, place: str) -> tuple[int | None, int]:
+        """The numbers of the first entry at a place and of the one behind its last; None if it is
+        no place of this history.
+        """
+        newest = self._first + len(self._messages)
+        name, _, numbers = place.partition(".")
+        start, _, end = numbers.partition(".")
+        if name != self._name or not (start.isdecimal() and end.isdecimal()):
+            return None, newest
+        return min(max(int(start), self._first), newest), min(int(end), newest)
 
     def clear(self) -> None:
         """Keep nothing of what was sent so far."""
+        self._first += len(self._messages)
         self._messages.clear()
         self._bytes = 0
 
 
-def answer_from_history(query: Query, last: Callable[[float], Sequence[Entry]]) -> None:
-    """Answer a query for what a stream has kept: `last(last_s)` has the entries of that time."""
+class HistorySpan(NamedTuple):
+    """Entries of a history, with all after them, as frames may be removed later: `start` is the
+    number of the first, `end` that behind the last one that is asked for.
+    """
+
+    name: str
+    start: int
+    end: int
+    entries: Sequence[Entry]
+
+    def page(self, expression: str, most_bytes: int) -> Page:
+        """The first messages at keys within an expression: of at most so many bytes, or one."""
+        taken: list[KeptMessage] = []
+        size, next_number = 0, None
+        is_within: dict[str, bool] = {}
+        for number, key, payload in _without_removed(self.entries, self.start):
+            if number >= self.end:
+                break
+            if key not in is_within:
+                is_within[key] = within(key, expression)
+            if not is_within[key]:
+                continue
+            size += len(payload)
+            if taken and size > most_bytes:
+                next_number = number
+                break
+            taken.append(KeptMessage(key, 0, payload))
+        after = "" if next_number is None else f"{self.name}.{next_number}.{self.end}"
+        return Page(taken, after)
+
+
+# The bytes of messages in a page, before they are packed.
+_LARGEST_PAGE = 1_000_000
+
+Span = Callable[[float, str], HistorySpan]
+
+
+def answer_from_history(query: Query, stream_key: str, span: Span) -> None:
+    """Answer a query for what a stream has kept: `span(last_s, place)` as of `SentHistory`.
+
+    A query that names the size of a page is answered by one, at `stream_key` or, if that is not
+    within its key, there; any other by each message at its own key.
+    """
     # The session may be closed meanwhile.
     with suppress(BusError), query.answering("the stream's history"):
-        messages = without_removed(last(_seconds(query.parameter("last_s"))))
+        found = span(_seconds(query.parameter("last_s")), query.parameter("from") or "")
+        if (size := query.parameter("page")) is not None:
+            page = found.page(query.key, _page_bytes(size))
+            at = stream_key if within(stream_key, query.key) else query.key
+            query.answer(at, encode_page(page), is_urgent=False)
+            return
+        messages = without_removed(found.entries)
         asked = {key for key in {key for key, _ in messages} if within(key, query.key)}
         for key, payload in messages:
             if key in asked:
                 query.answer(key, payload)
 
 
+def _page_bytes(text: str) -> int:
+    if text.isdecimal() and len(text) < 10:
+        return min(int(text), _LARGEST_PAGE)
+    raise InvalidArgumentException(f"page must be a number of bytes, not {text!r:.40}")
+
+
 def without_removed(kept: Sequence[Entry]) -> list[tuple[str, bytes]]:
     """Key and payload of each message, oldest first, without frames that were removed later."""
+    return [(key, payload) for _, key, payload in _without_removed(kept, 0)]
+
+
+def _without_removed(kept: Sequence[Entry], first: int) -> list[tuple[int, str, bytes]]:
+    """As `without_removed`, each with its number, where the first entry has the number `first`."""
     removed: set[bytes] = set()
     messages = []
-    for key, payload in reversed(kept):
+    for number, (key, payload) in zip(
+        range(first + len(kept) - 1, first - 1, -1), reversed(kept), strict=True
+    ):
         if key is None:
             removed.add(payload)
         elif not removed:
-            messages.append((key, payload))
+            messages.append((number, key, payload))
         elif left := _without(payload, removed):
-            messages.append((key, left))
+            messages.append((number, key, left))
     return messages[::-1]
 
 

@@ -1,30 +1,244 @@
-"""Sends the dynamic transforms of a stream, and keeps those of the last seconds."""
+"""Sends the dynamic transforms of a stream, on one key or one a frame, and keeps the last ones."""
 
+import math
 import sys
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from operator import index
+from struct import pack
+from typing import Protocol, SupportsFloat, SupportsIndex, TypeAlias
 
-from tfbus.broadcast.keys import (
-    KeyPerFrame,
-    OneKey,
-    RowsOfKey,
-    StreamKey,
-    StreamKeys,
-    StreamOptions,
+from tfbus.broadcast.retained import (
+    Edges,
+    FrameAnnouncer,
+    HistorySpan,
+    SentHistory,
+    answer_from_history,
 )
-from tfbus.broadcast.retained import Edges, Entry, FrameAnnouncer, SentHistory, answer_from_history
+from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import lazy_numpy as np
 from tfbus.core import packed
-from tfbus.core.packed import ONE_EDGE, STAMP_SIZE
-from tfbus.geometry.columns import Columns
+from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
+from tfbus.errors import InvalidArgumentException
+from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime import scheduler
-from tfbus.wire.keys import transforms_key
-from tfbus.wire.one_message import OneMessage
+from tfbus.wire.keys import escape, transforms_key
+from tfbus.wire.transform_bytes import OneMessage
+from tfbus.wire.transforms import TransformEncoder
+
+
+@dataclass(frozen=True)
+class StreamOptions:
+    """How a stream sends its dynamic transforms; all its broadcasters have the same options.
+
+    With `split` each frame has a key of its own. Of two publishers of one frame, listeners with
+    `conflicts="priority"` accept the one of higher `priority`, a 32-bit integer. Messages of the
+    last `history_s` seconds are kept for listeners that join later. Raises
+    InvalidArgumentException if one is invalid.
+    """
+
+    split: bool = False
+    priority: int = 0
+    history_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        history_s: object = self.history_s
+        if not isinstance(history_s, SupportsFloat) or not 0.0 <= float(history_s) < math.inf:
+            raise InvalidArgumentException(
+                f"history_s must be a number of seconds, 0 or more, not {self.history_s!r}"
+            )
+        priority: object = self.priority
+        if not isinstance(priority, SupportsIndex) or not -(2**31) <= index(priority) < 2**31:
+            raise InvalidArgumentException(
+                f"priority must be a 32-bit integer, not {self.priority!r}"
+            )
+        object.__setattr__(self, "priority", index(priority))
+
+    def __str__(self) -> str:
+        return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}"
+
+
+class StreamKey:
+    """A key; its messages are numbered from 0 in each epoch."""
+
+    def __init__(self, key: str, publisher: BytesPublisher) -> None:
+        self.key = key
+        self.publisher = publisher
+        self.sent = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowsOfKey:
+    """The rows of a send that go on one key, in one message; `rows` is None for all."""
+
+    key: StreamKey
+    rows: Sequence[int] | None
+    encoder: TransformEncoder
+
+    def encode(self, columns: Columns) -> bytes:
+        """The next message of the key, with these rows."""
+        seq = self.key.sent
+        self.key.sent += 1
+        if self.rows is None:
+            return self.encoder.encode(seq, columns.stamps_bytes(), columns.poses_bytes())
+        stamps = rows_of(columns.stamps, columns.stamps_at, STAMP_SIZE, self.rows)
+        poses = rows_of(columns.poses, columns.poses_at, POSE_SIZE, self.rows)
+        return self.encoder.encode(seq, stamps, poses)
+
+
+class StreamKeys(Protocol):
+    """The keys of a stream; `expression` is a key expression that matches all of them."""
+
+    expression: str
+
+    @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to any of them now."""
+
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """Which rows go on which key, for these columns and all with the same edges."""
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+
+    def forget(self, child: str) -> None:
+        """Forget the key of this frame."""
+
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+
+
+# What a message takes besides its rows, and each row beside the names of its frames.
+_HEAD_BYTES = 100
+_ROW_BYTES = EDGE_SIZE + STAMP_SIZE + POSE_SIZE
+
+
+def _name_bytes(frame: str) -> int:
+    return len(frame.encode()) + 3
+
+
+class OneKey:
+    """All rows go on the stream's own key, as of `transforms_key`: in one message or, on a network
+    that wants small ones, in as many as it takes.
+    """
+
+    def __init__(self, key: str, session: Session) -> None:
+        self.expression = key
+        self._most_bytes = session.network.message_bytes
+        self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
+
+    @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to it now."""
+        return self._key.publisher.heard
+
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """All rows in one message, or in several."""
+        if self._most_bytes and len(groups := self._groups(columns)) > 1:
+            pairs = columns.pairs()
+            return [
+                _rows(self._key, columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+                for rows in groups
+            ]
+        encoder = TransformEncoder(epoch_ns, columns.frames, columns.edges_bytes())
+        return [RowsOfKey(self._key, None, encoder)]
+
+    def _groups(self, columns: Columns) -> list[list[int]]:
+        """The rows of each message; one row may be larger than a message should be."""
+        groups: list[list[int]] = []
+        left, named = 0, set[int]()
+        for row, pair in enumerate(columns.pairs()):
+            new = {*pair} - named
+            size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in new)
+            if not groups or size > left:
+                groups.append([])
+                named = set()
+                size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in {*pair})
+                left = self._most_bytes - _HEAD_BYTES
+            groups[-1].append(row)
+            named.update(pair)
+            left -= size
+        return groups
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+        self._key.sent = 0
+
+    def forget(self, child: str) -> None:
+        """It has no key of its own."""
+
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+        self._key.publisher.close()
+
+
+class KeyPerFrame:
+    """Each child frame has a key below the stream's own: others can subscribe to it alone."""
+
+    def __init__(self, key: str, session: Session) -> None:
+        self._own_key = key
+        self.expression = f"{self._own_key}/**"
+        self._publishers = session.publishers_within(self.expression, urgent=True)
+        self._keys: dict[str, StreamKey] = {}
+
+    @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to any of them now."""
+        return self._publishers.heard
+
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """A message a child frame."""
+        pairs = columns.pairs()
+        rows_by_child: dict[str, list[int]] = {}
+        for row, (_, child) in enumerate(pairs):
+            rows_by_child.setdefault(columns.frames[child], []).append(row)
+        return [
+            _rows(self._key(child), columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+            for child, rows in rows_by_child.items()
+        ]
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+        for key in self._keys.values():
+            key.sent = 0
+
+    def forget(self, child: str) -> None:
+        """Forget the key of this frame; sent again, its messages are numbered from 0."""
+        self._keys.pop(child, None)
+
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+        self._publishers.close()
+
+    def _key(self, child: str) -> StreamKey:
+        if child not in self._keys:
+            key = f"{self._own_key}/{escape(child)}"
+            self._keys[child] = StreamKey(key, self._publishers.publisher(key))
+        return self._keys[child]
+
+
+def _rows(
+    key: StreamKey,
+    frames: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    rows: list[int],
+    epoch_ns: int,
+) -> RowsOfKey:
+    """A message of some rows, with the names of their frames alone."""
+    # On a key for each frame a frame nearly always has one row in a send.
+    if len(rows) == 1:
+        names = [frames[frame] for frame in pairs[0]]
+        return RowsOfKey(key, rows, TransformEncoder(epoch_ns, names, ONE_EDGE))
+    used = sorted({frame for pair in pairs for frame in pair})
+    at = {frame: number for number, frame in enumerate(used)}
+    edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
+    encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
+    return RowsOfKey(key, rows, encoder)
+
 
 # Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the
 # clock itself was set back: a simulator was reset, or a recording starts again.
@@ -54,14 +268,14 @@ class NewestStamps:
         """The rows of these frames, valid until one of them is forgotten."""
         return array("q", [self._row(child) for child in children])
 
-    def note(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
+    def advance(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         """Note the stamps that are sent now, one a row; None if all are noted.
 
         `stamps_ns` has a buffer of signed integers of 64 bits. If one is more than 1 s older
         than the newest of its row, nothing is noted, and its position returned.
         """
         if len(rows) >= _MANY:
-            return self._note_many(rows, stamps_ns)
+            return self._advance_many(rows, stamps_ns)
         newest = self._newest
         for position, (row, stamp_ns) in enumerate(zip(rows, stamps_ns, strict=True)):
             if stamp_ns < newest[row] - MOST_BACK_NS:
@@ -72,10 +286,10 @@ class NewestStamps:
                 newest[row] = stamp_ns
         return None
 
-    def _note_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
+    def _advance_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         # Views for this call only: an array with views cannot grow.
         newest, at = np.frombuffer(self._newest, np.int64), np.frombuffer(rows, np.int64)
-        stamps = np.frombuffer(stamps_ns, np.int64)
+        stamps = np.frombuffer(stamps_ns, np.int64)  # type: ignore[call-overload]
         too_old = stamps < newest[at] - MOST_BACK_NS
         if np.count_nonzero(too_old):
             return int(too_old.argmax())
@@ -97,8 +311,8 @@ class NewestStamps:
         """Forget all stamps; the rows stay valid."""
         self._newest = array("q", [_NEVER]) * len(self._newest)
 
-    def note_one(self, row: int, stamp_ns: int) -> int | None:
-        """As `note` of one row, in a fraction of the time."""
+    def advance_one(self, row: int, stamp_ns: int) -> int | None:
+        """As `advance` of one row, in a fraction of the time."""
         newest_ns = self._newest[row]
         if stamp_ns < newest_ns - MOST_BACK_NS:
             return 0
@@ -185,9 +399,8 @@ class TransformSender:
         self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
         self._history = SentHistory(options.history_s) if options.history_s else None
-        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(
-            transforms_key(stream), session
-        )
+        self._key = transforms_key(stream)
+        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(self._key, session)
         self._queryable = (
             None
             if self._history is None
@@ -255,7 +468,7 @@ class TransformSender:
         single.sent_ns = stamp_ns
         if self._history is not None:
             self._history.append(key.key, payload)
-        self._newest.note_one(single.stamp_row, stamp_ns)
+        self._newest.advance_one(single.stamp_row, stamp_ns)
 
     def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
         """Send one transform, and remember what the next ones of its frames have in common."""
@@ -272,11 +485,11 @@ class TransformSender:
 
     def _send(self, columns: Columns) -> _Table:
         table = self._table(columns)
-        late = self._note(table, columns)
+        late = self._advance(table, columns)
         if late is not None:
             self._restart(columns, late, table.stamp_rows[late])
             table = self._table(columns)
-            self._note(table, columns)
+            self._advance(table, columns)
         if not self._singles.keys().isdisjoint(table.by_child.keys()):
             for child in table.by_child:
                 self._singles.pop(child, None)
@@ -310,11 +523,11 @@ class TransformSender:
                 if self._history is not None:
                     self._history.remove(child)
 
-    def _note(self, table: _Table, columns: Columns) -> int | None:
+    def _advance(self, table: _Table, columns: Columns) -> int | None:
         """Note the stamps; if one is too far back, note none and return its row."""
         if columns.count == 1:
-            return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
-        return self._newest.note(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))
+            return self._newest.advance_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
+        return self._newest.advance(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))
 
     def _table(self, columns: Columns) -> _Table:
         edges, frames = columns.edges, columns.frames
@@ -366,8 +579,9 @@ class TransformSender:
             self._history.clear()
 
     def _on_query(self, query: Query) -> None:
-        answer_from_history(query, self._last)
+        answer_from_history(query, self._key, self._span)
 
-    def _last(self, last_s: float) -> list[Entry]:
+    def _span(self, last_s: float, place: str) -> HistorySpan:
+        assert self._history is not None
         with self._lock:
-            return self._history.last(last_s) if self._history is not None else []
+            return self._history.span(last_s, place)

@@ -14,9 +14,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from tfbus.broadcast.keys import StreamOptions
 from tfbus.broadcast.retained import Edges, FrameAnnouncer, FrameRows
-from tfbus.broadcast.sender import TransformSender
+from tfbus.broadcast.sender import StreamOptions, TransformSender
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
@@ -26,8 +25,8 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
-from tfbus.wire.codec import encode_map
-from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
+from tfbus.wire.codec import decode_message, encode_map
+from tfbus.wire.descriptions import STREAM_VERSION, FramesAsked, StreamDescription
 from tfbus.wire.keys import escape, mistake_in_stream, static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import printable
@@ -206,8 +205,14 @@ class Stream:
         )
         # The session may be closed meanwhile.
         with suppress(BusError), query.answering("what the stream retains"):
-            if payload:
+            if payload and (not is_of_description or self._is_asked(query.payload)):
                 query.answer(key, payload)
+
+    def _is_asked(self, payload: bytes) -> bool:
+        """Whether a question for descriptions is about this stream; DecodeError for a bad one."""
+        return not payload or self._frames.lists_any_of(
+            decode_message(FramesAsked, payload).children
+        )
 
     def _begin_epoch(self, child: str, back_ns: int) -> int:
         """Begin an epoch, as the stamps of a frame went back; static transforms are sent again."""
@@ -273,7 +278,7 @@ class NodeStreams:
         self._by_name: dict[str, Stream] = {}
 
     @classmethod
-    def of(cls, node: Node) -> "NodeStreams":
+    def of_node(cls, node: Node) -> "NodeStreams":
         """The streams of the node, made at the first call."""
         if (found := cls._found(node)) is not None:
             return found
@@ -338,4 +343,4 @@ def stream_of_node(node: Node, name: str | None = None) -> Stream:
             "a broadcaster takes a Node, as in TransformBroadcaster(node), not "
             f"{type(node).__name__}"
         )
-    return NodeStreams.of(node).get(node, name or node.name)
+    return NodeStreams.of_node(node).get(node, name or node.name)

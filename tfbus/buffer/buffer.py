@@ -379,9 +379,9 @@ class Buffer:
         check_plain("on_change(listener)", listener)
         return self._store.on_change(listener)
 
-    def tell(self, change: Change) -> None:
+    def announce(self, change: Change) -> None:
         """Pass a change that was noticed elsewhere to the listeners of `on_change`."""
-        if self._store.lock.later(self.tell, change):
+        if self._store.lock.later(self.announce, change):
             return
         with self._store.lock:
             if self._store.tree.news is not None:
@@ -723,6 +723,31 @@ class Buffer:
             )
         return self.lookup_transforms(target_frame, source_frame, stamps, sampling=sampling).apply(
             array
+        )
+
+    def transform(
+        self,
+        message: Any,
+        target_frame: str,
+        *,
+        fixed_frame: str | None = None,
+        timeout_s: float = 0.0,
+    ) -> Any:
+        """A message of `tfbus.messages` in the target frame, by the transform at its stamp; a stamp
+        of 0 stands for the latest.
+
+        PointCloud (with normals), PoseStamped, PoseArray, Path, PoseWithCovarianceStamped, Odometry
+        (its pose), Imu, OccupancyGrid (its origin), Marker and MarkerArray stay of their type; a
+        LaserScan becomes a PointCloud, NaN for no measurement. If points have a time each, each is
+        moved by the transform at that, and is then as of the stamp: say the `fixed_frame` if the
+        target itself moves meanwhile. Covariances of x, y, z and rotations about fixed axes turn to
+        the target's axes; unknown ones stay so. Waits and raises as `lookup_transform`, and
+        InvalidArgumentException for a message of another type.
+        """
+        from tfbus.buffer.messages import transformed
+
+        return transformed(
+            self, message, target_frame, fixed_frame=fixed_frame, timeout_s=timeout_s
         )
 
     def _lookup_at_once(

@@ -21,7 +21,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.runtime.callback_thread import here
+from tfbus.runtime.callbacks import here
 from tfbus.runtime.stamps import Mistake, other_clock, other_unit, unit_hint
 from tfbus.runtime.structs import Struct
 from tfbus.wording import duration, stamp_text

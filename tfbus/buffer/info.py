@@ -103,7 +103,7 @@ class ExpiredLookups:
         self.count = 0
         self.missed_by_ns = 0
 
-    def note(self, error: TransformException | None) -> None:
+    def record(self, error: TransformException | None) -> None:
         """Count a lookup that failed so, if a longer cache would have had the answer."""
         if (
             isinstance(error, PastExtrapolationException)

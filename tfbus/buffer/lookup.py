@@ -31,7 +31,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.runtime.callback_thread import Bell
+from tfbus.runtime.callbacks import Bell
 from tfbus.runtime.clock import Limit, limit_by
 
 
@@ -169,7 +169,7 @@ class Lookup:
         store = self._store
         if store.tree.unreported:
             store.report_questions()
-        store.expired_lookups.note(reason)
+        store.expired_lookups.record(reason)
         if isinstance(reason, LookupException | ConnectivityException):
             reason = store.explained(reason, self._questions)
         return without_waiting(reason) if store.is_ended else reason

@@ -9,8 +9,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import check_text
-from tfbus.trajectory.files import read_tables
-from tfbus.trajectory.trajectory import Trajectory, of_checked
+from tfbus.trajectory import Trajectory, of_checked, read_tables
 from tfbus.wording import duration
 
 if TYPE_CHECKING:

@@ -94,7 +94,7 @@ class Callbacks:
         `on_too_large()` for one that is dropped unread.
         """
         report = self._reporter(f"message of {key}")
-        most = self._limits.of(kind_of(key))
+        most = self._limits.limit_of(kind_of(key))
         drop = self._dropper(key, on_too_large)
         is_stray = self.strays(key)
 
@@ -157,7 +157,7 @@ class Callbacks:
         """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
         the sample is from, "" if it does not say. Retained samples do.
         """
-        most = self._limits.of(kind_of(key))
+        most = self._limits.limit_of(kind_of(key))
         drop = self._dropper(key)
         is_stray = self.strays(key)
 

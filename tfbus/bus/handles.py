@@ -119,7 +119,7 @@ class BytesPublisher(Declaration):
         self._node = node
         self._key = key
         self._limits = limits
-        self._most = limits.of(kind_of(key))
+        self._most = limits.limit_of(kind_of(key))
 
     @property
     def heard(self) -> bool:

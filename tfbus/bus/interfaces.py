@@ -40,7 +40,7 @@ def interfaces() -> list[Interface]:
     """The network interfaces of this host; [] if it is not Linux."""
     if sys.platform != "linux":
         return []
-    return [found for at, name in socket.if_nameindex() if (found := _interface(at, name))]
+    return [found for at, name in socket.if_nameindex() if (found := interface_of(at, name))]
 
 
 def scouted() -> list[Interface]:
@@ -55,7 +55,7 @@ def scouted() -> list[Interface]:
     ]
 
 
-def _interface(index: int, name: str) -> Interface | None:
+def interface_of(index: int, name: str) -> Interface | None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         answer = _asked(any_socket, _GET_FLAGS, name)
         if answer is None:  # it has just gone

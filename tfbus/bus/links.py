@@ -90,7 +90,7 @@ _SAME_LOSS_S = 5.0
 _BESIDE = "?rel=0"
 
 
-class Link(NamedTuple):
+class LinkEnds(NamedTuple):
     """A link, by its two endpoints."""
 
     src: str
@@ -104,7 +104,7 @@ class Link(NamedTuple):
 
 class _Event(NamedTuple):
     zid: str
-    link: Link | None  # None for the connection as a whole
+    link: LinkEnds | None  # None for the connection as a whole
     has_come: bool
     at_s: float
 
@@ -114,8 +114,8 @@ class _Connection(Struct, frozen=False):
     carry nothing that must arrive.
     """
 
-    links: set[Link] = field(default_factory=set)
-    datagrams: set[Link] = field(default_factory=set)
+    links: set[LinkEnds] = field(default_factory=set)
+    datagrams: set[LinkEnds] = field(default_factory=set)
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
@@ -124,17 +124,17 @@ class _Connection(Struct, frozen=False):
     dst: str = ""
 
 
-class Changes(NamedTuple):
+class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
     are new, those that were lost, those of processes that are half linked, and those of datagrams
     that were left of a process when it had no other link.
     """
 
     lost: dict[str, str]
-    new: set[Link]
-    ended: set[Link]
-    half: set[Link]
-    datagrams: set[Link]
+    new: set[LinkEnds]
+    ended: set[LinkEnds]
+    half: set[LinkEnds]
+    datagrams: set[LinkEnds]
 
 
 class Links:
@@ -156,7 +156,7 @@ class Links:
     def note_link(self, event: zenoh.LinkEvent) -> None:
         """Note that a link opens or ends."""
         link, has_come = event.link, event.kind == zenoh.SampleKind.PUT
-        ends = Link(link.src, link.dst)
+        ends = LinkEnds(link.src, link.dst)
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
     def end_history(self) -> None:
@@ -179,7 +179,7 @@ class Links:
         whole = [each for each in self._connections.values() if each.has_had_first]
         return {host_of(each.dst) for each in whole if not each.began_by_datagrams}
 
-    def all(self) -> set[Link]:
+    def all(self) -> set[LinkEnds]:
         """The links that are open."""
         return {link for each in self._connections.values() for link in each.links}
 
@@ -188,15 +188,15 @@ class Links:
         for zid in self._connections.keys() - zids:
             del self._connections[zid]
 
-    def take(self) -> Changes:
-        """Take what was noted."""
+    def poll(self) -> LinkChanges:
+        """The changes since the last call."""
         lost: dict[str, str] = {}
-        ended: set[Link] = set()
+        ended: set[LinkEnds] = set()
         former = self.all()
         while self._events:
-            self._take_event(self._events.popleft(), lost, ended)
-        half: set[Link] = set()
-        left: set[Link] = set()
+            self._apply(self._events.popleft(), lost, ended)
+        half: set[LinkEnds] = set()
+        left: set[LinkEnds] = set()
         for each in self._connections.values():
             if each.is_half:
                 half |= each.links
@@ -204,9 +204,9 @@ class Links:
             if each.is_parted:
                 left |= each.datagrams
                 half |= each.links
-        return Changes(lost, self.all() - former, ended, half, left)
+        return LinkChanges(lost, self.all() - former, ended, half, left)
 
-    def _take_event(self, event: _Event, lost: dict[str, str], ended: set[Link]) -> None:
+    def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
         zid, link, has_come, at_s = event
         if link is None and has_come:
             self._connections.setdefault(zid, _Connection())

@@ -1,4 +1,5 @@
-"""Meets the neighbours again after the network of this host has changed.
+"""The neighbours: which of them answer scouting, and how a session meets them again after the
+network of this host has changed.
 
 Zenoh looks at the interfaces once in a process. A network that comes later it neither scouts on nor
 answers on, and its answers name the addresses of the start. So from the first change on tfbus
@@ -19,12 +20,16 @@ from typing import Any
 
 import zenoh
 
+from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
-from tfbus.bus.links import Link, Links, host_of, split_endpoint
+from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
 from tfbus.bus.networks import Network
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
 from tfbus.bus.zenoh_sockets import (
     Ends,
     ZenohSockets,
@@ -121,7 +126,7 @@ class Neighbours:
 
     def _run(self) -> None:
         try:
-            self._look()
+            self._update()
             while not self._closing.is_set():
                 self._wait()
         except Exception:
@@ -142,7 +147,7 @@ class Neighbours:
                 poll.register(each, select.POLLIN)
 
         on(self._woken, self._take_wake)
-        on(self._watch.socket, self._look_soon)
+        on(self._watch.socket, self._update_soon)
         if self._answers is not None:
             on(self._answers.socket, self._answer)
         if self._scouts is not None:
@@ -153,7 +158,7 @@ class Neighbours:
             if not self._closing.is_set():
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
-            self._look()
+            self._update()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
@@ -166,17 +171,17 @@ class Neighbours:
     def _take_wake(self) -> None:
         with suppress(OSError):
             self._woken.recv(4096)
-        self._look_soon()
+        self._update_soon()
 
-    def _look_soon(self) -> None:
-        """Look once the changes that come together have come."""
+    def _update_soon(self) -> None:
+        """Update once the changes that come together have come."""
         self._closing.wait(_SETTLED_S)
         self._watch.drain()
         if not self._closing.is_set():
-            self._look()
+            self._update()
 
-    def _look(self) -> None:
-        self._look_at_links()
+    def _update(self) -> None:
+        self._update_links()
         now = places(self._only)
         if now != self._places:
             former, self._places, self._has_changed = self._places, now, True
@@ -184,10 +189,10 @@ class Neighbours:
             if self._answers is not None:
                 self._answers.take_over(former, now)
             self._end_links_without_address()
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_at_links(self) -> None:
-        lost, new, ended, half, left = self._links.take()
+    def _update_links(self) -> None:
+        lost, new, ended, half, left = self._links.poll()
         if self._scouts is not None:
             self._scouts.note_lost(lost)
         if new:
@@ -210,9 +215,9 @@ class Neighbours:
         known |= {host_of(link.dst) for link in self._links.all()}
         missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
         if half or (lost and not self._links) or missed - known:
-            self._look_for_neighbours()
+            self._begin_scouting()
 
-    def _look_for_neighbours(self) -> None:
+    def _begin_scouting(self) -> None:
         if self._scouts is not None:
             self._scouts.begin()
 
@@ -262,9 +267,48 @@ def _is_here(address: str) -> bool:
     return True
 
 
-def _ends(links: Iterable[Link]) -> set[Ends]:
+def _ends(links: Iterable[LinkEnds]) -> set[Ends]:
     return {(_end_of(link.src), _end_of(link.dst)) for link in links}
 
 
 def _end_of(endpoint: str) -> str:
     return f"{host_of(endpoint)}:{split_endpoint(endpoint)[2]}"
+
+
+# For each process its id and its endpoints.
+Hellos = dict[str, tuple[str, ...]]
+
+
+def scout(
+    settings: NodeSettings,
+    timeout_s: float,
+    *,
+    until: Callable[[str, tuple[str, ...]], bool],
+    what: str = "peer|router",
+) -> Hellos:
+    """The peers and routers that answer within `timeout_s`, or until `until(id, endpoints)` is true
+    of one. Raises BusError if this host cannot ask.
+    """
+    zenoh_library.begin_use()
+    configure_zenoh_threads()
+    found: Hellos = {}
+    is_found = scheduler.Event()
+
+    def on_hello(hello: zenoh.Hello) -> None:
+        zid, endpoints = str(hello.zid), tuple(hello.locators)
+        found[zid] = endpoints
+        if until(zid, endpoints):
+            is_found.set()
+
+    with bus_errors("look for others by scouting"):
+        scout = _scout(direct(on_hello), what, settings)
+    is_found.wait(timeout_s)
+    scout.stop()
+    return found.copy()
+
+
+def _scout(handler: Any, what: str, settings: NodeSettings) -> Any:
+    network = zenoh_library.simulated()
+    if network is not None:
+        return network.scout(handler, what)
+    return zenoh.scout(handler, what=what, config=zenoh_config(settings))

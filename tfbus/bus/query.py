@@ -82,15 +82,17 @@ class Query:
         """The value of this name in the selector `key?name=value`; None if it has none."""
         return self._query.parameters.get(name)
 
-    def answer(self, key: str, payload: bytes) -> None:
-        """Send one answer; `key` lies within the key expression of the query.
+    def answer(self, key: str, payload: bytes, *, is_urgent: bool = True) -> None:
+        """Send one answer; `key` lies within the key expression of the query. All else on the link
+        goes before one that is not urgent.
 
         Raises BusError if it is larger than the asker takes.
         """
         self._check(len(payload), "the answer cannot be sent")
+        priority = None if is_urgent else zenoh.Priority.BACKGROUND
         with bus_errors(f"answer the query for {self.key}"):
             # An absolute key: this query came to the session without a namespace.
-            self._query.reply(key.removeprefix("/"), payload)
+            self._query.reply(key.removeprefix("/"), payload, priority=priority)
 
     def _check(self, size: int, what: str) -> None:
         if mistake := self._limits.mistake_in(kind_of_query(self.key), size):

@@ -129,22 +129,31 @@ def declare_retained_subscriber(
 
 
 def declare_signed_subscriber(
-    session: Session, key: str, callback: Callable[[str, bytes, str], None]
+    session: Session,
+    key: str,
+    callback: Callable[[str, bytes, str], None],
+    *,
+    only_new: bool = False,
 ) -> Declaration:
     """As `declare_retained_subscriber`; `callback(key, payload, sender)` also gets the id of the
-    session that the message is from, "" if it does not say.
+    session that the message is from, "" if it does not say. With `only_new` nothing comes that is
+    retained now.
     """
-    return _subscriber(session, key, session.callbacks.of_signed_samples(key, callback))
+    handler = session.callbacks.of_signed_samples(key, callback)
+    return _subscriber(session, key, handler, only_new=only_new)
 
 
-def _subscriber(session: Session, key: str, handler: Any, *, others: bool = False) -> Declaration:
+def _subscriber(
+    session: Session, key: str, handler: Any, *, others: bool = False, only_new: bool = False
+) -> Declaration:
+    history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
     with bus_errors(f"subscribe to {key}", session.settings.name):
         subscriber = RetainedSubscriber(
             session.zenoh,
             key,
             handler,
             allowed_origin=zenoh.Locality.REMOTE if others else None,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            history=None if only_new else history,
         )
     return Declaration(subscriber)
 
@@ -170,7 +179,7 @@ def ask_retained_later(
         on_end,
         timeout_s=timeout_s,
         answers_at=key,
-        urgent=True,
+        priority="urgent",
     )
 
 

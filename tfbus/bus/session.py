@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import zenoh
 
@@ -53,6 +53,8 @@ _LAST_ANSWERS_S = 2.0
 
 # Zenoh takes no infinite time for a query: thirty years.
 _LONGEST_QUERY_S = 1e9
+
+QueryPriority = Literal["urgent", "usual", "background"]
 
 
 class Session(NetworkSession):
@@ -249,6 +251,11 @@ class Session(NetworkSession):
         is_above = self.network.is_bad
         return zenoh.Priority.REAL_TIME if is_above else zenoh.Priority.INTERACTIVE_HIGH
 
+    def _query_priority(self, priority: QueryPriority) -> zenoh.Priority | None:
+        if priority == "background":
+            return zenoh.Priority.BACKGROUND
+        return self.retained_priority if priority == "urgent" and self.network.is_bad else None
+
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
         with self._errors(f"watch {key}"):
@@ -347,12 +354,13 @@ class Session(NetworkSession):
         timeout_s: float,
         answers_at: str = "",
         others: bool = False,
-        urgent: bool = False,
+        priority: QueryPriority = "usual",
         cancellation: zenoh.CancellationToken | None = None,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`. With `others` this session itself is not asked. On a bad network `urgent`
-        questions have the priority of retained messages. `cancellation.cancel()` ends it.
+        `on_end()`. With `others` this session itself is not asked. On a bad network a query that is
+        `urgent` has the priority of retained messages; all else on the link goes before one in the
+        `background`, and its answers. `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
@@ -381,7 +389,7 @@ class Session(NetworkSession):
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 cancellation_token=cancellation,
-                priority=self.retained_priority if urgent and self.network.is_bad else None,
+                priority=self._query_priority(priority),
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

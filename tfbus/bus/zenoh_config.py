@@ -172,7 +172,7 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
 def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
     """The settings that make every link encrypted, and lets in only what the rights allow."""
-    from tfbus.secure.access_control import access_control
+    from tfbus.secure.rights import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {

@@ -141,7 +141,7 @@ class Commands(Verbs):
 
     def _hint(self, ctx: click.Context, args: list[str]) -> str:
         if args[0] in ("run", "rosrun") and len(args) > 2:  # ros2 run PACKAGE EXECUTABLE
-            ours = _CALLED_IN_ROS.get(args[2], args[2])
+            ours = CALLED_IN_ROS.get(args[2], args[2])
             if ours != args[2] or ours in self.list_commands(ctx):
                 return f"; use: tfbus {ours}"
         two_words = " ".join(args[:2])
@@ -176,7 +176,7 @@ class Commands(Verbs):
 
 
 # Names in ROS of what is a command here.
-_CALLED_IN_ROS = {
+CALLED_IN_ROS = {
     "action": "call",
     "action info": "service info",
     "action list": "service list",
@@ -229,7 +229,7 @@ _OF_BAG = {
 _RUN = "a node is a command itself, as in: tfbus simulator"
 
 # Commands of ROS that have no counterpart.
-_NOT_NEEDED = {
+NOT_NEEDED_FROM_ROS = {
     "component": "tfbus has none, since each node is a process: tfbus launch starts several",
     "daemon": "tfbus has none, since each command asks the nodes itself: nothing to start or stop",
     "lifecycle": "tfbus has none, since a node is active from its start to its end: tfbus node "
@@ -246,8 +246,8 @@ _NOT_NEEDED = {
 
 @click.command(
     cls=Commands,
-    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
-    | _NOT_NEEDED
+    hints={theirs: f"use: tfbus {ours}" for theirs, ours in CALLED_IN_ROS.items()}
+    | NOT_NEEDED_FROM_ROS
     | _OF_BAG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To get started: tfbus launch turtle",

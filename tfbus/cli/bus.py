@@ -1,18 +1,29 @@
-"""A session without a node, for commands that look at the bus and exit."""
+"""The bus that a command looks at, by a session or a listener, or a recording of it.
+
+Zenoh is imported with the first look at a bus, and what reads frames with the first at a recording:
+no command needs both, and none for its help.
+"""
 
 import sys
-from collections.abc import Collection, Sized
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator, Sized
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import say, warn
+from tfbus.cli.output import paint, say, warn
+from tfbus.command.recordings import BagChoice, wall
 from tfbus.discover.graph import Graph
 from tfbus.runtime.log import open_log
+from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import stream_of
-from tfbus.wording import listed, printable
+from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
+    from tfbus.discover.presence import NodeWatch
+    from tfbus.frames.command_listener import Listening
+    from tfbus.frames.recorded import RecordedFrames
 
 # Nodes answer at once unless they are busy.
 _PATIENCE_S = 2.0
@@ -20,18 +31,34 @@ _PATIENCE_S = 2.0
 
 def open_bus(settings: NodeSettings) -> "Session":
     """A session that has found the others; it is not listed as a node itself."""
-    from tfbus.bus.session import Session  # Zenoh, which a recording does not need
+    from tfbus.bus.session import Session
 
     session = Session(settings, open_log("/tfbus", settings.name, settings.log_level))
     session.settle()
     return session
 
 
+def listening(
+    settings: NodeSettings, fleet: Fleet | None, **given: Any
+) -> AbstractContextManager["Listening"]:
+    """Listen to all transforms, as `listening` of frames/command_listener.py does."""
+    from tfbus.frames.command_listener import listening as listening_to_all
+
+    return listening_to_all(settings, fleet, **given)
+
+
+def watch_nodes(session: "Session") -> "NodeWatch":
+    """The names of the nodes that are there, from now on."""
+    from tfbus.discover.presence import NodeWatch
+
+    return NodeWatch(session)
+
+
 def look(session: "Session", *, warns: bool = True) -> Graph:
     """The topics and services. Warns of each description that it skips, and once of all nodes and
     streams that do not answer in time, if `warns`.
     """
-    from tfbus.discover.presence import ask_graph  # Zenoh
+    from tfbus.discover.presence import ask_graph
 
     found = ask_graph(session, timeout_s=_PATIENCE_S)
     for error in found.unreadable if warns else ():
@@ -67,13 +94,16 @@ def warn_of_unanswered(names: Collection[str]) -> None:
         warn(f"{listed(names)} {are} there, and did not answer: stopped, or too busy?")
 
 
-def warn_if_out_of_reach(session: "Session") -> bool:
-    """Warn of a bus here that the session, which finds no node, gets no link to; whether there is
-    one.
-    """
-    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh
+def out_of_reach(session: "Session") -> str:
+    """A bus here that the session, which finds no node, gets no link to; "" for none."""
+    from tfbus.discover.presence import bus_out_of_reach
 
-    what = bus_out_of_reach(session)
+    return bus_out_of_reach(session)
+
+
+def warn_if_out_of_reach(session: "Session") -> bool:
+    """Warn of a bus that is `out_of_reach`; whether there is one."""
+    what = out_of_reach(session)
     if what:
         warn(what)
     return bool(what)
@@ -90,3 +120,57 @@ def say_if_empty(session: "Session", found: Sized, kind: str, *, is_all: bool = 
     namespace = session.settings.namespace
     where = f" in namespace {namespace!r}" if namespace else ""
     say(f"No {kind}{where}: {is_running('node')}")
+
+
+@contextmanager
+def frames_at(
+    choice: BagChoice, settings: NodeSettings, fleet: Fleet | None
+) -> Iterator["RecordedFrames"]:
+    """The frames of a recording at the moment that was chosen."""
+    from tfbus.frames.recorded_poses import frames_of_bag
+
+    with choice.opened() as bag:
+        at_ns = bag.at_ns
+        frames = frames_of_bag(bag, settings, fleet)
+        frames.seek(at_ns)
+        yield frames
+
+
+@contextmanager
+def frames_in_span(
+    choice: BagChoice, settings: NodeSettings, fleet: Fleet | None
+) -> Iterator[tuple["RecordedFrames", int, int]]:
+    """The frames of a recording, and the log times from and to which were chosen."""
+    from tfbus.frames.recorded_poses import frames_of_bag
+
+    with choice.opened() as bag:
+        from_ns, to_ns = bag.span
+        yield frames_of_bag(bag, settings, fleet), from_ns, to_ns
+
+
+def moment_lines(choice: BagChoice, frames: "RecordedFrames") -> list[str]:
+    """Lines that say which moment of which recording is shown, and whether it is in a pause."""
+    into = duration((frames.at_ns - frames.start_ns) / 1e9)
+    lines = [paint(f"{wall(frames.at_ns)}, {into} into {named(choice.paths)}", "faint")]
+    if frames.pause is not None:
+        lines.append(paint(f"As of before the pause: {frames.said(frames.pause)}", "warning"))
+    return lines
+
+
+def span_lines(
+    choice: BagChoice, frames: "RecordedFrames", from_ns: int, to_ns: int
+) -> Iterator[str]:
+    """Lines that say which span of which recording is shown, and the longest pause in it."""
+    length = duration((to_ns - from_ns) / 1e9)
+    yield paint(f"{wall(from_ns)} to {wall(to_ns)}, {length} of {named(choice.paths)}", "faint")
+    pauses = [each for each in frames.pauses if each.from_ns < to_ns and each.to_ns > from_ns]
+    if pauses:
+        longest = max(pauses, key=lambda each: each.to_ns - each.from_ns)
+        more = f", and {counted(len(pauses) - 1, 'more time')}" if len(pauses) > 1 else ""
+        yield paint(f"Not counted: {frames.said(longest)}{more}", "faint")
+
+
+def named(paths: tuple[Path, ...]) -> str:
+    """The files, shortly: `run.mcap`, or `run_0.mcap and 3 more`."""
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    return f"{printable(paths[0].name or str(paths[0]))}{more}"

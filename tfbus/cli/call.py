@@ -20,9 +20,9 @@ from tfbus.cli.message import (
     find_call,
     is_of_type,
     read_map,
+    request_of,
     supplied_call,
 )
-from tfbus.cli.message_fields import request_of
 from tfbus.cli.output import print_json
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options

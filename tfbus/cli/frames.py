@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import is_running, warn_of_unanswered
+from tfbus.cli.bus import (
+    frames_at,
+    is_running,
+    listening,
+    moment_lines,
+    warn_of_unanswered,
+)
 from tfbus.cli.fleet import FleetPage
 from tfbus.cli.output import json_option, longest_line, paint_state, print_lines, screen, width
 from tfbus.command.options import listening_options
@@ -90,8 +96,6 @@ def command(
             raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
         _show_recorded(settings, fleet, bag, outputs, long=long, as_json=as_json, check=check)
         return
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
-
     with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
@@ -121,8 +125,6 @@ def _show_recorded(
     as_json: bool,
     check: bool,
 ) -> None:
-    from tfbus.cli.recorded import frames_at, moment_lines
-
     with frames_at(bag, settings, fleet) as heard:
         tree = heard.tree()
         if not tree.frames:

@@ -60,10 +60,14 @@ def _keystore_option(function: F) -> F:
     )(function)
 
 
-def _open(place: Path) -> "Keystore":
+def _keystore() -> "type[Keystore]":
     from tfbus.secure.keystore import Keystore
 
-    return Keystore.open(place)
+    return Keystore
+
+
+def _open(place: Path) -> "Keystore":
+    return _keystore().open(place)
 
 
 def _days_option(default: float) -> Callable[[F], F]:
@@ -80,9 +84,7 @@ def _days_option(default: float) -> Callable[[F], F]:
 @_days_option(_AUTHORITY_DAYS)
 def init(place: Path, days: float) -> None:
     """Make a keystore with a new authority in DIR (default keys)."""
-    from tfbus.secure.keystore import Keystore
-
-    Keystore.init(place, days)
+    _keystore().init(place, days)
     print_text(f"Made {place}. It can make any identity: keep it to yourself, off the robots.")
     print_text(f"Next: tfbus keys add NAME --role publisher{_with_keys(place)}")
 
@@ -136,7 +138,7 @@ def list_command(place: Path, as_json: bool) -> None:
 @_keystore_option
 def show(name: str, place: Path) -> None:
     """Print what the identity NAME may do."""
-    identity = _open(place).rights.of(name)
+    identity = _open(place).rights.identity(name)
     print_text(f"{paint(name, 'name')}: {_may(identity)}")
     for right in RIGHTS:
         print_text(f"  {right + ':':<8} {listed(identity.may(right), most=20) or 'none'}")

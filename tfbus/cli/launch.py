@@ -17,25 +17,25 @@ from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, matching
 from tfbus.errors import TfbusError
-from tfbus.launch.description import LaunchArgumentError
-from tfbus.launch.read.arguments import show_arguments
-from tfbus.launch.read.find import (
-    find_in,
-    find_launch_file,
-    installed_launch_files,
-    launch_files_of,
-    packages_with_nodes,
-)
-from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
-from tfbus.launch.run.child import (
+from tfbus.launch.arguments import show_arguments
+from tfbus.launch.child import (
     LaunchProgram,
     Timeouts,
     check_startable,
     dry_run_line,
     program_of,
 )
-from tfbus.launch.run.run import run_programs
-from tfbus.launch.run.supervisor import Presence
+from tfbus.launch.description import LaunchArgumentError
+from tfbus.launch.find import (
+    find_in,
+    find_launch_file,
+    installed_launch_files,
+    launch_files_of,
+    packages_with_nodes,
+)
+from tfbus.launch.reader import read_arguments, read_description, read_launch_file
+from tfbus.launch.run import run_programs
+from tfbus.launch.supervisor import Presence
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
 

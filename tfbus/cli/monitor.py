@@ -12,7 +12,13 @@ import click
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import is_running, warn_of_unanswered
+from tfbus.cli.bus import (
+    frames_in_span,
+    is_running,
+    listening,
+    span_lines,
+    warn_of_unanswered,
+)
 from tfbus.cli.fleet import FleetPage
 from tfbus.cli.output import (
     json_option,
@@ -30,8 +36,17 @@ from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusMoment, BusView, faults, state
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.columns import EDGES, STREAMS, Column
-from tfbus.monitor.report import MeasuredEdge, Pair, PairWatch, Report, as_map, make_report
+from tfbus.monitor.report import (
+    EDGES,
+    STREAMS,
+    Column,
+    MeasuredEdge,
+    Pair,
+    PairWatch,
+    Report,
+    as_map,
+    make_report,
+)
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, cut_middle, duration, listed, stamp_text
@@ -90,8 +105,6 @@ def command(
     if bag is not None:
         _measure_recorded(settings, fleet, bag, target, source, as_json)
         return
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
-
     pair = PairWatch(target, source) if target is not None and source is not None else None
     page = FleetPage(None if pair else fleet)
     with listening(settings, fleet, goes_on=not once) as heard:
@@ -124,16 +137,12 @@ def _measure_recorded(
     source: str | None,
     as_json: bool,
 ) -> None:
-    from tfbus.cli.recorded import span_lines
-    from tfbus.frames.recorded_poses import frames_of
     from tfbus.monitor.meter import MOST_LOOKS, measured
 
     pair = None
     if target is not None and source is not None:
         pair = PairWatch(target, source, MOST_LOOKS)
-    with bag.opened() as recording:
-        from_ns, to_ns = recording.span
-        heard = frames_of(recording, settings, fleet)
+    with frames_in_span(bag, settings, fleet) as (heard, from_ns, to_ns):
         report = measured(heard, from_ns, to_ns, pair)
         of_bag = [word for path in bag.paths for word in ("--bag", str(path))]
         if bag.end is not None:

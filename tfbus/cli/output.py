@@ -76,7 +76,13 @@ def print_json(value: object) -> None:
 
 def as_json(value: object) -> str:
     """A line of JSON; bytes in hexadecimal digits."""
-    return json.dumps(value, default=lambda it: it.hex() if isinstance(it, bytes) else str(it))
+    return json.dumps(value, default=_in_json)
+
+
+def _in_json(value: Any) -> Any:
+    if hasattr(value, "dtype"):  # numpy's
+        return value.tolist()
+    return value.hex() if isinstance(value, bytes) else str(value)
 
 
 def as_text(value: object) -> str:

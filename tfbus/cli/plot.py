@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import listening
 from tfbus.cli.output import say
 from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
@@ -21,7 +22,7 @@ from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import install_command
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
@@ -142,8 +143,6 @@ def _listen(
     rate_hz: float,
     sampling: Sampling,
 ) -> Trajectory:
-    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
-
     with listening(
         settings,
         fleet,

@@ -15,10 +15,11 @@ from tfbus.cli.message import (
     complete_request,
     find_call,
     names_of_type,
+    print_type,
+    print_types,
     supplied_call,
     supplied_calls,
 )
-from tfbus.cli.message_fields import print_type, print_types
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options

@@ -7,13 +7,20 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.cli.recorded import frames_at, moment_lines
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.discover.namespaces import frames_in_other_namespaces
-from tfbus.frames.why import Explanation, Step, explain, explain_recorded
+from tfbus.frames.fleet import FleetWatch
+from tfbus.frames.why import (
+    ON_THE_BUS,
+    Explanation,
+    FleetAdvice,
+    Step,
+    explain,
+    explain_recorded,
+)
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
@@ -39,6 +46,7 @@ _LONGEST_BACK_S = 3600.0
 @json_option("Print a JSON object.")
 @bag_option
 @statics_option
+@roster_option
 @listening_options(lambda: own_name("_why"))
 def command(
     settings: NodeSettings,
@@ -49,20 +57,22 @@ def command(
     as_json: bool,
     bags: tuple[Path, ...],
     statics: Statics | None,
+    roster: tuple[str, ...],
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
+    if roster and (fleet is None or bags):
+        raise click.UsageError("--expect names the robots of a living fleet: give --fleet")
     if bags:
         bag = BagChoice(bags, moment, statics=statics or "always")
         _explain_recorded(settings, fleet, target, source, bag, as_json)
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.out_of_reach import bus_out_of_reach  # Zenoh: no recording needs it
-    from tfbus.frames.command_listener import listening
+    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh: no recording needs it
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -71,17 +81,24 @@ def command(
         # It takes a while, in which samples come: the tree and the lookup are of after it.
         elsewhere = () if fleet else frames_in_other_namespaces(session)
         heard.ask_about_clocks()
+        if fleet is not None and not {target, source}.issubset(heard.buffer.frames()):
+            heard.ask_nodes()
+        moment_now, advice = heard.moment(), ON_THE_BUS
+        if fleet is not None:
+            robots = FleetWatch(roster).robots(moment_now, has_frames=False)
+            advice = FleetAdvice(robots, roster)
         explanation = explain(
-            heard.moment(),
+            moment_now,
             heard.buffer,
             target,
             source,
             moment.at(asked_ns) if moment else None,
             reads_only=settings.closed.identity.namespace if settings.closed else "",
             frames_in_other_namespaces=elsewhere,
+            advice=advice,
         )
         now_ns = heard.now_ns()
-        if not heard.buffer.frames() and (hint := bus_out_of_reach(session)):
+        if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
     _print(explanation, now_ns, as_json)
 
@@ -122,12 +139,12 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines = [
         paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
     ]
-    lines += _wrapped(it.failure, "  ") if it.failure else []
+    lines += wrapped(it.failure, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
-        lines += [line for remedy in it.remedies for line in _wrapped(remedy, "  - ")]
+        lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
     return lines
 
 
@@ -146,12 +163,12 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
     text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = _wrapped(text, "        ")
+    lines = wrapped(text, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
-    return lines + (_wrapped(step.reason, "        ") if step.reason else [])
+    return lines + (wrapped(step.reason, "        ") if step.reason else [])
 
 
-def _wrapped(text: str, lead: str) -> list[str]:
+def wrapped(text: str, lead: str) -> list[str]:
     """The text in lines of at most 80 characters, indented by `lead`, without a break at `-`."""
     return textwrap.wrap(
         text,

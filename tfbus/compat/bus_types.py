@@ -15,7 +15,7 @@ from tfbus.compat.fields import TFMessage, message_with, stamped_of
 from tfbus.compat.message_classes import RosMessage
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform import TransformStamped
-from tfbus.node.endpoint import Endpoint
+from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.node import Node
 from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definitions import STRING, TURTLE_POSE
@@ -23,7 +23,7 @@ from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
-from tfbus.wire.scan import TransformMessage
+from tfbus.wire.transform_bytes import TransformMessage
 from tfbus.wire.transforms import decode_transforms
 
 
@@ -69,7 +69,7 @@ class _Carried:
         self.stamp_ns: int | None = None
 
     def __bus_map__(self) -> dict[str, Any]:
-        values = self.__counterpart__.of_ros(self.message.__bus_map__())
+        values = self.__counterpart__.of_ros(self.message.__listed__())
         return values if self.stamp_ns is None else {**values, "stamp_ns": self.stamp_ns}
 
     @classmethod
@@ -133,7 +133,7 @@ def transforms_topic(node: Node, topic: str) -> TransformsTopic | None:
     return TransformsTopic(kind, f"{node.namespace}/{above}".lstrip("/"))
 
 
-class TransformsPublisher(Endpoint):
+class TransformsPublisher(NodeEndpoint):
     """Sends the transforms of messages as a broadcaster of a node in their namespace does."""
 
     def __init__(self, node: Node, kind: str) -> None:
@@ -149,7 +149,7 @@ class TransformsPublisher(Endpoint):
             self._broadcaster.send_transform(transforms)
 
 
-class TransformsSubscription(Endpoint):
+class TransformsSubscription(NodeEndpoint):
     """Calls `callback(message)` for each message of any stream, static ones at once, on a thread
     of Zenoh.
     """

@@ -7,6 +7,13 @@ up single transforms never uses it.
 from typing import Any
 
 
+class NDArray:
+    """The type of an array in annotations, `NDArray[np.int64]`; to type checkers numpy's own."""
+
+    def __class_getitem__(cls, item: object) -> Any:
+        return cls
+
+
 def __getattr__(name: str) -> Any:
     if name.startswith("__"):
         # What the import system and inspect ask of any module.

@@ -1,15 +1,19 @@
-"""The graph of nodes: topics, services and actions, and which nodes are at their ends.
+"""The graph of nodes: topics, services and actions, and which nodes are at their ends; and which
+namespaces have a frame.
 
 It is made from the descriptions of nodes and streams, without reading messages.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import relative, relative_name
-from tfbus.wording import printable
+from tfbus.wording import natural_order, printable
+
+# At most this many namespaces are named in a hint.
+_NAMED = 3
 
 # The type of messages on the keys of transforms.
 TRANSFORMS_TYPE = "TransformMessage"
@@ -117,3 +121,22 @@ def _stream_topics(key: str, stream: StreamDescription) -> list[str]:
 
 def _types(*ends: Iterable[Endpoint]) -> tuple[str, ...]:
     return tuple(sorted({end.type for side in ends for end in side} - {""}))
+
+
+def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame: str = "") -> str:
+    """A hint which namespaces have this frame, or any frame, and how to look there; "" for none.
+
+    The frame goes by its own name, or by that in a fleet: `robot7/base_link`.
+    """
+    having = {
+        namespace
+        for namespace, name in frames_in_other_namespaces
+        if not frame or frame in (name, f"{namespace}/{name}")
+    }
+    if not having:
+        return ""
+    known = f"{frame!r} is" if frame else "frames are"
+    if "" in having:
+        return f"{known} known outside of this namespace: look without --namespace"
+    named = " or ".join(sorted(having, key=natural_order)[:_NAMED])
+    return f"{known} known in other namespaces: look with --namespace {named}, or with --fleet"

@@ -4,7 +4,7 @@ from tfbus.bus.session import Session
 from tfbus.discover.presence import key_beside
 from tfbus.errors import BusError, DecodeError
 from tfbus.ros.definitions import Definition, standard_definition
-from tfbus.ros.ros_names import is_message_type
+from tfbus.ros.rmw import is_message_type
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime.bounded import Bounded
 from tfbus.wire.codec import decode_message

@@ -8,7 +8,7 @@ from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.flow import Edge, EdgeFlow
+from tfbus.monitor.report import Edge, EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import and_more
 

@@ -25,20 +25,19 @@ from pathlib import Path
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.bus.interfaces import interfaces
 from tfbus.bus.links import why_unreachable
-from tfbus.bus.scout import scout
+from tfbus.bus.neighbours import scout
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
-from tfbus.discover.out_of_reach import bus_out_of_reach
-from tfbus.discover.presence import Described
+from tfbus.discover.presence import Described, bus_out_of_reach
 from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
 from tfbus.errors import BusError, DecodeError, SettingsError
 from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
+from tfbus.ros.rmw import domain_of, is_domain
 from tfbus.ros.ros1 import Ros1Master
-from tfbus.ros.ros_names import domain_of, is_domain
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.installation import version_and_origin, why_interpreted
@@ -250,9 +249,9 @@ class RtpsWatch:
         self._ends = threading.Event()
         self._found: dict[bytes, Participant] = {}
         port = _FIRST_PORT + _PORTS_OF_A_DOMAIN * domain
-        self.is_port_taken = _is_taken(port)
+        self.is_port_taken = is_taken(port)
         try:
-            self._socket = _joined(port)
+            self._socket = joined_socket(port)
         except OSError:  # as on a host without a network: nothing is heard
             self._thread = None
             return
@@ -286,7 +285,7 @@ class RtpsWatch:
             self._found[participant.id] = participant
 
 
-def _is_taken(port: int) -> bool:
+def is_taken(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", port))
@@ -295,7 +294,7 @@ def _is_taken(port: int) -> bool:
     return False
 
 
-def _joined(port: int) -> socket.socket:
+def joined_socket(port: int) -> socket.socket:
     """A socket that hears the group on every interface, beside the others of this host."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -346,7 +345,7 @@ class RosWatch:
         self._master_nodes: int | None = None
         self._threads = [
             threading.Thread(target=look, name="ros", daemon=True)
-            for look in (self._look_at_router, self._look_at_master)
+            for look in (self.look_at_router, self._look_at_master)
         ]
         for thread in self._threads:
             thread.start()
@@ -384,7 +383,7 @@ class RosWatch:
             self._master_nodes,
         )
 
-    def _look_at_router(self) -> None:
+    def look_at_router(self) -> None:
         """The tokens at rmw_zenoh's router, which this bus need not be connected to."""
         with suppress(OSError):
             socket.create_connection((_ROUTER_HOST, _ROUTER_PORT), _ANSWER_WITHIN_S).close()

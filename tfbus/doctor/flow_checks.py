@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tfbus.core import lazy_numpy as np
 from tfbus.doctor.examination import (
     Examination,
     Finding,
@@ -19,15 +20,11 @@ from tfbus.frames.moment import state, why_another_time
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.flow import EdgeFlow
+from tfbus.monitor.report import EdgeFlow
 from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from tfbus.monitor.meter import EdgeSamples
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 def check_clock(seen: Examination) -> Finding:
@@ -221,7 +218,7 @@ def check_gaps(seen: Examination) -> Finding:
 def _pauses(seen: Examination) -> Iterator[str]:
     """The pauses by the stamps, which is all that is known of what publishers had kept."""
     for flow in _of_near_stamps(seen):
-        if flow.longest_gap_s > least_gap_s(1.0 / flow.rate_hz if flow.rate_hz else 0.0):
+        if flow.longest_gap_s > least_gap_s(flow.period_s or 0.0):
             yield (
                 f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in that time "
                 "interpolate across the gap"

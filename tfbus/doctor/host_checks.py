@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
 from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
-from tfbus.ros.ros_names import HIGHEST_DOMAIN, is_bridge
+from tfbus.ros.rmw import HIGHEST_DOMAIN, is_bridge
 from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import counted, listed, printable

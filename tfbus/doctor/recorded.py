@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.doctor.examination import PASSING, Examination, PassingProblem, RecordedSpan
-from tfbus.frames.changes import Ongoing, Ticks
+from tfbus.frames.changes import Ticks
+from tfbus.frames.moment import Ongoing
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import Problem, ProblemKind
 from tfbus.monitor.meter import SpanMeter, measure

@@ -26,9 +26,9 @@ from tfbus.foxglove.protocol import (
     Capability,
     ClientChannel,
     Level,
-    Parameter,
     PlaybackControl,
     PlaybackState,
+    ShownParameter,
     called,
     number,
     numbers,
@@ -41,7 +41,7 @@ from tfbus.foxglove.protocol import (
 from tfbus.wording import printable
 
 if TYPE_CHECKING:
-    from tfbus.foxglove.server import Channel, Server
+    from tfbus.foxglove.server import ServedChannel, Server
 
 # A client that reads too slowly loses the oldest messages of topics beyond this number, and is
 # disconnected where as many others wait.
@@ -237,11 +237,11 @@ class Requests:
     def unsubscribed(self, channel_id: int) -> None:
         """A client no longer subscribes, or is gone."""
 
-    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+    def get_parameters(self, names: Sequence[str]) -> list[ShownParameter]:
         """These parameters; all if no name is given."""
         return []
 
-    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+    def set_parameters(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
         """Set parameters; returns those that are known to be set by now. It may wait."""
         return []
 
@@ -266,14 +266,14 @@ class Requests:
         raise TfbusError("there are no files")
 
 
-class Client:
+class ServedClient:
     """A client from its first message on; all calls but `tell` and `say` come in its loop."""
 
     def __init__(self, own_id: int, connection: Connection, server: "Server") -> None:
         self.connection = connection
         self.tell = connection.tell
         # The server's, under its lock.
-        self.subscriptions: dict[int, Channel] = {}
+        self.subscriptions: dict[int, ServedChannel] = {}
         self.parameters: frozenset[str] = frozenset()
         self.has_graph = False
         self._id = own_id
@@ -324,7 +324,7 @@ class Client:
             case "getParameters":
                 return partial(self._get, texts(given["parameterNames"]), request_id(given))
             case "setParameters":
-                parameters = [Parameter.from_map(each) for each in given["parameters"]]
+                parameters = [ShownParameter.from_map(each) for each in given["parameters"]]
                 return partial(self._server.set_parameters, self, parameters, request_id(given))
             case "subscribeParameterUpdates":
                 return partial(self._watch, texts(given["parameterNames"]))

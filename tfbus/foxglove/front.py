@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, quote
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.secure.server_access import AccessToken, Gate, ServerTls, machine_names
+from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, machine_names
 
 if TYPE_CHECKING:
     from tfbus.foxglove.server import Server  # websockets, which `tfbus foxglove --help` may lack
@@ -73,7 +73,7 @@ class Front:
     ) -> None:
         self.clients = 0
         self._host, self._wanted_port = serving.host, serving.port
-        self._gate = Gate(
+        self._gate = PageGate(
             machine_names(serving.host),
             serving.origins,
             _is_foxglove,
@@ -84,7 +84,7 @@ class Front:
         # Those that have not sent their request, by their addresses, the first first.
         self._waiting: dict[asyncio.Task[None], str] = {}
         self._on_refused = on_refused
-        self._sockets = _listening(serving.host, serving.port)
+        self._sockets = listening_sockets(serving.host, serving.port)
         self.port: int = self._sockets[0].getsockname()[1]
         self._loop = scheduler.new_event_loop()
         self._ended = asyncio.Event()
@@ -272,7 +272,7 @@ def _response(status: str, text: str, headers: str = "") -> bytes:
     return head.encode() + body
 
 
-def _listening(host: str, port: int) -> list[socket.socket]:
+def listening_sockets(host: str, port: int) -> list[socket.socket]:
     """Sockets that listen at a host, on the first free port of these."""
     error: OSError | None = None
     for each in range(port, min(port + _PORTS, 65536)) if port else (0,):

@@ -16,14 +16,13 @@ from tfbus.discover.graph import Graph, ServiceInfo, graph_of
 from tfbus.discover.parameters import set_parameter
 from tfbus.discover.presence import GraphWatch
 from tfbus.errors import DecodeError, ParameterError, ServiceError
-from tfbus.foxglove.as_json import json_of, json_schema, values_of
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections, NodeParameters, absolute, connections
-from tfbus.foxglove.protocol import Capability, ClientChannel, Parameter
+from tfbus.foxglove.protocol import Capability, ClientChannel, ShownParameter
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
-from tfbus.foxglove.server import Server, Service
-from tfbus.foxglove.topics import LiveTopics, TransformChannels
+from tfbus.foxglove.server import ServedService, Server
+from tfbus.foxglove.topics import LiveTopics, TransformChannels, json_of, json_schema, values_of
 from tfbus.listen.listener import TransformListener
 from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.messages import Twist
@@ -73,9 +72,9 @@ class LiveServices:
                 self._offered[name] = type_name
                 self._server.add_service(self._service(name, type_name))
 
-    def _service(self, name: str, type_name: str) -> Service:
+    def _service(self, name: str, type_name: str) -> ServedService:
         request, response = _parts(type_name)
-        return Service(
+        return ServedService(
             name,
             type_name or "unknown",
             _schema(request),
@@ -313,10 +312,10 @@ class LiveBridge(Requests):
         names = self._fleet.names(origin) if self._fleet is not None else None
         return self._robots.shown(values, names, origin)
 
-    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+    def get_parameters(self, names: Sequence[str]) -> list[ShownParameter]:
         return self._parameters.get(names)
 
-    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+    def set_parameters(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:

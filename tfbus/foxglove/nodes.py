@@ -10,7 +10,7 @@ from typing import Any
 
 from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
-from tfbus.foxglove.protocol import Parameter, text
+from tfbus.foxglove.protocol import ShownParameter, text
 from tfbus.runtime.workers import Workers
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wording import printable
@@ -114,7 +114,7 @@ class NodeParameters:
     def __init__(
         self,
         set_one: Callable[[str, str, object], ParameterDescription],
-        publish: Callable[[Sequence[Parameter]], None],
+        publish: Callable[[Sequence[ShownParameter]], None],
         say: Callable[[str], None],
     ) -> None:
         self._set_one = set_one
@@ -134,11 +134,11 @@ class NodeParameters:
         with self._lock:
             former, self._known = self._known, known
         changed = [name for name, now in known.items() if former.get(name) != now]
-        gone = [Parameter(name) for name in former.keys() - known.keys()]
+        gone = [ShownParameter(name) for name in former.keys() - known.keys()]
         if changed or gone:
             self._publish([*(_shown(name, known[name][1]) for name in changed), *gone])
 
-    def get(self, names: Sequence[str]) -> list[Parameter]:
+    def get(self, names: Sequence[str]) -> list[ShownParameter]:
         """These parameters; all if no name is given. Unknown ones are left out."""
         known = self._present()
         return [
@@ -152,7 +152,7 @@ class NodeParameters:
         if found := self.get(names) if names else []:
             self._publish(found)
 
-    def set(self, given: Sequence[Parameter]) -> list[Parameter]:
+    def set(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
         """Set parameters; returns what has come of those whose nodes answer soon."""
         until_s = time.monotonic() + _WAIT_S
         if len(given) > _WAITING:
@@ -170,14 +170,14 @@ class NodeParameters:
                 done.append(found)
         return done
 
-    def _begin(self, given: Parameter) -> "Future[Parameter | None]":
-        answer: Future[Parameter | None] = Future()
+    def _begin(self, given: ShownParameter) -> "Future[ShownParameter | None]":
+        answer: Future[ShownParameter | None] = Future()
         if not self._workers.do(lambda: answer.set_result(self._set(given))):
             self._say(f"{printable(given.name)} is not set: too many parameters at once")
             answer.set_result(None)
         return answer
 
-    def _set(self, given: Parameter) -> Parameter | None:
+    def _set(self, given: ShownParameter) -> ShownParameter | None:
         """Set one; returns it as it is then, None if it is not known."""
         name = given.name
         if name not in self._present():
@@ -194,7 +194,7 @@ class NodeParameters:
             self._known = {**self._known, name: (node, described)}
         return _shown(name, described)
 
-    def _publish_late(self, answer: "Future[Parameter | None]") -> None:
+    def _publish_late(self, answer: "Future[ShownParameter | None]") -> None:
         """Parameters returned in time the server publishes itself."""
         if (found := answer.result()) is not None:
             self._publish([found])
@@ -210,8 +210,8 @@ def _typed(value: Any, described: ParameterDescription) -> Any:
     return int(value) if whole else value
 
 
-def _shown(name: str, described: ParameterDescription) -> Parameter:
+def _shown(name: str, described: ParameterDescription) -> ShownParameter:
     try:
-        return Parameter(name, value=described.value)
+        return ShownParameter(name, value=described.value)
     except (OverflowError, TypeError, ValueError, UnicodeError):
-        return Parameter(name, value=printable(repr(described.value), 1000))
+        return ShownParameter(name, value=printable(repr(described.value), 1000))

@@ -14,14 +14,14 @@ from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections, NodeParameters, absolute, connections
 from tfbus.foxglove.protocol import (
     Capability,
-    Parameter,
     PlaybackControl,
     PlaybackState,
     PlaybackStatus,
+    ShownParameter,
 )
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Server
-from tfbus.foxglove.topics import TopicChannel, TransformChannels, is_description
+from tfbus.foxglove.topics import ServedTopic, TransformChannels, is_description
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate
@@ -103,7 +103,7 @@ class PlaybackBridge(Requests):
         )
         codecs = MessageCodecs(exact=False)
         self._topics = {
-            topic.name: TopicChannel(
+            topic.name: ServedTopic(
                 self._server,
                 # Descriptions are also sent on another thread.
                 MessageCodecs() if is_description(topic.name, topic.type_name) else codecs,
@@ -177,10 +177,10 @@ class PlaybackBridge(Requests):
     def asset(self, uri: str) -> bytes:
         return self._robots.asset(uri)
 
-    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+    def get_parameters(self, names: Sequence[str]) -> list[ShownParameter]:
         return self._parameters.get(names)
 
-    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+    def set_parameters(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
@@ -264,13 +264,13 @@ class PlaybackBridge(Requests):
         else:
             self._send_values(channel, item, item.values, log_ns)
 
-    def _send_description(self, channel: TopicChannel, item: TopicItem, log_ns: int) -> None:
+    def _send_description(self, channel: ServedTopic, item: TopicItem, log_ns: int) -> None:
         namespace = item.topic.strip("/").rpartition("/")[0]
         names = self._frames.viewpoint.names(namespace)
         self._send_values(channel, item, self._robots.shown(item.values, names, namespace), log_ns)
 
     def _send_values(
-        self, channel: TopicChannel, item: TopicItem, values: Mapping[str, Any], log_ns: int
+        self, channel: ServedTopic, item: TopicItem, values: Mapping[str, Any], log_ns: int
     ) -> None:
         try:
             channel.send(values, log_ns)

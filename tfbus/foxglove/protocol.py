@@ -62,7 +62,7 @@ class PlaybackStatus(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ShownParameter:
     """A parameter, with None one that does not exist. Raises ValueError for a value that JSON or 64
     bits do not hold.
     """
@@ -85,7 +85,7 @@ class Parameter:
         return found if self.value is None else {**found, "value": self.value}
 
     @classmethod
-    def from_map(cls, given: Mapping[str, Any]) -> "Parameter":
+    def from_map(cls, given: Mapping[str, Any]) -> "ShownParameter":
         """From a client's message. Raises KeyError, TypeError or ValueError for others."""
         name, kind, value = _text(given["name"]), given.get("type"), given.get("value")
         if kind == "float64":
@@ -200,7 +200,7 @@ def text(op: str, **fields: Any) -> str:
     return json.dumps({"op": op, **present}, separators=(",", ":"), allow_nan=False)
 
 
-def parameter_values(parameters: Sequence[Parameter], request_id: str | None = None) -> str:
+def parameter_values(parameters: Sequence[ShownParameter], request_id: str | None = None) -> str:
     """Parameters, as the answer to a request if it has an id."""
     return text("parameterValues", parameters=[each.as_map() for each in parameters], id=request_id)
 

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 from tfbus.errors import TfbusError, UrdfError
 from tfbus.foxglove.server import Server
-from tfbus.foxglove.topics import TopicChannel
+from tfbus.foxglove.topics import ServedTopic
 from tfbus.messages import RobotDescription
 from tfbus.node.robot_meshes import MOST_BYTES
 from tfbus.robot.mesh_files import BESIDE, parts_of
@@ -167,9 +167,7 @@ class GivenRobot:
 
     def __init__(self, server: Server, robots: ShownRobots, robot: Robot) -> None:
         codecs = MessageCodecs(exact=False)
-        self._channel = TopicChannel(
-            server, codecs, "/robot_description", RobotDescription.__name__
-        )
+        self._channel = ServedTopic(server, codecs, "/robot_description", RobotDescription.__name__)
         self._shown = robots.given(robot)
 
     def have(self, channel_id: int) -> bool:

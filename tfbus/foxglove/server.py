@@ -16,14 +16,14 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from tfbus.errors import TfbusError
-from tfbus.foxglove.client import Client, Connection, Requests
+from tfbus.foxglove.client import Connection, Requests, ServedClient
 from tfbus.foxglove.nodes import Connections, graph_update
 from tfbus.foxglove.protocol import (
     SUBPROTOCOL,
     Capability,
     Level,
-    Parameter,
     PlaybackState,
+    ShownParameter,
     answer,
     file_of,
     message_head,
@@ -52,7 +52,7 @@ _ENCODINGS = ("json", "cdr")
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class ServedService:
     """A service: its name, and the schemas, in JSON, of what it takes and returns.
 
     `call(request)` gets and returns JSON. It runs on a thread of its own, and raises TfbusError or
@@ -66,7 +66,7 @@ class Service:
     call: Callable[[bytes], bytes]
 
 
-class Channel:
+class ServedChannel:
     """A topic with messages of one schema, which clients can subscribe to."""
 
     def __init__(self, server: "Server", number: int, topic: str, described: dict[str, object]):
@@ -115,9 +115,9 @@ class Server:
         self._lock = threading.Lock()
         self._session = _new_session()
         self._ids = itertools.count(1)
-        self._clients: set[Client] = set()
-        self._channels: dict[int, Channel] = {}
-        self._services: dict[int, Service] = {}
+        self._clients: set[ServedClient] = set()
+        self._channels: dict[int, ServedChannel] = {}
+        self._services: dict[int, ServedService] = {}
         self._graph = Connections()
         self._said_s: deque[float] = deque(maxlen=_MOST_SAID)
         self._jobs = Workers("foxglove requests", threads=_AT_A_TIME, waiting=_WAITING)
@@ -140,7 +140,7 @@ class Server:
         if not connection.is_open:
             await writer.drain()
             return
-        client = Client(next(self._ids), connection, self)
+        client = ServedClient(next(self._ids), connection, self)
         writing = asyncio.create_task(connection.write())
         self._welcome(client)
         try:
@@ -152,7 +152,7 @@ class Server:
                 self._clients.discard(client)
             client.leave()
 
-    def _welcome(self, client: Client) -> None:
+    def _welcome(self, client: ServedClient) -> None:
         with self._lock:
             self._clients.add(client)
             client.tell(self._info())
@@ -190,7 +190,7 @@ class Server:
 
     def open_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes] | None = None
-    ) -> Channel:
+    ) -> ServedChannel:
         """A channel; the schema is its name, its encoding and its text."""
         number = next(self._ids)
         described: dict[str, object] = {"id": number, "topic": topic, "encoding": encoding}
@@ -199,13 +199,13 @@ class Server:
         else:
             name, of, data = schema
             described |= {"schemaName": name, "schemaEncoding": of, "schema": data.decode()}
-        channel = Channel(self, number, topic, described)
+        channel = ServedChannel(self, number, topic, described)
         with self._lock:
             self._channels[number] = channel
             self._tell_all(text("advertise", channels=[described]))
         return channel
 
-    def close_channel(self, channel: Channel) -> None:
+    def close_channel(self, channel: ServedChannel) -> None:
         """Take a channel back. Twice is fine."""
         with self._lock:
             if self._channels.pop(channel.id, None) is None:
@@ -217,7 +217,7 @@ class Server:
                 }
             self._tell_all(text("unadvertise", channelIds=[channel.id]))
 
-    def subscribe(self, client: Client, subscription: int, channel_id: int) -> str:
+    def subscribe(self, client: ServedClient, subscription: int, channel_id: int) -> str:
         """Let a client subscribe; returns why it cannot, "" if it does."""
         with self._lock:
             channel = self._channels.get(channel_id)
@@ -231,7 +231,7 @@ class Server:
             channel.subscribers = (*channel.subscribers, (client.connection, subscription))
         return ""
 
-    def unsubscribe(self, client: Client, subscriptions: Collection[int]) -> list[int]:
+    def unsubscribe(self, client: ServedClient, subscriptions: Collection[int]) -> list[int]:
         """End subscriptions of a client; returns the channels of those that it had."""
         with self._lock:
             gone = [own for own in subscriptions if own in client.subscriptions]
@@ -280,7 +280,7 @@ class Server:
 
     # Parameters, and the graph
 
-    def publish_parameters(self, parameters: Sequence[Parameter]) -> None:
+    def publish_parameters(self, parameters: Sequence[ShownParameter]) -> None:
         """Send parameters to the clients that subscribe to them."""
         with self._lock:
             for client in self._clients:
@@ -289,7 +289,7 @@ class Server:
                     client.tell(parameter_values(watched))
 
     def set_parameters(
-        self, client: Client, given: Sequence[Parameter], request_id: str | None
+        self, client: ServedClient, given: Sequence[ShownParameter], request_id: str | None
     ) -> None:
         """Set parameters; the client is told of them where it gave an id, and all that subscribe
         to them.
@@ -313,7 +313,7 @@ class Server:
                 if client.has_graph:
                     client.tell(message)
 
-    def subscribe_graph(self, client: Client) -> None:
+    def subscribe_graph(self, client: ServedClient) -> None:
         """Send the graph to a client, and from now on its changes."""
         with self._lock:
             client.has_graph = True
@@ -321,7 +321,7 @@ class Server:
 
     # Services and files
 
-    def add_service(self, service: Service) -> None:
+    def add_service(self, service: ServedService) -> None:
         """Offer a service."""
         number = next(self._ids)
         with self._lock:
@@ -337,7 +337,7 @@ class Server:
             if gone:
                 self._tell_all(text("unadvertiseServices", serviceIds=gone))
 
-    def call(self, client: Client, service_id: int, call_id: int, request: bytes) -> None:
+    def call(self, client: ServedClient, service_id: int, call_id: int, request: bytes) -> None:
         """Call a service for a client, on a thread."""
 
         def fail(reason: str) -> None:
@@ -345,7 +345,7 @@ class Server:
                 text("serviceCallFailure", serviceId=service_id, callId=call_id, message=reason)
             )
 
-        def run(service: Service) -> None:
+        def run(service: ServedService) -> None:
             try:
                 response = service.call(request)
             except (TfbusError, ValueError) as error:
@@ -363,7 +363,7 @@ class Server:
         elif not self._calls.do(lambda: self.guarded(lambda: run(service))):
             fail(f"busy: {_CALLS_AT_A_TIME} calls are running")
 
-    def fetch(self, client: Client, request_id: int, uri: str) -> None:
+    def fetch(self, client: ServedClient, request_id: int, uri: str) -> None:
         """Send a client a file, which a thread reads."""
 
         def read() -> None:
@@ -379,7 +379,7 @@ class Server:
             client.tell(no_file(request_id, "too many requests at once; retry later"))
 
 
-def _described(number: int, service: Service) -> dict[str, object]:
+def _described(number: int, service: ServedService) -> dict[str, object]:
     return {
         "id": number,
         "name": service.name,

@@ -1,24 +1,27 @@
 """Channels of topics and transforms: CDR as recordings have it, JSON if that cannot express them.
 
 Foxglove knows tf2_msgs/msg/TFMessage as well as a schema of its own. With this one a layout made
-for the live bus shows a recording too, and both come from one encoder.
+for the live bus shows a recording too, and both come from one encoder. Of dataclasses there are
+JSON schemas.
 """
 
+import json
+import math
 import threading
 import time
+from base64 import b64decode, b64encode
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import is_dataclass
-from typing import Any
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, get_args, get_origin, get_type_hints
 
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import Graph, TopicInfo
 from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError, TransformException
-from tfbus.foxglove.as_json import json_of
 from tfbus.foxglove.nodes import absolute
-from tfbus.foxglove.server import Channel, Server
+from tfbus.foxglove.server import ServedChannel, Server
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
@@ -27,7 +30,7 @@ from tfbus.ros.definitions import MSGPACK, TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.runtime.log import LogOnce
-from tfbus.wire.codec import decode_map
+from tfbus.wire.codec import as_map, decode_map, type_name
 
 # A topic whose messages changed their schema this many times goes on as JSON.
 _MOST_CHANGES = 5
@@ -55,7 +58,7 @@ def is_description(topic: str, type_name: str) -> bool:
     return is_described or (is_named_so and type_name.endswith("String"))
 
 
-class TopicChannel:
+class ServedTopic:
     """A topic as a channel, whose schema is that of its messages. Not thread-safe.
 
     If the type is one of tfbus.messages, or one of ROS's with this `codec`, the channel is there
@@ -77,7 +80,7 @@ class TopicChannel:
         self._type_name = type_name
         self._definition: Definition | None = None
         self._changes = 0
-        self.channel: Channel | None = None
+        self.channel: ServedChannel | None = None
         known = _supplied_type(type_name)
         if known is not None:
             self._open(MessageCodec.of_type(known).definition)
@@ -155,11 +158,11 @@ class _LiveTopic:
         self._shown = shown
         self._lock = threading.Lock()
         # Codecs of its own: messages of topics come on several threads.
-        self._sent = TopicChannel(server, MessageCodecs(exact=False), name, type_name, codec)
+        self._sent = ServedTopic(server, MessageCodecs(exact=False), name, type_name, codec)
         self._subscription: RawSubscription | None = None
 
     @property
-    def channel(self) -> Channel | None:
+    def channel(self) -> ServedChannel | None:
         """Its channel, once there is one."""
         return self._sent.channel
 
@@ -356,3 +359,95 @@ def present(buffer: Buffer, *, static: bool) -> Columns:
             pose = buffer.lookup_transform(frame.parent, frame.name).transform
             found.append(TransformStamped(frame.newest_ns, frame.parent, frame.name, pose))
     return Columns.of_transforms(found)
+
+
+def json_of(values: Mapping[Any, Any]) -> bytes:
+    """A message as JSON. Bytes become base64, numbers that are not finite null.
+
+    Raises ValueError if it is nested too deeply.
+    """
+    try:
+        return json.dumps(_plain(values), allow_nan=False).encode()
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {_key(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, bytes):
+        return b64encode(value).decode()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, bool | int | str | None) else str(value)
+
+
+def _key(key: Any) -> str:
+    return key if isinstance(key, str) else str(key)
+
+
+def values_of(payload: bytes, message_type: type | None) -> dict[str, Any]:
+    """A message that came as JSON; base64 becomes bytes if the type has bytes.
+
+    Raises ValueError if it is no JSON object.
+    """
+    try:
+        values = json.loads(payload) if payload else {}
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"not JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise ValueError("a message must be a JSON object")
+    return values if message_type is None else _with_bytes(values, message_type)
+
+
+def _with_bytes(values: dict[str, Any], message_type: type) -> dict[str, Any]:
+    hints = get_type_hints(message_type)
+    return {name: _read(value, hints.get(name)) for name, value in values.items()}
+
+
+def _read(value: Any, expected: Any) -> Any:
+    if expected is bytes and isinstance(value, str):
+        return b64decode(value)
+    if is_dataclass(expected) and isinstance(expected, type) and isinstance(value, dict):
+        return _with_bytes(value, expected)
+    if get_origin(expected) in (list, tuple) and isinstance(value, list):
+        return [_read(each, get_args(expected)[0]) for each in value]
+    return value
+
+
+def json_schema(message_type: type) -> dict[str, Any]:
+    """The JSON schema of a dataclass, with its defaults."""
+    hints = get_type_hints(message_type)
+    properties = {}
+    for entry in fields(message_type):
+        schema = _schema_of(hints[entry.name])
+        default: Any = entry.default
+        if entry.default_factory is not MISSING:
+            default = entry.default_factory()
+        if default is not MISSING and not isinstance(default, bytes):
+            schema["default"] = as_map(default) if is_dataclass(default) else default
+        properties[entry.name] = schema
+    return {"title": type_name(message_type), "type": "object", "properties": properties}
+
+
+_PLAIN: dict[Any, dict[str, Any]] = {
+    bool: {"type": "boolean"},
+    bytes: {"type": "string", "contentEncoding": "base64"},
+    float: {"type": "number"},
+    int: {"type": "integer"},
+    str: {"type": "string"},
+}
+
+
+def _schema_of(expected: Any) -> dict[str, Any]:
+    if is_dataclass(expected) and isinstance(expected, type):
+        return json_schema(expected)
+    origin, args = get_origin(expected), get_args(expected)
+    if origin is dict:
+        return {"type": "object", "additionalProperties": _schema_of(args[1])}
+    if origin in (list, tuple):
+        same = origin is list or Ellipsis in args
+        return {"type": "array", "items": _schema_of(args[0]) if same else {}}
+    return dict(_PLAIN.get(expected, {}))

@@ -1,12 +1,12 @@
 """The changes from one moment of the bus to the next, and those of a recording; no Zenoh."""
 
 import os
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Literal
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.frames.moment import BusMoment, FrameStatus
+from tfbus.frames.moment import BusMoment, FrameStatus, Ongoing
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import Problem
 from tfbus.recording.items import EventItem
@@ -29,9 +29,6 @@ ChangeKind = Literal[
     "problem ended",
 ]
 
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
-
 # The faults in which nothing of a frame comes.
 _AWAY = ("gone", "stale")
 
@@ -51,20 +48,6 @@ class BusChange:
     name: str
     text: str
     problem: Problem | None = None
-
-
-class Ongoing(Generic[K, V]):
-    """Items that begin and end: compares those of one moment with those of the moment before."""
-
-    def __init__(self) -> None:
-        self.items: dict[K, V] = {}
-
-    def update(self, now: Mapping[K, V]) -> tuple[dict[K, V], dict[K, V]]:
-        """The items that have begun, and those that have ended, as they were at first."""
-        begun = {key: value for key, value in now.items() if key not in self.items}
-        ended = {key: value for key, value in self.items.items() if key not in now}
-        self.items = {key: value for key, value in self.items.items() if key in now} | begun
-        return begun, ended
 
 
 class Changes:

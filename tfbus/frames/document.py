@@ -19,7 +19,7 @@ from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
-from tfbus.trajectory.trajectory import CSV_COLUMNS
+from tfbus.trajectory import CSV_COLUMNS
 from tfbus.wording import age, columns, counted, cut, duration, natural_order, stamp_text
 
 Paint = Callable[[str, State], str]

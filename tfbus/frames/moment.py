@@ -24,11 +24,11 @@ whole stream, and a frame whose stamps lag behind the others of its stream count
 difference.
 """
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Generic, Literal, Protocol, TypeVar
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
@@ -40,6 +40,9 @@ from tfbus.runtime import structs
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import namespace_of_node, stream_key
 from tfbus.wording import age, duration
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
 
 Fault = Literal["gone", "conflict", "stale", "ahead"]
 State = Literal["root", "static", "dynamic"] | Fault
@@ -55,10 +58,14 @@ _MOST_KEPT_S, _LEAST_KEPT_S = 11.0, 1.0
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
     """The state of a frame."""
+    return _state(frame, faults(tree, frame))
+
+
+def _state(frame: FrameInfo, found: tuple[Fault, ...]) -> State:
     if frame.parent is None:
         return "root"
-    for fault in faults(tree, frame):
-        return fault
+    if found:
+        return found[0]
     return "static" if frame.static else "dynamic"
 
 
@@ -322,12 +329,12 @@ class BusView(Protocol):
 
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:
     """The status of a frame of this tree."""
-    publisher = tree.publisher(frame)
+    publisher, found = tree.publisher(frame), faults(tree, frame)
     return FrameStatus(
         frame.name,
         frame.parent,
-        state(tree, frame),
-        faults(tree, frame),
+        _state(frame, found),
+        found,
         frame.authority,
         tree.publishers(frame),
         publisher.node,
@@ -347,3 +354,17 @@ def key_of_stream(name: str, namespace: str) -> str:
     if not name.startswith(prefix):
         return stream_key(name)
     return prefix + stream_key(name.removeprefix(prefix))
+
+
+class Ongoing(Generic[K, V]):
+    """Items that begin and end: compares those of one moment with those of the moment before."""
+
+    def __init__(self) -> None:
+        self.items: dict[K, V] = {}
+
+    def update(self, now: Mapping[K, V]) -> tuple[dict[K, V], dict[K, V]]:
+        """The items that have begun, and those that have ended, as they were at first."""
+        begun = {key: value for key, value in now.items() if key not in self.items}
+        ended = {key: value for key, value in self.items.items() if key not in now}
+        self.items = {key: value for key, value in self.items.items() if key in now} | begun
+        return begun, ended

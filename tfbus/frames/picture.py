@@ -9,21 +9,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import TfbusError
 from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, seconds_of
 from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wording import columns, counted, cut
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Place:
+class FramePlace:
     """A frame's name, the facts about it, and the line from its parent that ends at the name.
 
     `x` and `y` are the left end of the name, `facts_x` and `facts_y` of the facts; `line` has the
@@ -54,7 +50,7 @@ _TIDY_ROW, _FACTS_BELOW = 0.46, 0.15
 _OUTLINE_ROW, _INDENT = 0.26, 0.4
 
 
-def tidy(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, Place]:
+def tidy(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, FramePlace]:
     """A column for each depth, a row for each leaf, a parent midway between its children."""
     depth: dict[str, int] = {}
     row: dict[str, float] = {}
@@ -79,13 +75,13 @@ def tidy(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, Place]:
             from_x = lefts[level - 1] + sizes[parent].name + 0.08
             from_y, bend = row[parent] * _TIDY_ROW, x - _BEND
             line = ((from_x, from_y), (bend, from_y), (bend, y), (x - _ARROW, y))
-        places[name] = Place(x, y, x, y + _FACTS_BELOW, line)
+        places[name] = FramePlace(x, y, x, y + _FACTS_BELOW, line)
     return places
 
 
-def outline(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, Place]:
+def outline(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, FramePlace]:
     """A row for each frame, its children below it and further right: for large trees."""
-    places: dict[str, Place] = {}
+    places: dict[str, FramePlace] = {}
     for root in tree.roots:
         for depth, frame in tree.walk(root.name):
             x, y = depth * _INDENT, len(places) * _OUTLINE_ROW
@@ -94,11 +90,11 @@ def outline(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, Place]:
                 trunk = x - _INDENT + 0.1
                 from_y = places[frame.parent].y + 0.08
                 line = ((trunk, from_y), (trunk, y), (x - _ARROW / 2, y))
-            places[frame.name] = Place(x, y, x + sizes[frame.name].name + 0.15, y, line)
+            places[frame.name] = FramePlace(x, y, x + sizes[frame.name].name + 0.15, y, line)
     return places
 
 
-def extent(places: dict[str, Place], sizes: dict[str, Size]) -> tuple[float, float]:
+def extent(places: dict[str, FramePlace], sizes: dict[str, Size]) -> tuple[float, float]:
     """How wide and how high the drawing is."""
     rights = [
         max(place.x + sizes[name].name, place.facts_x + sizes[name].facts)
@@ -173,13 +169,18 @@ def drawing() -> Iterator[None]:
         yield
 
 
+def _figure(**given: Any) -> Any:
+    """A matplotlib Figure that is in no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(**given)
+
+
 def write_picture(tree: FrameTree, path: Path) -> None:
     """Draw the tree into a file, whose ending chooses one of matplotlib's formats.
 
     A failure leaves the file as it was.
     """
-    from matplotlib.figure import Figure
-
     labels = {
         name: _Label(cut(name, _LONGEST_NAME), ", ".join(facts(tree, frame)), state(tree, frame))
         for name, frame in tree.frames.items()
@@ -192,7 +193,7 @@ def write_picture(tree: FrameTree, path: Path) -> None:
     height = _HEAD + bottom + 3 * _MARGIN + _PROBLEM_ROW * len(problems)
 
     with drawing():
-        figure = Figure(figsize=(width, height), facecolor="white")
+        figure = _figure(figsize=(width, height), facecolor="white")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.set_xlim(-_MARGIN, width - _MARGIN)
@@ -221,7 +222,7 @@ def _draw_head(axes: Any, tree: FrameTree) -> None:
         _write(axes, 2.6 + 0.7 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
 
 
-def _draw_frame(axes: Any, place: Place, label: _Label) -> None:
+def _draw_frame(axes: Any, place: FramePlace, label: _Label) -> None:
     colour = COLOURS[label.state]
     if place.line:
         *trunk, corner, end = place.line
@@ -269,9 +270,7 @@ _LEAST_M_PER_S, _LEAST_RAD_PER_S = 0.001, 0.001
 
 def draw(track: Trajectory, panels: tuple[Panel, ...]) -> Any:
     """A matplotlib Figure with the panels, two in a row."""
-    from matplotlib.figure import Figure
-
-    figure = Figure()
+    figure = _figure()
     _draw_into(figure, track, panels)
     return figure
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.namespaces import where_to_look
+from tfbus.discover.graph import where_to_look
 from tfbus.errors import DecodeError
 from tfbus.frames.clocks import (
     NOT_SIMULATED,
@@ -24,16 +24,16 @@ from tfbus.frames.clocks import (
     simulated_time,
 )
 from tfbus.frames.moment import BusMoment, key_of_stream
-from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.pauses import Pause
 from tfbus.recording.selection import ALL, Selection, Viewpoint
+from tfbus.recording.state import LastingStatics, Statics
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
@@ -42,7 +42,6 @@ from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
-    from tfbus.recording.state import LastingStatics, Statics
 
 S = 1_000_000_000
 
@@ -91,8 +90,6 @@ class RecordedFrames:
 
     @cached_property
     def _lasting(self) -> "LastingStatics | None":
-        from tfbus.recording.state import LastingStatics  # numpy
-
         return LastingStatics(self._source) if self._statics == "always" else None
 
     @property
@@ -109,10 +106,10 @@ class RecordedFrames:
     def _start(self) -> None:
         self.buffer = self._new_buffer()
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, _HeardStream] = {}
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
-        self._around = _Around(self._conflicts, self._described_reception)
-        self._full_names: dict[str, _Stream] = {}
+        self._around = _RecordedHooks(self._conflicts, self._described_reception)
+        self._full_names: dict[str, _HeardStream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
         self._nodes: dict[str, NodeDescription] = {}
@@ -212,7 +209,7 @@ class RecordedFrames:
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
         spans = (
-            last_chunks(self._source, name, self._outside_of(name), missing, end_ns)
+            self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
             if self._source.is_complete
             else {(end_ns - _MOST_BACK_S * S, end_ns)}
         )
@@ -306,13 +303,13 @@ class RecordedFrames:
     def _pause_at(self, log_ns: int) -> Pause | None:
         return next((each for each in self.pauses if each.from_ns == log_ns), None)
 
-    def _meet(self, name: str, full_name: str) -> "_Stream":
+    def _meet(self, name: str, full_name: str) -> "_HeardStream":
         reception = StreamReception(
             *(name, self.buffer, _SILENT, self._clock.now_ns, _READER),
             around=self._around,
             now_s=self._clock.log_s,
         )
-        stream = _Stream(reception, StreamState(name), full_name)
+        stream = _HeardStream(reception, StreamState(name), full_name)
         self._streams[name] = self._full_names[full_name] = stream
         return stream
 
@@ -504,7 +501,7 @@ class RecordedFrames:
         return where_to_look(elsewhere, frame)
 
 
-class _Around(Listening):
+class _RecordedHooks(ReceptionHooks):
     """The listener that there was: a frame that two streams sent was judged as on a bus."""
 
     def __init__(
@@ -524,7 +521,7 @@ class _Around(Listening):
 
 
 @dataclass
-class _Stream:
+class _HeardStream:
     """A stream, the state of its token and description, and the receptions of its keys.
 
     `gone_ns` is when its publisher was lost. `listed` are all frames that it ever listed and has

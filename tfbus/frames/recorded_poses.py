@@ -7,11 +7,13 @@ times, and errors that say where in the recording to look.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from tfbus.buffer.explain import LATER, LATEST
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -25,19 +27,14 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import Item, TransformItem
-from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
+from tfbus.trajectory import Trajectory, check_count, of_checked
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from tfbus.frames.recording import Recording
     from tfbus.recording.reader import RecordingReader
 
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 S = 1_000_000_000
 
@@ -50,7 +47,7 @@ _FIRST_PART_NS, _LONGEST_PART_NS = 2 * S, 512 * S
 _LOOKED_BACK_NS = 2 * S
 
 
-def frames_of(
+def frames_of_bag(
     bag: OpenBag, settings: NodeSettings, fleet: Fleet | None, *, cache_time_s: float = 10.0
 ) -> RecordedFrames:
     """The frames of an open recording, as a tool with these settings saw them."""
@@ -85,7 +82,7 @@ def recorded_transform(
     """
     with choice.opened() as bag:
         at_ns = bag.at_ns
-        frames = frames_of(bag, settings, fleet)
+        frames = frames_of_bag(bag, settings, fleet)
         stamp_ns = at_ns
         if frames.follows_clock:
             frames.seek(at_ns)
@@ -189,7 +186,7 @@ def _parts(
     """The poses of `recorded_transforms`, part by part: stamps (N,) and poses."""
     with choice.opened() as bag:
         from_ns, to_ns = bag.span
-        frames = frames_of(bag, settings, fleet)
+        frames = frames_of_bag(bag, settings, fleet)
         recording = recording_of(frames)
         span = stamps_of(bag)
         has_any = False

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -20,7 +22,7 @@ from tfbus.errors import (
 )
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.runs import FIRST_NS, LAST_NS
-from tfbus.frames.samples import Samples, Span, only, poses_of
+from tfbus.frames.samples import RecordedSamples, SampledSpan, only, poses_of
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import EventItem, Item, TransformItem
@@ -31,15 +33,12 @@ from tfbus.recording.state import STATICS, Statics
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.stamps import other_clock
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names, printable
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-else:
-    from tfbus.core import lazy_numpy as np
+    from numpy.typing import ArrayLike
 
 M = TypeVar("M")
 
@@ -117,9 +116,9 @@ class Recording(AbstractContextManager["Recording"]):
         self._view = view
         self._lock = scheduler.RLock()
         self._is_closed = False
-        self._known: Samples | None = None
+        self._known: RecordedSamples | None = None
         # By their last use.
-        self._spans: Bounded[tuple[int, bool], Span] = Bounded(_KEPT_SPANS)
+        self._spans: Bounded[tuple[int, bool], SampledSpan] = Bounded(_KEPT_SPANS)
         self._last: Buffer | None = None
 
     def __exit__(self, *_: object) -> None:
@@ -520,11 +519,11 @@ class Recording(AbstractContextManager["Recording"]):
             name = printable(str(self.paths[0]))
             raise InvalidArgumentException(f"{name} is closed: read it within its `with`")
 
-    def _samples(self) -> Samples:
+    def _samples(self) -> RecordedSamples:
         with self._lock:
             self._check_open()
             if self._known is None:
-                self._known = Samples(self._reader, self._statics, self._view)
+                self._known = RecordedSamples(self._reader, self._statics, self._view)
             return self._known
 
     def _stamps_from(self, from_ns: int | None) -> int:
@@ -535,7 +534,7 @@ class Recording(AbstractContextManager["Recording"]):
         last_ns = self._samples().last_ns or 0
         return last_ns if to_ns is None else min(check_stamp(to_ns), last_ns)
 
-    def _around(self, stamp_ns: int, *, of_last_runs: bool = False) -> Span:
+    def _around(self, stamp_ns: int, *, of_last_runs: bool = False) -> SampledSpan:
         """A span with a stamp in it."""
         with self._lock:
             samples = self._samples()
@@ -566,7 +565,7 @@ class Recording(AbstractContextManager["Recording"]):
         return end.lookup_transform(target_frame, source_frame, latest_ns, sampling=sampling)
 
     @contextmanager
-    def _telling_of_all(self, span: Span) -> Iterator[None]:
+    def _telling_of_all(self, span: SampledSpan) -> Iterator[None]:
         """Inside the `with` an error of a span's buffer tells of all samples."""
         try:
             yield
@@ -598,7 +597,7 @@ class Recording(AbstractContextManager["Recording"]):
         first_ns: int,
         last_ns: int,
         stamps: "NDArray[np.int64] | None" = None,
-    ) -> Iterator[Span]:
+    ) -> Iterator[SampledSpan]:
         """Spans from one stamp to another, of the frames that the two need; with `stamps` only
         those in which one of them is.
         """
@@ -615,7 +614,7 @@ class Recording(AbstractContextManager["Recording"]):
 
     def _spans_of(
         self, target_frame: str, source_frame: str, stamps: "NDArray[np.int64]"
-    ) -> "Iterator[tuple[Span, NDArray[np.bool_]]]":
+    ) -> "Iterator[tuple[SampledSpan, NDArray[np.bool_]]]":
         """Spans that have all of the stamps (N,), and which of these are in each (N,)."""
         for first_ns, last_ns in _runs(stamps):
             for span in self._pieces(target_frame, source_frame, first_ns, last_ns, stamps):

@@ -31,7 +31,7 @@ _MOST_EXACT_CHANGES = 256
 
 
 @dataclass(frozen=True)
-class Span:
+class SampledSpan:
     """A buffer, and the stamps from `first_ns` to `last_ns` for which it has all samples of the
     `runs`, which are numbers.
     """
@@ -56,7 +56,7 @@ class _Stretch:
         return self.first_ns <= self.last_ns
 
 
-class Samples:
+class RecordedSamples:
     """Finds samples by their stamps.
 
     Of each stream the messages of one run count at a time, of a frame that was removed those of one
@@ -140,7 +140,7 @@ class Samples:
         *,
         children: frozenset[str] | None = None,
         of_last_runs: bool = False,
-    ) -> Span:
+    ) -> SampledSpan:
         """A buffer for the stamps from `first_ns` on, at most to `last_ns`: the samples between
         them, and the last before and the first behind, of these child frames or of all.
 
@@ -175,7 +175,7 @@ class Samples:
 
     def _span(
         self, first_ns: int, last_ns: int, runs: set[int], children: frozenset[str] | None
-    ) -> Span:
+    ) -> SampledSpan:
         buffer = Buffer(math.inf)
         buffer.expect_no_more()
         for item in self._statics_at(first_ns):
@@ -189,7 +189,7 @@ class Samples:
                 buffer.set_transforms(group.rows, authority=group.channel.stream.name)
             if reason:
                 buffer.interrupt(reason)
-        return Span(buffer, first_ns, last_ns, frozenset(runs))
+        return SampledSpan(buffer, first_ns, last_ns, frozenset(runs))
 
     def _sections(self, groups: list[Group]) -> Iterator[tuple[list[Group], str]]:
         """The groups up to each pause and behind the last, and why there is none in the pause."""

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.trajectory.trajectory import Trajectory, check_count, of_checked
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
+from tfbus.trajectory import Trajectory, check_count, of_checked, read_echo
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 # A time without a sample is a gap if it is longer than this many periods, and than this.
 _PERIODS, _LEAST_S = 5.0, 0.25
@@ -80,8 +76,6 @@ def track_from_file(path: Path) -> Trajectory:
 
     Raises DecodeError, which names the line, if the file is neither.
     """
-    from tfbus.trajectory.files import read_echo  # numpy, which the command line starts without
-
     return read_echo(path)
 
 

@@ -101,12 +101,16 @@ class ClockOffsets:
                 self._publishers[session].streams.add(stream)
                 self._sessions[stream] = session
 
+    def is_watching(self, stream: str) -> bool:
+        """Whether the clock of the node that publishes a stream is measured."""
+        return stream in self._sessions
+
     def forget(self, stream: str) -> None:
         """The stream is gone: stop measuring its node, unless another stream of it is there."""
         with self._changed:
             self._leave(stream)
 
-    def of(self, session: str) -> ClockOffset | None:
+    def last_of(self, session: str) -> ClockOffset | None:
         """The last offset of the node of a session; None before the first."""
         if session == self._session.id:
             return ClockOffset(0.0, 0.0)

@@ -279,7 +279,7 @@ class Claims:
 
     def _rank(self, stream: str, description: StreamDescription) -> "Rank":
         priority = -description.priority if self.rule == "priority" else 0
-        return (priority, *self._starts.of(stream, description), stream)
+        return (priority, *self._starts.start_ns(stream, description), stream)
 
 
 class Starts:
@@ -298,7 +298,7 @@ class Starts:
         # By stream and session: a process is started once.
         self._starts: Bounded[tuple[str, str], tuple[int, int]] = Bounded(_MOST_STARTS)
 
-    def of(self, stream: str, description: StreamDescription) -> tuple[int, int]:
+    def start_ns(self, stream: str, description: StreamDescription) -> tuple[int, int]:
         """When a stream counts as started, then when it says so, both in ns."""
         # Where a clock goes back the epoch grows, though the publisher is as old as before.
         said_ns = description.started_ns or description.epoch
@@ -426,4 +426,4 @@ class Conflicts:
         for child in conflict.frames:
             parents = other.parent_of(child), first.parent_of(child)
             change = Change("conflict", child, *parents, other.stream, first.stream, 0)
-            self._buffer.tell(change)
+            self._buffer.announce(change)

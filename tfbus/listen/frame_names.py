@@ -7,15 +7,15 @@ Which frames are in a message, and which node a description names, only the rece
 from collections.abc import Callable
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.info import StreamState
+from tfbus.listen.stages import FrameRights
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.structs import replace
 from tfbus.secure.rights import Rights, matches
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import last_name, namespace_of
-from tfbus.wire.scan import NameTables
+from tfbus.wire.transform_bytes import NameTables
 from tfbus.wire.transforms import TransformReader
 from tfbus.wording import listed
 
@@ -30,8 +30,9 @@ class StreamNames:
 
     def __init__(self, fleet: Fleet | None) -> None:
         self._fleet = fleet
-        self._names: dict[str, FrameNames] = {}
-        self._readers: dict[str, TransformReader] = {}
+        self._names: Bounded[str, FrameNames] = Bounded(MOST_NAMESPACES)
+        # Receptions hold the readers that they use.
+        self._readers: Bounded[str, TransformReader] = Bounded(MOST_NAMESPACES)
         self._tables = NameTables()
 
     def at(self, key: str) -> FrameNames | None:
@@ -41,7 +42,6 @@ class StreamNames:
             return None
         names = self._names.get(namespace)
         if names is None:
-            self._make_room()
             names = self._names[namespace] = self._fleet.names(namespace)
         return names
 
@@ -66,56 +66,6 @@ class StreamNames:
             reader = self._readers[namespace] = TransformReader(names, self._tables)
         return reader
 
-    def _make_room(self) -> None:
-        # Receptions hold the readers that they use.
-        if len(self._names) >= MOST_NAMESPACES:
-            self._names.clear()
-            self._readers.clear()
-
-
-# A publisher may make up names: beyond this number they are judged again.
-_MOST_NAMES = 10_000
-
-
-class FrameRights:
-    """The second stage of a stream's reception, on a closed bus: drops rows of frames that its
-    publishers may not have, which are those of other names than these patterns.
-
-    Frames are called here with `prefix` in front. `refuse(frame)` is called for each that may not
-    come.
-    """
-
-    def __init__(
-        self, patterns: tuple[str, ...], prefix: str, refuse: Callable[[str], object]
-    ) -> None:
-        self.patterns = patterns
-        self._prefix = prefix
-        self._refuse = refuse
-        self._allowed: Bounded[str, None] = Bounded(_MOST_NAMES)
-        # Rows whose frames all may come.
-        self._clean = FoundOfRows(_MOST_NAMES)
-
-    def allowed_of(self, rows: Columns) -> Columns:
-        """The transforms whose child frame may come."""
-        if self._clean.get(rows):
-            return rows
-        refused = frozenset(child for child in rows.children() if not self._allows(child))
-        if not refused:
-            self._clean.put(rows, True)
-            return rows
-        for child in refused:
-            self._refuse(child)
-        return rows.without(refused)
-
-    def _allows(self, frame: str) -> bool:
-        if frame in self._allowed:
-            return True
-        name = frame.removeprefix(self._prefix)
-        if not any(matches(pattern, name) for pattern in self.patterns):
-            return False
-        self._allowed[frame] = None
-        return True
-
 
 class StreamRights:
     """The rights that concern streams, as a session of these settings sees their keys."""
@@ -125,7 +75,7 @@ class StreamRights:
         self._namespace = namespace
 
     @classmethod
-    def of(cls, settings: NodeSettings) -> "StreamRights | None":
+    def of_settings(cls, settings: NodeSettings) -> "StreamRights | None":
         """The rights of a closed bus; None on an open one."""
         closed = settings.closed
         return None if closed is None else cls(closed.rights, settings.namespace)

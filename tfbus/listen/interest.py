@@ -7,7 +7,7 @@ leave it a note.
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from typing import NamedTuple, Protocol
 
 from tfbus.buffer.buffer import Buffer
@@ -20,7 +20,7 @@ from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.log import LogOnce, library_log
 from tfbus.runtime.structs import Struct
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.fleet import FrameNames
+from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,
     ALL_STATIC_TRANSFORMS_EVERYWHERE,
@@ -193,6 +193,8 @@ _log = library_log(__name__)
 Subscribe = Callable[[str, str, bool], Declaration]
 # A key is no longer read, and its frames would only grow old: stream, key, frames.
 Forget = Callable[[str, str, set[str]], object]
+# The streams in these namespaces, and those of any that list one of these frames, may be needed.
+Want = Callable[[Set[str], Set[str]], object]
 
 
 class Reading(Protocol):
@@ -200,6 +202,9 @@ class Reading(Protocol):
 
     def need(self, target: str, source: str) -> None:
         """Read what lookups of this pair need, from now until the end."""
+
+    def find(self, fleet: Fleet, want: Want) -> None:
+        """Call `want` for the robots of a fleet that may have what is read, if that is not all."""
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
         """Take the frames that a stream lists now; `names` is how they are called here."""
@@ -224,6 +229,9 @@ class Everything:
 
     def need(self, target: str, source: str) -> None:
         """Nothing to do: it is read."""
+
+    def find(self, fleet: Fleet, want: Want) -> None:
+        """Nothing to do: all are watched."""
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
         """Nothing to do: it is read."""
@@ -278,6 +286,9 @@ class Interest:
         # The frames whose edges decide what is needed. Of a fleet most streams describe others.
         self._decisive: set[str] = set()
         self._subscriptions: dict[str, _Subscription] = {}
+        self._fleet: Fleet | None = None
+        self._want: Want = lambda namespaces, frames: None
+        self._wanted: tuple[set[str], set[str]] = set(), set()
         self._closed = False
         self._changed = scheduler.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
@@ -299,6 +310,13 @@ class Interest:
         """Read what lookups of this pair need, from now until the end."""
         with self._lock:
             self._needed[target, source] = None
+        self._changed.set()
+
+    def find(self, fleet: Fleet, want: Want) -> None:
+        """Call `want` for the robots of a fleet whose streams may have what lookups need, whenever
+        there are more of them.
+        """
+        self._fleet, self._want = fleet, want
         self._changed.set()
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
@@ -404,6 +422,8 @@ class Interest:
             pairs = [*self._needed, *self._asked]
             self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})
             needed = {edge.key: edge for edge in self._tree.edges_needed(pairs)}
+        if self._fleet is not None:
+            self._find(self._fleet, self._decisive)
         for key, edge in needed.items():
             subscription = self._subscriptions.get(key)
             if subscription is None:
@@ -414,6 +434,15 @@ class Interest:
         for key, subscription in [*self._subscriptions.items()]:
             if key not in needed:
                 self._leave_when_idle(key, subscription, now)
+
+    def _find(self, fleet: Fleet, frames: set[str]) -> None:
+        """Want the streams that may send these frames."""
+        shared = frames & fleet.shared_frames
+        namespaces = {above for frame in frames for above in fleet.namespaces_of(frame)}
+        former = self._wanted
+        if not (namespaces <= former[0] and shared <= former[1]):
+            self._wanted = former[0] | namespaces, former[1] | shared
+            self._want(namespaces, shared)
 
     def _leave_when_idle(self, key: str, subscription: _Subscription, now: float) -> None:
         if subscription.idle_since is None:

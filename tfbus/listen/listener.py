@@ -1,14 +1,14 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
-from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover.graph import where_to_look
+from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.clock_offset import ClockOffsets
@@ -29,13 +29,13 @@ from tfbus.listen.registry import (
     ROW_BYTES,
     STREAM_BYTES,
     Budget,
+    KnownStream,
     Registry,
     StillSending,
-    Stream,
     UnlistedFrames,
     is_static,
 )
-from tfbus.listen.stream_facts import Listening
+from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
@@ -114,10 +114,10 @@ class TransformListener:
         self._log = node.log
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
-        self._rights = StreamRights.of(node.settings)
+        self._rights = StreamRights.of_settings(node.settings)
         # Kinds with names of streams may crowd each other out, so these have a log of their own.
         self._refusals = LogOnce(node.log)
-        self._around = _Around(self)
+        self._around = _ListenerHooks(self)
         self._budget = Budget()
         self._registry = Registry(
             self._make_reception, self._forget_unconfirmed, self._on_forgotten
@@ -136,6 +136,7 @@ class TransformListener:
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
         node.describers.append(self._describe_buffer)
+        node.buffers.append(buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Everything(self._subscribe, everywhere=everywhere)
@@ -146,10 +147,13 @@ class TransformListener:
             node.session,
             self._on_stream,
             everywhere=everywhere,
+            only_wanted=everywhere and not self._reads_everything,
             log=node.log,
             executor=self._executor,
             is_heard=self._is_heard,
         )
+        if fleet is not None:
+            self._reading.find(fleet, self._want)
         self._still_sending = StillSending(self._registry, self._watch, self._executor)
         self._executor.every(_TIDY_EVERY_S, self._forget_unconfirmed)
         self._forget_close = node.session.at_close(self.close)
@@ -179,6 +183,7 @@ class TransformListener:
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
             self._node.describers.remove(self._describe_buffer)
+            self._node.buffers.remove(self.buffer)
 
     def _describe_buffer(self) -> dict[str, list[Any]]:
         short = self.buffer.expired_lookups
@@ -233,7 +238,7 @@ class TransformListener:
             stream_info(name, states.get(name), receptions.get(name))
             for name in sorted(states.keys() | receptions.keys())
         ]
-        offsets = [self._offsets.of(info.session) for info in infos]
+        offsets = [self._offsets.last_of(info.session) for info in infos]
         return [
             info if offset is None else replace(info, clock_offset_s=offset.offset_s)
             for info, offset in zip(infos, offsets, strict=True)
@@ -289,7 +294,7 @@ class TransformListener:
             + ROW_BYTES * (0 if described is None else len(described.frames))
         )
         owner = "" if state is None else state.owner
-        for each in self._budget.note(name, owner, size):
+        for each in self._budget.resize(name, owner, size):
             self._give_up(each)
 
     def _on_forgotten(self, name: str) -> None:
@@ -368,6 +373,9 @@ class TransformListener:
 
     # Tokens and descriptions
 
+    def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
+        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
+
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
         described, state = state, self._names.called(state)
@@ -400,9 +408,11 @@ class TransformListener:
         heard_ns = None if reception is None else reception.counts.last_heard_ns
         return heard_ns is not None and scheduler.time_ns() - heard_ns < last_s * 1e9
 
-    def _take_token(self, stream: Stream, former: StreamState, state: StreamState) -> None:
+    def _take_token(self, stream: KnownStream, former: StreamState, state: StreamState) -> None:
         if former.alive and not state.alive:
-            self._history.leave(self._reading.keys_of(state.key), state.name)
+            heard_ns = stream.reception.counts.last_heard_ns
+            silent_s = None if heard_ns is None else _seconds_since(heard_ns)
+            self._history.leave(self._reading.keys_of(state.key), state.name, silent_s)
             self._offsets.forget(state.name)
             stream.lost_s = scheduler.monotonic()
             stream.reception.vanish()
@@ -432,7 +442,7 @@ class TransformListener:
                 name_some(frames),
             )
 
-    def _get_to_know(self, stream: Stream, state: StreamState, key: str) -> None:
+    def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
         """Request what messages do not say of a stream one of whose keys is read."""
         description = state.description
         if not state.alive or state.silent or description is None:
@@ -442,6 +452,13 @@ class TransformListener:
             self._history.ask(key, stream.reception)
         elif any(not static for _, _, static in description.frames):
             self._history.keeps_nothing(state.name)
+
+    def _miss(self, name: str, silent_s: float) -> None:
+        """The link was silent, and messages of the stream are lost."""
+        stream = self._registry.get(name)
+        if stream is not None and stream.state is not None and stream.state.alive:
+            for key in self._reading.keys_of(stream.state.key):
+                self._history.miss(key, stream.reception, silent_s)
 
     # Subscriptions
 
@@ -468,12 +485,12 @@ class TransformListener:
             self._get_to_know(stream, state, key)
         return declaration
 
-    def _reads_statics(self, stream: Stream, state: StreamState) -> bool:
+    def _reads_statics(self, stream: KnownStream, state: StreamState) -> bool:
         return self._reads_everything or (
             static_transforms_key_beside(state.key) in stream.read_keys
         )
 
-    def _while_read(self, stream: Stream, key: str) -> Callable[[str, bytes], None]:
+    def _while_read(self, stream: KnownStream, key: str) -> Callable[[str, bytes], None]:
         """Takes the messages of a key; some may still come after it is left."""
         stream.read_keys.add(key)
 
@@ -495,7 +512,7 @@ class TransformListener:
         self.buffer.remove_sent(frames, name)
 
 
-class _Around(Listening):
+class _ListenerHooks(ReceptionHooks):
     """A listener, as the receptions of its streams see it."""
 
     def __init__(self, listener: TransformListener) -> None:
@@ -522,8 +539,16 @@ class _Around(Listening):
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)
 
+    def on_gap(self, stream: str, silent_s: float) -> None:
+        miss = self._listener._miss
+        self._listener._executor.submit("history", lambda: miss(stream, silent_s))
+
     def on_message_while_gone(self, stream: str) -> None:
         self._listener._still_sending.hear_message(stream)
+
+
+def _seconds_since(time_ns: int) -> float:
+    return max(0.0, (scheduler.time_ns() - time_ns) / 1e9)
 
 
 def _name(state: StreamState) -> str:

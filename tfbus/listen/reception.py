@@ -14,10 +14,15 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.frame_names import FrameRights
-from tfbus.listen.info import Counts
-from tfbus.listen.stages import Admission, Contest, Marks, StaticRetries
-from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts
+from tfbus.listen.stages import (
+    Admission,
+    Contest,
+    FrameRights,
+    Insertion,
+    Marks,
+    StaticRetries,
+)
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamCounts, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -26,39 +31,11 @@ from tfbus.wording import listed
 # A message may bring new frames: after this many transforms a stream is weighed again.
 _GROWS_AFTER = 1000
 
+# Messages that are lost one by one are not asked for again.
+_SILENT_NS = 1_000_000_000
+
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
-
-
-class Insertion:
-    """The fourth stage of a stream's reception: stores rows."""
-
-    def __init__(self, facts: StreamFacts) -> None:
-        self._facts = facts
-        self._buffer = facts.buffer
-        self._stream = facts.name
-        self._rejected = facts.buffer.rejected
-
-    def insert(self, rows: Columns, static: bool, permit: Permit) -> bool | None:
-        """Store the rows; whether none was refused. None if the permit was taken back before all
-        were stored.
-        """
-        rejected = self._rejected
-        refused = rejected.rows
-        stored = self._buffer.set_transforms(
-            rows, static=static, authority=self._stream, permit=permit
-        )
-        # Rows that are only too old are not stored either, but not refused.
-        if stored == rows.count:
-            return True
-        if not permit.is_valid:
-            return None
-        if rejected.rows == refused:
-            return True
-        self._facts.warn_once(
-            "refused", "Refused a transform of stream %r: %s", self._stream, rejected.last
-        )
-        return False
 
 
 class StreamReception:
@@ -78,11 +55,11 @@ class StreamReception:
         now_ns: Callable[[], int],
         reader: TransformReader,
         *,
-        around: Listening | None = None,
+        around: ReceptionHooks | None = None,
         now_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self.name = name
-        self.around = around or Listening(log)
+        self.around = around or ReceptionHooks(log)
         self.reader = reader
         self.now_ns = now_ns
         self.facts = StreamFacts(name, buffer, log, self.around)
@@ -97,7 +74,7 @@ class StreamReception:
         self.grows_at = _GROWS_AFTER
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> StreamCounts:
         """The messages that have been received, in numbers."""
         return self.facts.counts
 
@@ -153,7 +130,7 @@ class StreamReception:
 
     def take_recorded_statics(self, message: TransformMessage, heard_ns: int) -> None:
         """Receive the static transforms of a recording, which came at `heard_ns`."""
-        self.statics.take(message, heard_ns)
+        self.statics.accept(message, heard_ns)
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, if it cannot be read."""
@@ -299,13 +276,13 @@ class DynamicReception:
         except DecodeError as error:
             stream.reject(error)
             return
-        self._take(message, scheduler.time_ns(), self.receive, payload)
+        self._accept(message, scheduler.time_ns(), self.receive, payload)
 
     def take_recorded(self, message: TransformMessage, heard_ns: int) -> None:
         """Receive a message of a recording, which came at `heard_ns`, as `receive` did then."""
-        self._take(message, heard_ns, None, b"")
+        self._accept(message, heard_ns, None, b"")
 
-    def _take(
+    def _accept(
         self,
         message: TransformMessage,
         heard_ns: int,
@@ -328,20 +305,26 @@ class DynamicReception:
         seq, counts = message.seq, facts.counts
         # 0 while a simulated time is not known.
         delay_s = (now_ns - stamp_ns) / 1e9 if stamp_ns is not None and now_ns else None
+        silent_ns = 0
         with facts.lock:
+            former_ns = counts.last_heard_ns
             counts.add(rows.count, len(payload), heard_ns, delay_s)
             if seq is not None:
                 if epoch_ns != self._epoch_ns:
                     # Messages sent before the first one received do not count as missed.
                     self._epoch_ns, self._next_seq = epoch_ns, seq + 1
                 elif seq >= self._next_seq:
-                    counts.missed += seq - self._next_seq
+                    if seq != self._next_seq:
+                        counts.missed += seq - self._next_seq
+                        silent_ns = heard_ns - (former_ns or heard_ns)
                     self._next_seq = seq + 1
         if counts.transforms >= stream.grows_at:
             stream.grows_at = counts.transforms + _GROWS_AFTER
             stream.around.on_growth(stream.name)
         if epochs.gone:
             stream.around.on_message_while_gone(stream.name)
+        if silent_ns > _SILENT_NS:
+            stream.around.on_gap(stream.name, silent_ns / 1e9)
 
 
 class StaticReception:
@@ -362,9 +345,9 @@ class StaticReception:
         """Receive the whole set of static transforms of the stream, in place of the former one."""
         message = self.stream.decode(payload)
         if message is not None:
-            self.take(message, scheduler.time_ns(), self.receive, payload)
+            self.accept(message, scheduler.time_ns(), self.receive, payload)
 
-    def take(
+    def accept(
         self,
         message: TransformMessage,
         heard_ns: int,

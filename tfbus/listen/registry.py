@@ -48,8 +48,8 @@ class Budget:
         """How much all streams take."""
         return self._bytes
 
-    def note(self, stream: str, peer: str, size: int) -> list[str]:
-        """Note how much a stream of this peer takes now; returns the streams that have to go.
+    def resize(self, stream: str, peer: str, size: int) -> list[str]:
+        """Set how much a stream of this peer takes now; returns the streams that have to go.
 
         They are the oldest of this peer if it takes more than its part; then, if all together
         take too much, the oldest of the one that takes most. They count no longer.
@@ -107,7 +107,7 @@ MOST_KEYS = 200_000
 _SILENT_NS = 60 * 10**9
 
 
-class Stream(Struct, frozen=False):
+class KnownStream(Struct, frozen=False):
     """The state of one stream.
 
     `state` is the last of its token and description, with frames as they are called here; None
@@ -144,14 +144,14 @@ class Registry:
         self._make = make
         self._on_crowded = on_crowded
         self._on_forgotten = on_forgotten
-        self._streams: dict[str, Stream] = {}
+        self._streams: dict[str, KnownStream] = {}
         self._crowded_from = 2 * MOST_GONE
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, KnownStream]:
         """All streams by their names."""
         return dict(self._streams)
 
-    def get(self, name: str) -> Stream | None:
+    def get(self, name: str) -> KnownStream | None:
         """The stream of this name; None if it is not known."""
         return self._streams.get(name)
 
@@ -160,7 +160,7 @@ class Registry:
         stream = self._streams.get(name)
         return None if stream is None else stream.reception
 
-    def stream(self, key: str) -> Stream:
+    def stream(self, key: str) -> KnownStream:
         """The stream of a key, made if it is new."""
         name = stream_of(key)
         known = self._streams.get(name)
@@ -168,7 +168,7 @@ class Registry:
             return known
         if len(self._streams) >= self._crowded_from:
             self._on_crowded()
-        return self._streams.setdefault(name, Stream(self._make(name, key)))
+        return self._streams.setdefault(name, KnownStream(self._make(name, key)))
 
     @property
     def is_full(self) -> bool:
@@ -191,7 +191,7 @@ class Registry:
         if stream is not None:
             stream.keys.discard(key)
 
-    def forget(self, name: str) -> Stream | None:
+    def forget(self, name: str) -> KnownStream | None:
         """Forget a stream and its keys; what was known of it, None for nothing."""
         stream = self._streams.pop(name, None)
         if stream is not None:
@@ -264,12 +264,12 @@ class UnlistedFrames:
             is_new = stream not in self._heard_s
             self._heard_s.setdefault(stream, {}).update(dict.fromkeys(frames, now_s))
         if is_new:
-            self._look_later(stream)
+            self._drop_later(stream)
 
-    def _look_later(self, stream: str) -> None:
-        self._executor.after(SILENT_S, lambda: self._look(stream))
+    def _drop_later(self, stream: str) -> None:
+        self._executor.after(SILENT_S, lambda: self._drop_silent(stream))
 
-    def _look(self, stream: str) -> None:
+    def _drop_silent(self, stream: str) -> None:
         since_s = scheduler.monotonic() - SILENT_S
         with self._lock:
             heard_s = self._heard_s.pop(stream)
@@ -279,7 +279,7 @@ class UnlistedFrames:
             if heard_s:
                 self._heard_s[stream] = heard_s
         if heard_s:
-            self._look_later(stream)
+            self._drop_later(stream)
         self._drop(stream, silent)
 
 
@@ -288,7 +288,7 @@ class UnlistedFrames:
 _SENDS_FOR_S = 2.0
 
 # A stream that was brought back so is looked at as often, and gone when nothing has come since.
-_LOOKED_AT_EVERY_S = 5.0
+_RECHECKED_EVERY_S = 5.0
 
 
 class StillSending:
@@ -304,7 +304,7 @@ class StillSending:
         self._executor = executor
         # How many messages each had sent when it was last looked at. On the executor's thread.
         self._back: dict[str, int] = {}
-        self._is_looking = False
+        self._is_waiting = False
 
     def hear_message(self, name: str) -> None:
         """Bring a stream back of which a message has come though it is gone. From any thread."""
@@ -318,15 +318,15 @@ class StillSending:
         if stream is not None and stream.state is not None and not stream.state.alive:
             self._back[name] = stream.reception.counts.messages
             self._watch.take_for_alive(stream.state.key)
-            self._look_later()
+            self._recheck_later()
 
-    def _look_later(self) -> None:
-        if not self._is_looking and self._back:
-            self._is_looking = True
-            self._executor.after(_LOOKED_AT_EVERY_S, self._look)
+    def _recheck_later(self) -> None:
+        if not self._is_waiting and self._back:
+            self._is_waiting = True
+            self._executor.after(_RECHECKED_EVERY_S, self._recheck)
 
-    def _look(self) -> None:
-        self._is_looking = False
+    def _recheck(self) -> None:
+        self._is_waiting = False
         for name, former in list(self._back.items()):
             stream = self._registry.get(name)
             state = None if stream is None else stream.state
@@ -337,4 +337,4 @@ class StillSending:
                 self._watch.take_for_gone(state.key)
             else:
                 self._back[name] = messages
-        self._look_later()
+        self._recheck_later()

@@ -1,5 +1,5 @@
-"""The stages of a stream's reception: admission by epoch, contested frames, refused statics that
-are retried, and the marks of frames in the buffer.
+"""The five stages of a stream's reception: admission by epoch, rights, contested frames, insertion
+with refused statics that are retried, and the marks of frames in the buffer.
 """
 
 import math
@@ -8,11 +8,14 @@ from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
+from tfbus.buffer.insert_many import Permit
 from tfbus.errors import TransformException
 from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.listen.conflicts import Resolution, name_some
-from tfbus.listen.stream_facts import Listening, Publisher, StreamFacts, Verdict
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts, Verdict
 from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
+from tfbus.secure.rights import matches
 from tfbus.wording import stamp_text
 
 
@@ -110,7 +113,7 @@ class Admission:
     """
 
     def __init__(
-        self, facts: StreamFacts, marks: Marks, around: Listening, now_s: Callable[[], float]
+        self, facts: StreamFacts, marks: Marks, around: ReceptionHooks, now_s: Callable[[], float]
     ) -> None:
         self._facts = facts
         self._marks = marks
@@ -253,6 +256,50 @@ class Admission:
             )
 
 
+# A publisher may make up names: beyond this number they are judged again.
+_MOST_NAMES = 10_000
+
+
+class FrameRights:
+    """The second stage of a stream's reception, on a closed bus: drops rows of frames that its
+    publishers may not have, which are those of other names than these patterns.
+
+    Frames are called here with `prefix` in front. `refuse(frame)` is called for each that may not
+    come.
+    """
+
+    def __init__(
+        self, patterns: tuple[str, ...], prefix: str, refuse: Callable[[str], object]
+    ) -> None:
+        self.patterns = patterns
+        self._prefix = prefix
+        self._refuse = refuse
+        self._allowed: Bounded[str, None] = Bounded(_MOST_NAMES)
+        # Rows whose frames all may come.
+        self._clean = FoundOfRows(_MOST_NAMES)
+
+    def allowed_of(self, rows: Columns) -> Columns:
+        """The transforms whose child frame may come."""
+        if self._clean.get(rows):
+            return rows
+        refused = frozenset(child for child in rows.children() if not self._allows(child))
+        if not refused:
+            self._clean.put(rows, True)
+            return rows
+        for child in refused:
+            self._refuse(child)
+        return rows.without(refused)
+
+    def _allows(self, frame: str) -> bool:
+        if frame in self._allowed:
+            return True
+        name = frame.removeprefix(self._prefix)
+        if not any(matches(pattern, name) for pattern in self.patterns):
+            return False
+        self._allowed[frame] = None
+        return True
+
+
 # A publisher lists a frame a moment after it sends it: what is dropped until then is not logged.
 _LISTED_WITHIN_S = 1.0
 
@@ -282,7 +329,9 @@ class Contest:
     streams list, and this one does not, are not its own either.
     """
 
-    def __init__(self, facts: StreamFacts, around: Listening, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self, facts: StreamFacts, around: ReceptionHooks, now_s: Callable[[], float]
+    ) -> None:
         self.excluded: frozenset[str] = frozenset()
         self._facts = facts
         self._listing = facts.listing
@@ -375,6 +424,37 @@ class Contest:
             sender = self._inherits.pop(child, None)
             if sender is not None:
                 self._facts.buffer.forget(sender, [child])
+
+
+class Insertion:
+    """The fourth stage of a stream's reception: stores rows."""
+
+    def __init__(self, facts: StreamFacts) -> None:
+        self._facts = facts
+        self._buffer = facts.buffer
+        self._stream = facts.name
+        self._rejected = facts.buffer.rejected
+
+    def insert(self, rows: Columns, static: bool, permit: Permit) -> bool | None:
+        """Store the rows; whether none was refused. None if the permit was taken back before all
+        were stored.
+        """
+        rejected = self._rejected
+        refused = rejected.rows
+        stored = self._buffer.set_transforms(
+            rows, static=static, authority=self._stream, permit=permit
+        )
+        # Rows that are only too old are not stored either, but not refused.
+        if stored == rows.count:
+            return True
+        if not permit.is_valid:
+            return None
+        if rejected.rows == refused:
+            return True
+        self._facts.warn_once(
+            "refused", "Refused a transform of stream %r: %s", self._stream, rejected.last
+        )
+        return False
 
 
 _InTheWay = dict[str, frozenset[str]]

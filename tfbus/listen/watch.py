@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from contextlib import suppress
 
 from tfbus.bus.query import Answer, AskUntil, Pauses
@@ -20,6 +20,7 @@ from tfbus.listen.queries import (
     ask_for_descriptions,
 )
 from tfbus.listen.stream_facts import is_from_future
+from tfbus.listen.wanted import WantedStreams
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
@@ -27,7 +28,7 @@ from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription, read_description
-from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, namespace_of, stream_of
 from tfbus.wording import stamp_text
 
 # Streams come and go: at most this many of those that are gone are remembered.
@@ -90,6 +91,9 @@ class StreamWatch:
     answers; neither does one with a later epoch in the future. What others send at the key is
     `rejected`. While both answer, the watch asks every few seconds which of them are left: no
     token shows that one of them has ended.
+
+    With `only_wanted`, descriptions are asked for, and changes reported, only of the streams that
+    `want` names. Of all others no more than the token is known.
     """
 
     def __init__(
@@ -98,6 +102,7 @@ class StreamWatch:
         on_change: Callable[[StreamState], None],
         *,
         everywhere: bool = False,
+        only_wanted: bool = False,
         log: logging.Logger | None = None,
         executor: Executor | None = None,
         is_heard: Callable[[str, float], bool] = lambda name, last_s: False,
@@ -105,7 +110,7 @@ class StreamWatch:
         self._gone_after_s = session.network.gone_after_s
         self._is_heard = is_heard
         self.rejected: Counter[str] = Counter()
-        self._rights = StreamRights.of(session.settings)
+        self._rights = StreamRights.of_settings(session.settings)
         self._session = session
         self._on_change = on_change
         log = log or logging.getLogger(__name__)
@@ -138,13 +143,31 @@ class StreamWatch:
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
+        self._wanted = (
+            WantedStreams(session, self._executor, self._look_whether_wanted)
+            if only_wanted
+            else None
+        )
         self._keys = key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
-        self._descriptions = declare_signed_subscriber(session, key, self._on_description)
+        self._descriptions = declare_signed_subscriber(
+            session, key, self._on_description, only_new=only_wanted
+        )
         self._tokens = session.watch_living(key, self._on_token)
 
     def streams(self) -> dict[str, StreamState]:
         """All streams by their names, the last thousand of those that are gone among them."""
         return dict(self._states)
+
+    def want(self, namespaces: Set[str], frames: Set[str]) -> None:
+        """Watch the streams of these namespaces too, and those of any that list one of these child
+        frames, as the streams call them. Call it on the executor's thread.
+        """
+        new = frozenset[str]()
+        if self._wanted is not None and not self._closed:
+            new = self._wanted.want(namespaces, frames)
+        for state in [*self._states.values()] if new else ():
+            if state.alive and namespace_of(state.key) in new:
+                self._ask_about(state.key)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
         """Ask for the description of this epoch: another process publishes the stream now. Call it
@@ -161,6 +184,10 @@ class StreamWatch:
     def has_token(self, key: str) -> bool:
         """Whether this token is there now."""
         return key in self._living
+
+    def is_asking(self, key: str) -> bool:
+        """Whether a question about the stream of this token is open, or is to be asked."""
+        return any(key in q for q in (self._asking, self._to_ask, self._claims, self._challenges))
 
     def take_for_alive(self, key: str) -> None:
         """Take a stream that sends for alive, as if its token had come. Call it on the executor's
@@ -209,6 +236,9 @@ class StreamWatch:
         if received is None:
             return
         try:
+            if not self._is_wanted(received.key):
+                self._look_whether_wanted(Answer(received.key, received.payload))
+                return
             if self._precedes_token(received):
                 return
             if description := self._read(received.key, received.payload):
@@ -216,6 +246,18 @@ class StreamWatch:
         finally:
             if self._received.has_more():
                 self._do(self._read_next)
+
+    def _is_wanted(self, key: str) -> bool:
+        return self._wanted is None or key in self._wanted
+
+    def _look_whether_wanted(self, answer: Answer) -> None:
+        """Look whether a stream of another namespace lists a frame that is wanted."""
+        if self._closed or self._wanted is None or not self._wanted.frames:
+            return
+        description = self._read(answer.key, answer.payload)
+        is_found = description is not None and self._wanted.finds(answer.key, description)
+        if is_found and self._state(answer.key).alive:
+            self._ask_about(answer.key)
 
     def _precedes_token(self, received: Received) -> bool:
         """Whether a description came before a token that is back, and so may be of the process of
@@ -324,9 +366,15 @@ class StreamWatch:
             # It may be another process, which need not be able to sign its description.
             self._states[former.name] = replace(former, confirmed=False, displaced="", held=False)
         self._end_questions(key)
-        if alive and len(self._asking) < _FEW_ASKED:
+        if alive:
+            self._ask_about(key)
+
+    def _ask_about(self, key: str) -> None:
+        if self._wanted is not None and key not in self._wanted:
+            self._wanted.meet(key)
+        elif len(self._asking) < _FEW_ASKED:
             self._ask_for_description(key)
-        elif alive:
+        else:
             self._gather(key)
 
     def _take_description(
@@ -518,6 +566,11 @@ class StreamWatch:
             return
         waiting = {key: self._state(key).description for key in self._gathered}
         self._gathered.clear()
+        if self._wanted is not None and 2 * len(waiting) < len(self._living):
+            # Most of the answers would be about others.
+            for key in waiting:
+                self._ask_for_description(key)
+            return
         self._asked_together = waiting
         answers: dict[str, dict[str, Answer]] = {}
 
@@ -666,7 +719,8 @@ class StreamWatch:
         self._gone.pop(state.name, None)
         if not state.alive:
             self._gone[state.name] = None
-        self._on_change(state)
+        if self._is_wanted(state.key):
+            self._on_change(state)
 
     def _reject(self, stream: str, error: DecodeError | str) -> None:
         self.rejected[stream if stream in self._states else ""] += 1

@@ -9,16 +9,18 @@ from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.frames.changes import Ticks
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
-from tfbus.monitor.flow import Edge, EdgeFlow, MessageWindow, Spread, StreamFlow, spread_of
-from tfbus.monitor.report import PairWatch, Report, make_report
+from tfbus.monitor.report import Edge, EdgeFlow, PairWatch, Report, StreamFlow, make_report
+from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
@@ -29,14 +31,9 @@ from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from tfbus.node.node import Node  # Zenoh, which a recording does not need
 
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 RECENT_S = 10.0
 _MOST_SAMPLES = 5_000
@@ -113,6 +110,7 @@ class TransformMeter:
                 *edge,
                 rate_hz=None if between is None or not between.mean else 1.0 / between.mean,
                 jitter_s=None if between is None else between.std_dev,
+                period_s=None if between is None else between.p50,
                 delays_s=spread_of(delays_s),
                 longest_gap_s=meter.longest_gap_ns / 1e9,
                 out_of_order=meter.out_of_order,
@@ -285,6 +283,7 @@ class SpanMeter:
             *edge,
             rate_hz=1.0 / mean_s if mean_s > 0.0 else None,
             jitter_s=float(regular.std()) / 1e9 if len(regular) else None,
+            period_s=waits.period_s() or None,
             delays_s=_spread((samples.now_ns - stamps_ns) / 1e9),
             longest_gap_s=float(between.max(initial=0)) / 1e9,
             out_of_order=int(late.sum()),

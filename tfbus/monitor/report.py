@@ -1,15 +1,77 @@
-"""The report of `tfbus monitor` and `tfbus top` at one moment: edges, streams, a pair of frames."""
+"""The report of `tfbus monitor` and `tfbus top` at one moment: the numbers of edges, of streams and
+of a pair of frames, and the columns that show them.
 
+A function and an entry in `EDGES` or `STREAMS` make a new column, in both tools.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.flow import EdgeFlow, MessageWindow, Meter, Spread, spread_of
+from tfbus.listen.info import StreamInfo
+from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.recording.pauses import Pause
-from tfbus.wording import natural_order
+from tfbus.wording import duration, natural_order
+
+Edge = tuple[str, str, str]  # stream, parent, child
+
+
+@dataclass(frozen=True)
+class EdgeFlow:
+    """How the samples of one edge came.
+
+    Of the recent ones: `rate_hz` by their arrivals, `jitter_s` the standard deviation of the times
+    between them and `period_s` their median, `delays_s` their ages at arrival, by their stamps and
+    our clock, below zero for stamps in the future. Since the meter was made: `longest_gap_s`
+    between two stamps, `out_of_order` counts samples older than one before, `at_zero` those with
+    the stamp 0. In a span of a recording all are of the whole span, and times between samples are
+    of their arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the
+    longest begins at the log time `gap_from_ns`, None without one.
+    """
+
+    stream: str
+    parent: str
+    child: str
+    rate_hz: float | None = None
+    jitter_s: float | None = None
+    period_s: float | None = None
+    delays_s: Spread | None = None
+    longest_gap_s: float = 0.0
+    out_of_order: int = 0
+    at_zero: int = 0
+    gaps: int = 0
+    gap_from_ns: int | None = None
+
+    @property
+    def least_delay_s(self) -> float | None:
+        """The age at arrival of the sample that came soonest."""
+        return self.delays_s.min if self.delays_s else None
+
+
+@dataclass(frozen=True)
+class StreamFlow:
+    """The load of a stream in the last seconds, or a span: messages and bytes per second, None for
+    bytes that are not known; and how often it began a new epoch meanwhile.
+    """
+
+    messages_hz: float
+    bytes_per_s: float | None
+    restarts: int = 0
+
+
+class Meter(Protocol):
+    """Measures how transforms come: on a bus, or in a span of a recording."""
+
+    def edges(self) -> Iterator[EdgeFlow]:
+        """How the samples of each edge came."""
+
+    def stream(self, name: str) -> StreamFlow:
+        """How the messages of a stream came."""
+
 
 _MOST_SAMPLES = 1_000
 
@@ -166,3 +228,117 @@ def as_map(report: Report) -> dict[str, Any]:
             for stream in report.tree.streams.values()
         ],
     }
+
+
+T = TypeVar("T")
+
+# A number, a word in place of one, or nothing.
+Value = float | str | None
+
+# Forms of numbers that are seconds, besides those of `format`.
+_DURATION, _OFFSET = "duration", "offset"
+
+
+@dataclass(frozen=True)
+class Column(Generic[T]):
+    """A column: its heading, its value for a row of a report, and the form of numbers in it.
+
+    80 columns have no room for all: the monitor shows a `rare` one only if a row has a value. `top`
+    explains one with a `meaning`. `needs` is "now" for numbers that go stale with a span, "span"
+    for times of a recording.
+    """
+
+    heading: str
+    value: Callable[[Report, T], Value]
+    form: str
+    meaning: str = ""
+    rare: bool = False
+    needs: Literal["report", "now", "span"] = "report"
+
+    def has_needs(self, report: Report) -> bool:
+        """Whether the report has the numbers of this column."""
+        return self.needs == "report" or (report.span is None) == (self.needs == "now")
+
+    def text(self, value: Value) -> str:
+        """The text of a value."""
+        if value is None or isinstance(value, str):
+            return value or ""
+        if self.form == _DURATION:
+            return duration(value)
+        if self.form == _OFFSET:
+            return f"{'+' if value >= 0 else ''}{duration(value)}"
+        return format(value, self.form)
+
+
+def _rate(report: Report, row: MeasuredEdge) -> Value:
+    return "static" if row.frame.static else row.flow.rate_hz
+
+
+def _jitter(report: Report, row: MeasuredEdge) -> Value:
+    return row.flow.jitter_s
+
+
+def _median_delay(report: Report, row: MeasuredEdge) -> Value:
+    return None if row.flow.delays_s is None else row.flow.delays_s.p50
+
+
+def _longest_delay(report: Report, row: MeasuredEdge) -> Value:
+    return None if row.flow.delays_s is None else row.flow.delays_s.p99
+
+
+def _age(report: Report, row: MeasuredEdge) -> Value:
+    return report.tree.age_s(row.frame)
+
+
+def _disordered(report: Report, row: MeasuredEdge) -> Value:
+    return row.flow.out_of_order or None
+
+
+def _longest_gap(report: Report, row: MeasuredEdge) -> Value:
+    if row.flow.gap_from_ns is None:
+        return None
+    at_s = (row.flow.gap_from_ns - report.moment.start_ns) / 1e9
+    return f"{duration(row.flow.longest_gap_s)} at +{at_s:.1f}s"
+
+
+EDGES: tuple[Column[MeasuredEdge], ...] = (
+    Column("Hz", _rate, ".1f", "messages or samples per second, mean of 10 s"),
+    Column("jitter", _jitter, _DURATION, "how irregularly samples come"),
+    Column(
+        "delay p50", _median_delay, _DURATION, "how old a sample is when it comes, median of 10 s"
+    ),
+    Column("p99", _longest_delay, _DURATION),
+    Column("age", _age, _DURATION, "how old the newest stamp of a frame is", needs="now"),
+    Column("disordered", _disordered, "d", rare=True),
+    Column("longest gap", _longest_gap, _DURATION, needs="span"),
+)
+
+
+def _messages(report: Report, stream: StreamInfo) -> Value:
+    return report.meter.stream(stream.name).messages_hz
+
+
+def _kilobytes(report: Report, stream: StreamInfo) -> Value:
+    load = report.meter.stream(stream.name).bytes_per_s
+    return None if load is None else load / 1e3
+
+
+def _missed(report: Report, stream: StreamInfo) -> Value:
+    return stream.missed
+
+
+def _restarts(report: Report, stream: StreamInfo) -> Value:
+    return report.meter.stream(stream.name).restarts or None
+
+
+def _clock(report: Report, stream: StreamInfo) -> Value:
+    return stream.clock_offset_s
+
+
+STREAMS: tuple[Column[StreamInfo], ...] = (
+    Column("Hz", _messages, ".1f"),
+    Column("kB/s", _kilobytes, ".1f", rare=True),
+    Column("missed", _missed, "d", "messages that were sent and never came"),
+    Column("restarts", _restarts, "d", rare=True),
+    Column("clock", _clock, _OFFSET, "how far the publisher's clock is ahead of ours", rare=True),
+)

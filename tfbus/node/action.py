@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.endpoint import Endpoint, Lane, check_part
+from tfbus.node.endpoint import Lane, NodeEndpoint, check_part
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, is_async, seconds_to_wait
@@ -148,7 +148,7 @@ class GoalHandle:
                     self._query.answer(self._name, encode_map(answer))
 
 
-class GoalServer(Endpoint):
+class GoalServer(NodeEndpoint):
     """Calls `handler(handle)` once for each goal, on the node's thread or those of its callback
     group, as `on_cancel` of its goals.
 

@@ -5,7 +5,8 @@ import logging
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
-from tfbus.node.endpoint import Endpoint
+from tfbus.node.endpoint import NodeEndpoint
+from tfbus.node.topic import REJECTED, warn_rejected
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
@@ -22,10 +23,8 @@ _MOST_NAMESPACES = 1000
 # A clock that is set by hand jumps back less often.
 _MANY_JUMPS = 10
 
-_REJECTED = "rejected"
 
-
-class ClockPublisher(Endpoint):
+class ClockPublisher(NodeEndpoint):
     """Publishes the simulated time in its namespace, and in each namespace below with a node.
 
     The last message is repeated five times a second of real time: nodes that start while the time
@@ -50,7 +49,7 @@ class ClockPublisher(Endpoint):
         """Publish the time."""
         self._last = encode_message(message)
         self._is_fresh = True
-        self._put(self._last)
+        self._publish(self._last)
 
     def close(self) -> None:
         """End it, also the repetitions. Twice is fine."""
@@ -59,10 +58,10 @@ class ClockPublisher(Endpoint):
 
     def _repeat(self) -> None:
         if self._last is not None and not self._is_fresh:
-            self._put(self._last)
+            self._publish(self._last)
         self._is_fresh = False
 
-    def _put(self, payload: bytes) -> None:
+    def _publish(self, payload: bytes) -> None:
         for publisher in [*self._publishers.values()]:
             publisher.put(payload)
 
@@ -81,7 +80,7 @@ class ClockPublisher(Endpoint):
             self._parts.append(publisher)
 
 
-class ClockSubscription(Endpoint):
+class ClockSubscription(NodeEndpoint):
     """Sets a simulated clock by the messages of the topic, on Zenoh's threads.
 
     A message of the wrong shape is dropped and counted in `rejected`; the first is logged. ROS 2's
@@ -101,7 +100,7 @@ class ClockSubscription(Endpoint):
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape."""
-        return self._log_once.counts[_REJECTED]
+        return self._log_once.counts[REJECTED]
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
@@ -109,13 +108,7 @@ class ClockSubscription(Endpoint):
         except DecodeError as error:
             if is_of_ros(payload):
                 return
-            self._log_once.warning(
-                _REJECTED,
-                "Dropped a message on topic %r that is not %s: %s",
-                self.name,
-                self.type_name,
-                error,
-            )
+            warn_rejected(self._log_once, self, error)
             return
         back_ns = self._clock.set(message.stamp_ns)
         if back_ns:

@@ -8,9 +8,8 @@ from functools import partial
 from typing import Any, Protocol
 
 from tfbus.runtime.arguments import is_async, shown
-from tfbus.runtime.callback_groups import CallbackGroup, join
+from tfbus.runtime.callbacks import CallbackGroup, Delays, join
 from tfbus.runtime.clock import Clock, SimulatedClock, Timer
-from tfbus.runtime.delays import Delays
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import is_message_type, type_name
 
@@ -22,7 +21,7 @@ class Closable(Protocol):
         """End it; twice is fine."""
 
 
-class Endpoint:
+class NodeEndpoint:
     """An end of a topic, service or action; it ends with its node, or by `close()` before.
 
     `type_` is a message class, or its name if the endpoint handles bytes only. `retained` says
@@ -127,7 +126,7 @@ class Lanes:
             f"{name} groups", log, threads=threads, home=self.own, delays=self.delays
         )
 
-    def of(self, call: str, group: object, callback: object = None) -> Lane:
+    def lane(self, call: str, group: object, callback: object = None) -> Lane:
         """The lane of a group, None for the node's own; `call` is the call that was given it.
 
         Raises TypeError if it is no group, or the callback is an `async def`, which has none;

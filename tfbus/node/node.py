@@ -32,7 +32,7 @@ from tfbus.node.surroundings import (
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
@@ -40,6 +40,7 @@ from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:
     # They take long to load, and most nodes do not need them.
+    from tfbus.buffer.buffer import Buffer
     from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
     from tfbus.node.clock_topic import ClockPublisher, ClockStart
 
@@ -112,6 +113,8 @@ class Node:
         self._is_ready = False
         self._parameters_are_typed_in = False
         self._signals = StopSignals()
+        # Those that listeners of this node fill, the first first.
+        self.buffers: list[Buffer] = []
         try:
             check_id_is_free(settings, self.log, patience_s)
             self.session = Session(settings, self.log, patience_s=patience_s)
@@ -131,7 +134,7 @@ class Node:
     def _is_stopped(self) -> bool:
         """Whether a signal came while it was made."""
         try:
-            return self._signals.take()
+            return self._signals.consume()
         except KeyboardInterrupt:
             return True
 
@@ -150,7 +153,7 @@ class Node:
             subscription = clock_topic.ClockSubscription(session, self.log, topic, self.clock)
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
-        session.watch_links(OpenFilesWatch(self.log).look)
+        session.watch_links(OpenFilesWatch(self.log).check)
         watch_members(session, self.log)
         watch_endpoints(session, self.executor, self.log)
         self._duplicates = DuplicateNameWatch(
@@ -327,21 +330,56 @@ class Node:
         self,
         message_type: type[M],
         topic: str,
-        callback: Callable[[M], Any],
+        callback: Callable[..., Any] | None = None,
         *,
         retained: bool = False,
         callback_group: CallbackGroup | None = None,
+        in_frame: str | None = None,
+        buffer: "Buffer | None" = None,
+        tolerance_s: float = 0.0,
+        timeout_s: float = 5.0,
+        queue: int = 100,
     ) -> Subscription[M]:
-        """Call `callback(message)` for each message on the topic; it may be an `async def`.
+        """Call `callback(message)` for each message on the topic; it may be an `async def`. Without
+        a callback iterate over the subscription, by `for` or `async for`.
 
         With `retained` it is called first for the last message of each retained publisher. A
         message may come again after a link was lost.
+
+        With `in_frame` it is `callback(message, transform)`, as soon as the buffer has the
+        transform from the message's frame at its stamp, and until `tolerance_s` later too: a
+        TransformStamped; of a scan or cloud whose points have times a TransformArray, one for each
+        point. Nothing blocks meanwhile: at most `queue` messages wait, each for at most
+        `timeout_s`, and those of one frame are passed on in order. The subscription counts in
+        `drops` why others were dropped. The buffer is that of the node's TransformListener, unless
+        another is given. Raises ValueError without one, and for a bound out of range.
         """
         call = "create_subscription(message_type, topic, callback)"
         check_message_type(call, message_type)
-        check_callback(call, callback)
-        lane = self._lanes.of(call, callback_group, callback)
+        if callback is not None:
+            check_callback(call, callback)
+        lane = self._lanes.lane(call, callback_group, callback)
         topic = self._resolve(topic)
+        if in_frame is not None:
+            from tfbus.node.framed_topic import FramedSubscription, into_frame
+
+            into = into_frame(
+                call, message_type, in_frame, buffer, self.buffers, tolerance_s, timeout_s, queue
+            )
+            framed = FramedSubscription(
+                self.session,
+                lane,
+                self.executor,
+                self.log,
+                message_type,
+                topic,
+                callback,
+                into,
+                self._signals,
+                retained=retained,
+            )
+            self._info.describers.append(framed.describe)
+            return self._info.add("subscribes", framed)
         return self._info.add(
             "subscribes",
             Subscription(
@@ -351,6 +389,7 @@ class Node:
                 message_type,
                 topic,
                 callback,
+                signals=self._signals,
                 retained=retained,
             ),
         )
@@ -409,7 +448,7 @@ class Node:
         call = "create_service(service_type, name, handler)"
         check_parts(call, service_type, ("Request", "Response"))
         check_callback(call, handler)
-        lane = self._lanes.of(call, callback_group, handler)
+        lane = self._lanes.lane(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
         return self._info.add("serves", Service(self.session, lane, service_type, name, handler))
@@ -442,7 +481,7 @@ class Node:
         call = "create_goal_server(goal_type, name, handler)"
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         check_callback(call, handler)
-        lane = self._lanes.of(call, callback_group, handler)
+        lane = self._lanes.lane(call, callback_group, handler)
         name = self._resolve(name)
         self.settings.check_right("serves", name)
         return self._info.add(
@@ -479,7 +518,7 @@ class Node:
         call = "create_timer(period_s, callback)"
         check_seconds(call, period_s)
         check_callback(call, callback)
-        lane = self._lanes.of(call, callback_group, callback)
+        lane = self._lanes.lane(call, callback_group, callback)
         return lane.every(clock or self.clock, period_s, callback)
 
     def create_clock_publisher(self) -> "ClockPublisher":
@@ -508,7 +547,7 @@ class Node:
         """
         call = "declare_parameter(name, default, on_change=...)"
         check_plain(call, on_change)
-        lane = self._lanes.of(call, callback_group)
+        lane = self._lanes.lane(call, callback_group)
         bounds = Bounds(minimum, maximum)
         parameter = Parameter(name, default, description, bounds, on_change)
         return self._parameters.declare(parameter, lane)

@@ -12,7 +12,7 @@ from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import new_cancellation
 from tfbus.errors import ServiceError
-from tfbus.node.endpoint import Endpoint, Lane, check_part
+from tfbus.node.endpoint import Lane, NodeEndpoint, check_part
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
@@ -31,7 +31,7 @@ def submit_or_refuse(lane: Lane, what: str, serve: Callable[[Query], Any], query
         query.close()
 
 
-class Service(Endpoint):
+class Service(NodeEndpoint):
     """Answers requests by calling `handler(request)` on the node's thread, or those of its callback
     group.
 
@@ -78,7 +78,7 @@ class Service(Endpoint):
         return decode_message(self.service_type.Request, query.payload, unknown_fields=False)
 
 
-class Caller(Endpoint):
+class Caller(NodeEndpoint):
     """The client's end of a service or action; knows at any time whether it has a server."""
 
     kind = "service"

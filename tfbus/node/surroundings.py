@@ -17,7 +17,7 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import id_in_file
 from tfbus.errors import BusError, DecodeError
-from tfbus.node.endpoint import Endpoint
+from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.parameters import Parameters
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import Timer
@@ -144,7 +144,7 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
     if session.settings.mode == "client" or not endpoints:
         return
 
-    def look() -> None:
+    def check() -> None:
         with suppress(BusError):  # it is closed meanwhile
             if not session.routers():
                 # A host that is not there takes 2 s, in which callbacks of the node go on.
@@ -164,7 +164,7 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
                 links,
             )
 
-    executor.after(_AFTER_S, look)
+    executor.after(_AFTER_S, check)
 
 
 # So few that the next processes may not find room.
@@ -181,7 +181,7 @@ class OpenFilesWatch:
         self._log = log
         self._has_warned = False
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Compare the open files with the limit, as after a link has opened."""
         if self._has_warned or sys.platform == "win32":
             return
@@ -211,7 +211,7 @@ def watch_members(session: Session, log: logging.Logger) -> None:
         return
     once, known = LogOnce(log), closed.rights.identities
 
-    def look() -> None:
+    def check() -> None:
         for name in session.identities().values():
             identity = known.get(name)
             if identity is None:
@@ -227,13 +227,13 @@ def watch_members(session: Session, log: logging.Logger) -> None:
                 why,
             )
 
-    session.watch_links(look)
+    session.watch_links(check)
 
 
 # Returns entries for fields of the description.
 Describer = Callable[[], Mapping[str, Sequence[Any]]]
 
-E = TypeVar("E", bound=Endpoint)
+E = TypeVar("E", bound=NodeEndpoint)
 
 
 class NodeInfo:
@@ -252,7 +252,7 @@ class NodeInfo:
         self._session = session
         self._parameters = parameters
         self._lock = scheduler.Lock()
-        self._endpoints: dict[str, list[Endpoint]] = {
+        self._endpoints: dict[str, list[NodeEndpoint]] = {
             kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
         session.queryable(node_key(name), self._on_info_query)

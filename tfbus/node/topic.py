@@ -2,16 +2,18 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
 from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.node.endpoint import Endpoint, Lane
+from tfbus.node.endpoint import Lane, NodeEndpoint
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import is_async
 from tfbus.runtime.log import LogOnce
+from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
 M = TypeVar("M")
@@ -19,10 +21,13 @@ M = TypeVar("M")
 # A subscription whose node is busy keeps at most this many messages, the newest.
 PENDING_MESSAGES = 10
 
-_REJECTED = "rejected"
+REJECTED = "rejected"
+
+# A signal ends `async for` within this time.
+_LOOK_UP_S = 0.5
 
 
-class Publisher(Endpoint, Generic[M]):
+class Publisher(NodeEndpoint, Generic[M]):
     """Sends messages of one type to all subscribers of the topic."""
 
     def __init__(
@@ -42,7 +47,7 @@ class Publisher(Endpoint, Generic[M]):
         self._publisher.put(encode_message(message))
 
 
-class RawPublisher(Endpoint):
+class RawPublisher(NodeEndpoint):
     """Sends messages that are bytes already; others see `type_name` as their type, and may ask for
     its `definition`.
     """
@@ -65,7 +70,7 @@ class RawPublisher(Endpoint):
         self._publisher.put(payload)
 
 
-class RawSubscription(Endpoint):
+class RawSubscription(NodeEndpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
     For tools that measure, record or forward messages of any type. Messages of ROS 2 are skipped,
@@ -91,7 +96,7 @@ class RawSubscription(Endpoint):
         self._parts = [_subscriber(session, topic, retained, on_message, others=others)]
 
 
-class Subscription(Endpoint, Generic[M]):
+class Subscription(NodeEndpoint, Generic[M]):
     """Calls `callback(message)` for each message of a topic, on the node's thread or those of its
     callback group.
 
@@ -99,6 +104,9 @@ class Subscription(Endpoint, Generic[M]):
     `rejected`; the first that is not one of ROS 2 is logged. If messages come faster than the
     callback returns, at most 10 wait; the oldest are dropped and counted in `dropped`. Of an `async
     def` at most 10 calls are awaited at once, which began in the order of their messages.
+
+    Without a callback it is iterated over, by `for` or `async for`, in any thread, until it is
+    closed or the node shut down.
     """
 
     def __init__(
@@ -108,18 +116,23 @@ class Subscription(Endpoint, Generic[M]):
         log: logging.Logger,
         message_type: type[M],
         topic: str,
-        callback: Callable[[M], Any],
+        callback: Callable[[M], Any] | None,
         *,
+        signals: StopSignals,
         retained: bool = False,
     ):
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
+        self._signals = signals
+        # Of those that iterate, while they wait.
+        self._wakes: dict[Callable[[], object], None] = {}
         self.received = 0
         self.dropped = 0
         self._lane = lane
         self._what = f"topic {topic}"
         self._log_once = LogOnce(log)
-        self._callback = callback
+        self._callback: Callable[[M], Any] = self._wake if callback is None else callback
+        self._is_iterated = callback is None
         self._deliver = self._deliver_async if is_async(callback) else self._deliver_now
         self._awaited = 0
         # Guards the counts, the pending messages, and that each of them has one delivery.
@@ -131,13 +144,74 @@ class Subscription(Endpoint, Generic[M]):
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape, or too large to be read."""
-        return self._log_once.counts[_REJECTED] + self._too_large + self._of_ros
+        return self._log_once.counts[REJECTED] + self._too_large + self._of_ros
 
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
         super().close()
         with self._lock:
             self._pending.clear()
+        self._wake()
+
+    def __iter__(self) -> Iterator[Any]:
+        """The messages from now on, with their transforms if it was made `in_frame`."""
+        self._check_iterable()
+        while not self.closed:
+            if (message := self._next()) is None:
+                if self._is_stopped():
+                    return
+            elif (item := self._item(message)) is not None:
+                yield item
+
+    async def __aiter__(self) -> AsyncIterator[Any]:
+        """The same, for asyncio."""
+        import asyncio  # slow to import, and most processes do not need it
+
+        self._check_iterable()
+        loop, changed = asyncio.get_running_loop(), asyncio.Event()
+
+        def wake() -> None:
+            with suppress(RuntimeError):  # the loop may be closed already
+                loop.call_soon_threadsafe(changed.set)
+
+        self._wakes[wake] = None
+        try:
+            while not self.closed and not self._signals.stopped:
+                changed.clear()
+                if (message := self._next()) is None:
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(_LOOK_UP_S):
+                            await changed.wait()
+                elif (item := self._item(message)) is not None:
+                    yield item
+        finally:
+            self._wakes.pop(wake, None)
+
+    def _check_iterable(self) -> None:
+        if not self._is_iterated:
+            raise TypeError(
+                f"the subscription of {self.name!r} has a callback: make one without, "
+                "create_subscription(message_type, topic), to iterate over its messages"
+            )
+
+    def _is_stopped(self) -> bool:
+        """Wait until there may be another message; whether the node was shut down meanwhile."""
+        with Wakeup() as wakeup:
+            self._wakes[wakeup.wake] = None
+            try:
+                if self._pending or self.closed:
+                    return False
+                return self._signals.wait(None, wakeup)
+            finally:
+                self._wakes.pop(wakeup.wake, None)
+
+    def _item(self, message: M) -> Any:
+        """A message as an iterator has it; None if it is dropped after all."""
+        return message
+
+    def _wake(self, message: object = None) -> None:
+        for wake in list(self._wakes):
+            wake()
 
     def _on_too_large(self) -> None:
         with self._lock:
@@ -150,20 +224,21 @@ class Subscription(Endpoint, Generic[M]):
             if is_of_ros(payload):
                 self._of_ros += 1
                 return
-            self._log_once.warning(
-                _REJECTED,
-                "Dropped a message on topic %r that is not %s: %s",
-                self.name,
-                self.type_name,
-                error,
-            )
+            warn_rejected(self._log_once, self, error)
             return
         with self._lock:
             self.received += 1
+        self._take(message)
+
+    def _take(self, message: M) -> None:
+        """Let the callback have a message."""
+        with self._lock:
             full = len(self._pending) == PENDING_MESSAGES
             self.dropped += full
             self._pending.append(message)
-        if full:
+        if self._is_iterated:
+            self._wake()
+        elif full:
             self._lane.dropped(self._what, PENDING_MESSAGES)
         else:
             self._lane.submit(self._what, self._deliver)
@@ -188,6 +263,17 @@ class Subscription(Endpoint, Generic[M]):
     def _next(self) -> M | None:
         with self._lock:
             return self._pending.popleft() if self._pending else None
+
+
+def warn_rejected(log_once: LogOnce, topic: NodeEndpoint, error: DecodeError) -> None:
+    """Count a message of the wrong shape as REJECTED; the first is logged."""
+    log_once.warning(
+        REJECTED,
+        "Dropped a message on topic %r that is not %s: %s",
+        topic.name,
+        topic.type_name,
+        error,
+    )
 
 
 def _publisher(session: Session, topic: str, retained: bool) -> BytesPublisher:

@@ -7,18 +7,14 @@ import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.geometry.batch import TransformBatch
 from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory.trajectory import FRAME_COLUMNS, POSE_COLUMNS
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
+from tfbus.trajectory import FRAME_COLUMNS, POSE_COLUMNS
 
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 
@@ -58,7 +54,7 @@ def write_transforms_npz(items: Iterable[Item], path: Path) -> int:
     `quat_xyzw` (N, 4), `static` (N,) bool; `parent` and `child` (N,) are indices in `frames`,
     `stream` (N,) in `streams`. Raises OSError.
     """
-    table = _Table()
+    table = _TransformTable()
     for item in _transforms(items):
         table.take(item)
     arrays: dict[str, Any] = table.arrays()
@@ -87,7 +83,7 @@ def write_topic_csv(messages: Callable[[], Iterable[Item]], path: Path) -> int:
     return count
 
 
-class _Table:
+class _TransformTable:
     """Collects transforms as columns."""
 
     def __init__(self) -> None:

@@ -15,8 +15,8 @@ from tfbus.recording.foxglove_frames import ns_of
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.counterparts import counterpart_of_ros
-from tfbus.ros.definition_text import with_ros2_names
 from tfbus.ros.definitions import Definition
+from tfbus.ros.message_type import with_ros2_names
 from tfbus.ros.ros1 import decode_ros1_tf_message
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader

@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgpack
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.wire.msgpack_items import too_many_items
+from tfbus.recording.records import of_zstd
+from tfbus.wire.codec import too_many_items
 
 if TYPE_CHECKING:
-    import numpy as np
     from mcap.writer import Writer
-    from numpy.typing import NDArray
-else:
-    # Tools that look at a bus import this, too, and make no index.
-    from tfbus.core import lazy_numpy as np
 
 ATTACHMENT = "tfbus.index"
 _MEDIA_TYPE = "application/zstd"
@@ -182,19 +180,13 @@ def decode_index(data: bytes, offsets: Collection[int], channels: Collection[int
 
     Raises DecodeError if it is none, or is not that of this file.
     """
-    import zstandard
-
     try:
-        size = zstandard.frame_content_size(data)
-        if not 0 <= size <= _MOST_BYTES:
-            raise DecodeError("the index is too large")
-        plain = zstandard.ZstdDecompressor().decompress(data)
+        plain = of_zstd(data, _MOST_BYTES)
         if mistake := too_many_items(plain):
             raise DecodeError(mistake)
         said = msgpack.unpackb(plain)
         return _index_of(said, offsets, channels)
     except (
-        zstandard.ZstdError,
         msgpack.UnpackException,
         ValueError,
         TypeError,

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.recording.items import EventItem
 from tfbus.wording import printable
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Ints = NDArray[np.int64]
-else:
-    from tfbus.core import lazy_numpy as np
+Ints: TypeAlias = "NDArray[np.int64]"
 
 # Why nothing was recorded, where the recorder was not paused: the fact "why" of the event.
 STOPPED, CUT_OUT = "stopped", "cut out"
@@ -90,6 +86,10 @@ class Waits:
     from_ns: Ints
     length_ns: Ints
     is_whole: NDArray[np.bool_]
+
+    def period_s(self) -> float:
+        """The median time from a message to the next; 0 for too few."""
+        return float(np.median(self.length_ns)) * 1e-9 if len(self.length_ns) else 0.0
 
     def rate_hz(self) -> float | None:
         """Messages a second while it was recorded; None for too few."""

@@ -10,6 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
 
+from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError, FileError, MissingFileError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.mcap_file import how_to_import
@@ -168,6 +169,40 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
     def chunks(self) -> Sequence[StoredChunk]:
         """The chunks of all files, by the log times of their first messages."""
         return self._chunks
+
+    def last_chunks(
+        self, stream: str, outside: Callable[[str], str], frames: set[str], before_ns: int
+    ) -> set[tuple[int, int]]:
+        """The log times, from and to, of the last chunks that begin before a time and have
+        transforms of these frames of a stream, by the index; `outside` gives the name of a frame
+        among `frames` for its name in the files.
+        """
+        last: dict[str, tuple[int, int]] = {}
+        spans = {
+            (each.part.number, each.offset): (each.from_ns, each.to_ns) for each in self.chunks
+        }
+        for part in self.parts:
+            channels = [
+                channel.id
+                for channel in part.stream_channels.values()
+                if channel.stream.name == stream
+            ]
+            index = part.index
+            edges = {
+                number: name
+                for number, (_, child) in enumerate(index.edges)
+                if (name := outside(child)) in frames
+            }
+            if not channels or not edges:
+                continue
+            rows = np.isin(index.channel, channels) & np.isin(index.edge, list(edges))
+            found = zip(index.edge[rows].tolist(), index.chunk[rows].tolist(), strict=True)
+            for edge, chunk in found:
+                span = spans[part.number, index.offsets[chunk]]
+                name = edges[edge]
+                if span[0] < before_ns and (name not in last or span[1] > last[name][1]):
+                    last[name] = span
+        return set(last.values())
 
     def __exit__(self, *_: object) -> None:
         self.close()

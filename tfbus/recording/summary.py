@@ -4,11 +4,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.recording.index import Edge
 from tfbus.recording.items import EventItem
 from tfbus.recording.part import StreamChannel
@@ -16,14 +14,6 @@ from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
 from tfbus.recording.selection import Viewpoint
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from tfbus.recording.reader import RecordingReader
-else:
-    from tfbus.core import lazy_numpy as np
-
 
 # A stream in one epoch.
 StreamKey = tuple[str, int]
@@ -140,20 +130,21 @@ class FileFacts:
 @dataclass(frozen=True)
 class Flow:
     """How messages came: how many, at which log times the first and the last, how many a second
-    while it was recorded (None for fewer than two), and the longest time without one, from when on,
-    but for pauses of the recorder.
+    while it was recorded (None for fewer than two), the median time from one to the next, and the
+    longest time without one, from when on, but for pauses of the recorder.
     """
 
     messages: int
     first_ns: int | None = None
     last_ns: int | None = None
     rate: float | None = None
+    period_s: float | None = None
     longest_gap_s: float | None = None
     gap_from_ns: int | None = None
 
 
 @dataclass(frozen=True)
-class StreamFacts:
+class RecordedStreamFacts:
     """A stream: its epochs, each with the time at which it begins by its own word; how its dynamic
     messages came; how many transforms these hold; and its frames.
     """
@@ -204,7 +195,7 @@ class Summary:
     start_ns: int
     end_ns: int
     about: Mapping[str, str]
-    streams: tuple[StreamFacts, ...]
+    streams: tuple[RecordedStreamFacts, ...]
     topics: tuple[TopicFacts, ...]
     nodes: tuple[NodeFacts, ...]
     events: tuple[EventItem, ...]
@@ -298,6 +289,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
         times[0],
         times[-1],
         waits.rate_hz(),
+        waits.period_s(),
         int(waits.length_ns[longest]) * 1e-9,
         int(waits.from_ns[longest]),
     )
@@ -305,7 +297,7 @@ def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
 
 def _streams(
     reader: "RecordingReader", facts: Iterable[EdgeFacts], flows: Mapping[_FlowKey, Flow]
-) -> tuple[StreamFacts, ...]:
+) -> tuple[RecordedStreamFacts, ...]:
     dynamic: dict[str, set[str]] = {}
     static: dict[str, set[str]] = {}
     transforms: Counter[str] = Counter()
@@ -323,7 +315,7 @@ def _streams(
             streams[name] = each.stream
     gone = reader.state_at(reader.end_ns).gone
     return tuple(
-        StreamFacts(
+        RecordedStreamFacts(
             name,
             stream.node,
             stream.namespace,

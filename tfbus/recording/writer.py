@@ -4,7 +4,7 @@ import errno
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, get_args
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.index import IndexBuilder
@@ -28,9 +28,6 @@ from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
 from tfbus.runtime.installation import installed_version
-
-if TYPE_CHECKING:
-    from mcap.writer import CompressionType
 
 Compression = Literal["zstd", "lz4", "none"]
 
@@ -65,14 +62,19 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         statics_every_s: float = 5.0,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        from mcap.writer import Writer  # the extra `bag`
+        from mcap.writer import CompressionType, Writer  # the extra `bag`
 
-        kind = _compression(compression)
+        if compression not in (known := get_args(Compression)):
+            raise InvalidArgumentException(
+                f"compression {compression!r} is none of {', '.join(known)}"
+            )
         self._path = os.fspath(path)
         self._file = open(path, "xb")  # noqa: SIM115 - closed by close
         self._has_failed = False
         # Chunks end as `_end_chunk` says.
-        self._mcap = Writer(self._file, chunk_size=2**62, compression=kind)
+        self._mcap = Writer(
+            self._file, chunk_size=2**62, compression=CompressionType[compression.upper()]
+        )
         self._tf = TFMessageWriter()
         self._topics = MessageCodecs()
         self._schemas: dict[Definition, int] = {}
@@ -248,16 +250,3 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
             self._index.end_chunk(self._file.tell())
             self._mcap.flush()  # type: ignore[no-untyped-call]  # the same
             self._pending = 0
-
-
-def _compression(name: Compression) -> "CompressionType":
-    from mcap.writer import CompressionType
-
-    known = {
-        "zstd": CompressionType.ZSTD,
-        "lz4": CompressionType.LZ4,
-        "none": CompressionType.NONE,
-    }
-    if name not in known:
-        raise InvalidArgumentException(f"compression {name!r} is none of {', '.join(known)}")
-    return known[name]

@@ -224,7 +224,7 @@ _MOST_COMPARED = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class PlacedJoint:
     """A joint and the element that describes it, whose line mistakes are to name."""
 
     joint: Joint
@@ -232,13 +232,13 @@ class Placed:
 
 
 def from_the_root(
-    robot: Element, links: Mapping[str, Link], joints: list[Placed]
+    robot: Element, links: Mapping[str, Link], joints: list[PlacedJoint]
 ) -> tuple[str, tuple[Joint, ...]]:
     """The root link, and the joints outwards from it: a joint after all that carry it.
 
     Raises UrdfError if a link has two parents, or the links are not one tree.
     """
-    above: dict[str, Placed] = {}
+    above: dict[str, PlacedJoint] = {}
     below: dict[str, list[Joint]] = defaultdict(list)
     for each in joints:
         joint = each.joint
@@ -266,7 +266,7 @@ def from_the_root(
     return roots[0], tuple(down)
 
 
-def _cycle(link: str, above: Mapping[str, Placed]) -> UrdfError:
+def _cycle(link: str, above: Mapping[str, PlacedJoint]) -> UrdfError:
     """The mistake that upwards of this link there is no end."""
     way = [link]
     seen = {link}
@@ -279,7 +279,7 @@ def _cycle(link: str, above: Mapping[str, Placed]) -> UrdfError:
     return at.element.mistake(f"joint {_shown(at.joint.name)} closes a cycle of links: {names}")
 
 
-def check_mimics(joints: Mapping[str, Placed]) -> None:
+def check_mimics(joints: Mapping[str, PlacedJoint]) -> None:
     """Raise UrdfError if a joint mimics one that is none, has no position, or mimics it."""
     checked: set[str] = set()
     for each in joints.values():
@@ -305,7 +305,7 @@ def check_mimics(joints: Mapping[str, Placed]) -> None:
         checked.update(way)
 
 
-def _mimic_mistake(at: Placed, reason: str) -> UrdfError:
+def _mimic_mistake(at: PlacedJoint, reason: str) -> UrdfError:
     element = at.element.find("mimic") or at.element
     return element.mistake(f"joint {_shown(at.joint.name)} mimics {reason}")
 

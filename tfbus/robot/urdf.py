@@ -23,7 +23,7 @@ from tfbus.robot.model import (
     Mesh,
     Mimic,
     Model,
-    Placed,
+    PlacedJoint,
     Shape,
     Sphere,
     Vector,
@@ -48,10 +48,10 @@ def read_model(text: str, source: str, files: MeshFiles) -> Model:
 
     Raises UrdfError, with the line and the name of what is wrong.
     """
-    return _Reader(read_xml(text, source), files).read()
+    return _UrdfReader(read_xml(text, source), files).read()
 
 
-class _Reader:
+class _UrdfReader:
     """Reads the elements of one URDF."""
 
     def __init__(self, robot: Element, files: MeshFiles) -> None:
@@ -74,10 +74,10 @@ class _Reader:
             links[name] = self._link(element, name)
         if not links:
             raise robot.mistake("the robot has no <link>")
-        placed: dict[str, Placed] = {}
+        placed: dict[str, PlacedJoint] = {}
         for element in robot.find_all("joint"):
             name = _new_name(element, placed)
-            placed[name] = Placed(self._joint(element, name, links), element)
+            placed[name] = PlacedJoint(self._joint(element, name, links), element)
         root, down = from_the_root(robot, links, list(placed.values()))
         check_mimics(placed)
         joints = {name: each.joint for name, each in placed.items()}

@@ -14,10 +14,9 @@ from tfbus import messages
 from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
-from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type
-from tfbus.ros.value_codec import UnfitError, buffer_of
-from tfbus.wire.codec import renewed_map
-from tfbus.wire.ros_fields import HEADER, with_header, without_header
+from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
+from tfbus.ros.value_codec import UnfitError, array_of, buffer_of
+from tfbus.wire.codec import HEADER, renewed_map, with_header, without_header
 from tfbus.wording import printable
 
 _SECOND_NS = 1_000_000_000
@@ -80,6 +79,42 @@ def plain(value: Any, type_: Type) -> Any:
     return value
 
 
+def with_arrays(value: Any, type_: Type) -> Any:
+    """A value of this type from a message of the bus, with arrays of numpy in the place of
+    binaries; all that is not of the type as it is.
+    """
+    if isinstance(type_, MessageType) and isinstance(value, dict):
+        types = {field.key: field.type for field in type_.fields}
+        return {
+            key: with_arrays(each, types[key]) if key in types else each
+            for key, each in value.items()
+        }
+    if not isinstance(type_, Sequence) or type_.is_octets:
+        return value
+    if isinstance(value, list):
+        is_plain = isinstance(type_.item, Scalar | Text)
+        return value if is_plain else [with_arrays(each, type_.item) for each in value]
+    rows = rows_of(type_) if isinstance(value, bytes | memoryview) else None
+    array = None if rows is None else array_of(value, rows)
+    return value if array is None else array
+
+
+def on_bus(value: Any, type_: Type) -> Any:
+    """A value of this type, with arrays of numpy, as a message of the bus has it: the memory of
+    sequences, and lists in the place of arrays of a fixed size.
+    """
+    if isinstance(type_, MessageType) and isinstance(value, Mapping):
+        return {field.key: on_bus(value[field.key], field.type) for field in type_.fields}
+    if isinstance(value, list) and isinstance(type_, Sequence):
+        item = type_.item
+        return value if isinstance(item, Scalar | Text) else [on_bus(each, item) for each in value]
+    if not hasattr(value, "dtype"):
+        return value
+    if rows_of(type_) is None:
+        return value.tolist()
+    return np.ascontiguousarray(value).data.cast("B") if value.size else b""
+
+
 def field_at(type_: Type, path: str) -> Type | None:
     """The type of the field at a path, such as "header.stamp"; None if there is none."""
     for name in path.split("."):
@@ -135,10 +170,16 @@ def _fitted_array(value: Any, type_: Sequence, path: str) -> Any:
     """An array of numbers, of numpy for example, as the sequence has them: itself if it may stay,
     floats rounded to 32 bits. None for a list, which is looked at number by number.
     """
-    if isinstance(value, list | tuple) or not isinstance(type_.item, Scalar):
+    if isinstance(value, list | tuple):
+        return None
+    if (rows := rows_of(type_)) is not None and rows.columns:
+        return array_of(value, rows)
+    if not isinstance(type_.item, Scalar):
         return None
     if buffer_of(value, type_) is not None:
         return value
+    if isinstance(value, bytes | memoryview):
+        return _of_memory(value, type_, path)
     dtype = getattr(value, "dtype", None)
     if dtype is None or value.ndim != 1 or dtype.kind != "f" or type_.item.name not in _FLOATS:
         return None
@@ -147,6 +188,16 @@ def _fitted_array(value: Any, type_: Sequence, path: str) -> Any:
     if (np.isinf(rounded) & ~np.isinf(value)).any():
         raise UnfitError(f"{path or 'the value'} has a number that is no {type_.item.name}")
     return rounded
+
+
+def _of_memory(value: bytes | memoryview, type_: Sequence, path: str) -> Any:
+    """The array in a binary, as a message on the bus has it; None for a sequence that has none."""
+    rows = rows_of(type_)
+    array = None if rows is None else array_of(value, rows)
+    if rows is not None and array is None:
+        size = memoryview(value).nbytes
+        raise UnfitError(f"{path} must be a multiple of {rows.size} bytes, not {size}")
+    return array
 
 
 def _below(path: str, key: str) -> str:
@@ -361,9 +412,11 @@ BY_ROS_TYPE: Mapping[str, Counterpart] = {
     if each.definition.name != STRING.name
 }
 
-# Types of tfbus.messages that are on the bus as in ROS, by their name, which is ROS's.
+# Types of tfbus.messages that are on the bus as in ROS, by their name there, which is ROS's.
+OURS_IN_ROS: Mapping[str, type] = {
+    each.__msgtype__: each for each in vars(messages).values() if hasattr(each, "__msgtype__")
+}
+
 AS_IN_ROS: Mapping[str, Counterpart] = {
-    name: as_in_ros(known_definition(name))
-    for each in vars(messages).values()
-    if (name := getattr(each, "__msgtype__", ""))
+    name: as_in_ros(known_definition(name)) for name in OURS_IN_ROS
 }

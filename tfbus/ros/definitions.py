@@ -9,10 +9,9 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from tfbus.ros.definition_text import Definitions, sections_in, text_of_ros
 from tfbus.ros.message_type import SEPARATOR as SEPARATOR
 from tfbus.ros.message_type import Definition as Definition
-from tfbus.ros.message_type import MessageType
+from tfbus.ros.message_type import Definitions, MessageType, sections_in, text_of_ros
 
 # Folders with packages of one's own, my_msgs/msg/Weight.msg in each, separated as in PATH.
 FOLDERS_VARIABLE = "TFBUS_INTERFACES"

@@ -1,4 +1,4 @@
-"""Facts that ROS 2 tells beside its messages: names and hashes of types, and nodes over DDS.
+"""Facts of ROS 2 beside its messages: domains, bridges, names and hashes of types, nodes over DDS.
 
 A hash, RIHS01, is `RIHS01_` and 64 hexadecimal digits: SHA-256 of the description of a type in
 JSON, with the messages in it: https://www.ros.org/reps/rep-2016.html. Constants, defaults
@@ -7,24 +7,67 @@ rmw_dds_common/msg/ParticipantEntitiesInfo.
 """
 
 import json
+import os
+import re
+from collections.abc import Mapping
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from typing import Any
 
+from tfbus.errors import SettingsError
 from tfbus.ros.cdr import CdrReader, CdrWriter
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import SEPARATOR, Definition
 from tfbus.ros.message_type import (
+    PACKAGE,
     PLACEHOLDER,
     MessageType,
     Scalar,
     Sequence,
     Text,
     Type,
+    message_of,
     messages_in,
 )
+from tfbus.wording import printable
+
+# The most that the ports of DDS leave room for.
+HIGHEST_DOMAIN = 232
+
+# The node of a bridge has a name in ROS that begins so.
+BRIDGE_PREFIX = "tfbus_"
+
+_MESSAGE_TYPE = re.compile(r"[A-Za-z]\w{0,99}/msg/[A-Za-z]\w{0,99}", re.ASCII)
+
+
+def is_domain(text: str) -> bool:
+    """Whether this is the number of a domain of ROS 2."""
+    return text.isascii() and text.isdecimal() and len(text) <= 3 and int(text) <= HIGHEST_DOMAIN
+
+
+def domain_of(given: int | None = None, environ: Mapping[str, str] = os.environ) -> int:
+    """The number of the domain: the one that is given, else ROS_DOMAIN_ID, else 0. Raises
+    SettingsError if it is none.
+    """
+    text = environ.get("ROS_DOMAIN_ID", "").strip() or "0" if given is None else str(given)
+    if not is_domain(text):
+        whose = "ROS_DOMAIN_ID" if given is None else "the domain of ROS"
+        raise SettingsError(
+            f"{whose} is '{printable(text, 40)}': it must be a number from 0 to {HIGHEST_DOMAIN}"
+        )
+    return int(text)
+
+
+def is_message_type(name: str) -> bool:
+    """Whether this is the full name of a message of ROS, `sensor_msgs/msg/Imu`; ours have none."""
+    return _MESSAGE_TYPE.fullmatch(name) is not None and not name.startswith(PACKAGE)
+
+
+def is_bridge(node: str) -> bool:
+    """Whether a node of ROS is that of a bridge, by its name or full name."""
+    return node.rpartition("/")[2].startswith(BRIDGE_PREFIX)
+
 
 GRAPH_TOPIC = "ros_discovery_info"
 

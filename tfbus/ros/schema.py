@@ -11,9 +11,9 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from tfbus import messages
 from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.messages.fields import ArrayOf
 from tfbus.ros.cdr import CdrWriter
 from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted
-from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import (
     BOOL,
@@ -33,8 +33,10 @@ from tfbus.ros.message_type import (
     Sequence,
     Type,
     TypeNames,
+    definition_of,
     list_of,
     map_of,
+    message_of,
     value_of_map,
 )
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
@@ -132,6 +134,11 @@ def _of_dataclass(message_type: type, inside: tuple[type, ...]) -> MessageType:
 def _of_hint(hint: Any, name: str, inside: tuple[type, ...]) -> Type:
     if hint in _SIMPLE:
         return _SIMPLE[hint]
+    if isinstance(hint, ArrayOf):
+        numbers = [Scalar(hint.kind) for _ in hint.columns]
+        keys = [path.replace(".", "_") for path in hint.columns]
+        row = MessageType(f"{name}Item", _fields(keys, [*numbers]))
+        return Sequence(row if hint.columns else Scalar(hint.kind))
     if is_dataclass(hint) and isinstance(hint, type):
         return _of_dataclass(hint, inside)
     items = get_args(hint)

@@ -21,12 +21,14 @@ from tfbus.ros.message_type import (
     NUMBER,
     SCALARS,
     MessageType,
+    Rows,
     Scalar,
     Sequence,
     Text,
     Type,
+    rows_of,
 )
-from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
+from tfbus.wire.codec import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
 
 # What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
 # as they are shared: a map of 10,000 by 10,000 cells is read.
@@ -218,10 +220,14 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
         items = _items_codec(codec_of(sequence.item, made))
     write_items, read_items, least = items.write, items.read, items.least_size
     most = sequence.most or None
+    rows = rows_of(sequence)
 
     def write(writer: CdrWriter, value: Any) -> None:
         if type(value) is not items.kind and buffer_of(value, sequence) is None:
-            raise UnfitError
+            if rows is None:
+                raise UnfitError
+            write_rows(writer, value, rows)
+            return
         if size is None:
             if most is not None and len(value) > most:
                 raise UnfitError
@@ -231,13 +237,35 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
         if len(value):
             write_items(writer, value)
 
+    def write_rows(writer: CdrWriter, value: Any, rows: Rows) -> None:
+        array = array_of(value, rows)
+        if array is None or (most is not None and len(array) > most):
+            raise UnfitError
+        writer.count(len(array))
+        if len(array):
+            writer.align(array.itemsize)
+            writer.data += np.ascontiguousarray(array).data.cast("B")
+
     def read(reader: ValueReader) -> Any:
         count = reader.count(least) if size is None else size
+        if reader.arrays and rows is not None and rows.columns and reader.order == _NATIVE:
+            size_of_number = rows.size // len(rows.columns)
+            start = reader.skip(count * rows.size, size_of_number) if count else 0
+            return rows.of_memory(memoryview(reader.data)[start : start + count * rows.size])
         if size is not None and count * least > reader.left:
             raise DecodeError(f"{count} items should follow, and only {reader.left} bytes do")
         return read_items(reader, count) if count or reader.arrays else items.kind()
 
     return ValueCodec(4 if size is None else size * least, write, read)
+
+
+def array_of(value: Any, rows: Rows) -> Any:
+    """The array of numpy that is, or has its memory in, a value; None for any other value."""
+    if isinstance(value, bytes | memoryview):
+        # As a message on the bus has it.
+        size = memoryview(value).nbytes
+        return None if size % rows.size else rows.of_memory(value)
+    return value if rows.is_of(value) else None
 
 
 # The letters of struct and of numpy for one kind of number.
@@ -273,7 +301,7 @@ class _Items:
 
 
 def _write_octets(writer: CdrWriter, value: Any) -> None:
-    writer.data += value if type(value) is bytes else memoryview(value).tobytes()
+    writer.data += value if type(value) is bytes else memoryview(value)
 
 
 def _read_octets(reader: ValueReader, count: int) -> bytes:
@@ -300,7 +328,8 @@ def _numbers_codec(scalar: Scalar) -> _Items:
         if type(value) is not list:
             if _NATIVE == "<":
                 writer.align(size)
-                writer.data += memoryview(value).tobytes()
+                view = memoryview(value)
+                writer.data += view.cast("B") if view.c_contiguous else view.tobytes()
                 return
             value = value.tolist()
         if name == "float32" or set(map(type, value)) != {plain}:

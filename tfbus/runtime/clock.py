@@ -10,8 +10,7 @@ from typing import Any
 
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_plain
-from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.callback_thread import ExecutorEnd, here
+from tfbus.runtime.callbacks import CallbackGroup, ExecutorEnd, here
 
 Wake = Callable[[], object]
 Jumped = Callable[[int], None]

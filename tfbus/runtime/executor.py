@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
-from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.callback_thread import Bell, ExecutorEnd, here
+from tfbus.runtime.callbacks import SLOW_S, Bell, CallbackGroup, Delays, ExecutorEnd, Ran, here
 from tfbus.runtime.clock import SimulatedClock, Timer
-from tfbus.runtime.delays import SLOW_S, Delays, Ran
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
@@ -133,6 +131,11 @@ class Executor:
         if self.delays is not None:
             self.delays.dropped(what, pending, self._running())
 
+    def waiting(self) -> tuple[int, int]:
+        """How many callbacks wait for a thread, and how many timers for their time."""
+        with self._lock:
+            return len(self._ready), len(self._due)
+
     def overdue(self) -> list[tuple[str, int, Ran]]:
         """Timers that leave out ticks now, how many, and the callback that has not returned."""
         with self._lock:
@@ -196,7 +199,7 @@ class Executor:
     def end_step(self) -> None:
         """A step of a coroutine has ended."""
         worker = self._workers[0]
-        self._note(worker, scheduler.monotonic())
+        self._record_slow(worker, scheduler.monotonic())
         worker.what = ""
 
     def note_failure(self, what: str) -> None:
@@ -268,7 +271,7 @@ class Executor:
         """Wait for the next callback to run; None when closed."""
         now_s = scheduler.monotonic()
         if now_s - worker.began_s >= SLOW_S:
-            self._note(worker, now_s)
+            self._record_slow(worker, now_s)
         if self._loop is not None and self._loop.living:
             worker.what = ""
             self._loop.turn()
@@ -337,7 +340,7 @@ class Executor:
             self._loop = EventLoop(self)
         self._loop.start(what, coroutine)
 
-    def _note(self, worker: _Worker, now_s: float) -> None:
+    def _record_slow(self, worker: _Worker, now_s: float) -> None:
         if self.delays is not None and worker.what and now_s - worker.began_s >= SLOW_S:
             self.delays.ran(worker.what, worker.began_s, now_s)
 

@@ -93,8 +93,12 @@ def why_interpreted() -> str:
 
 
 def compile_command(clone: Path = Path(__file__).parents[2]) -> str:
-    """The command line that compiles this installation, once there is a C compiler."""
+    """The command line that compiles this installation, once there is a C compiler: make's in the
+    environment that it has made.
+    """
     if _is_clone(clone):
+        if (clone / "Makefile").exists() and Path(sys.prefix) == clone / ".venv":
+            return f"make -C {shlex.quote(str(clone))} kernel"
         return f"{_pip()} install --force-reinstall --no-deps --editable {shlex.quote(str(clone))}"
     return f"{_pip()} install --force-reinstall --no-deps --no-cache-dir --no-binary tfbus tfbus"
 

@@ -147,7 +147,7 @@ def open_folder(path: str | os.PathLike[str]) -> SecureFolder:
     _check_time(name, begins, ends)
     digest = hashlib.sha256(rights_file.read_bytes()).hexdigest()[:16]
     rights = _rights_of(rights_file, digest)
-    identity = rights.of(name)
+    identity = rights.identity(name)
     if identity.revoked:
         raise SettingsError(f"identity {name!r} was revoked on {identity.revoked}")
     return SecureFolder(folder, identity, rights, ends, digest)

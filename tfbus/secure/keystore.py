@@ -99,7 +99,7 @@ class Keystore:
 
     def renew(self, name: str, days: float) -> Path:
         """Make a new private key and certificate for an identity; returns its folder."""
-        identity = self.rights.of(name)
+        identity = self.rights.identity(name)
         if identity.revoked:
             raise SettingsError(
                 f"identity {name!r} was revoked on {identity.revoked}: add another name"
@@ -109,7 +109,7 @@ class Keystore:
     def revoke(self, name: str) -> None:
         """End all rights of an identity, for all that have the new rights."""
         rights = self.rights
-        revoked = replace(rights.of(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
+        revoked = replace(rights.identity(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
         self.set_rights(Rights({**rights.identities, name: revoked}))
 
     def set_rights(self, rights: Rights) -> None:
@@ -118,7 +118,7 @@ class Keystore:
 
     def export(self, name: str, target: Path) -> None:
         """Copy an identity's folder, with the rights as they are now, to a place of its own."""
-        self.rights.of(name)
+        self.rights.identity(name)
         if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
             raise SettingsError(f"{target} is there already, and not empty: give another place")
         target.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -200,7 +200,7 @@ _MOST = 100
 
 
 @dataclass(frozen=True)
-class Gate:
+class PageGate:
     """The pages that may connect to a server: its own; those of `allowed` origins, and those that
     `is_allowed(scheme, host)`; and with `knows_neighbours` those of the browser's own machine.
 

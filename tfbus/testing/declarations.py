@@ -63,7 +63,7 @@ class Keys(dict[str, None]):
         return bool(others) and any(intersect(each, key) for each in others)
 
 
-class Holders(Generic[Holder]):
+class KeyHolders(Generic[Holder]):
     """By key all that have declared it; says which of them a key or expression meets."""
 
     def __init__(self) -> None:
@@ -116,7 +116,7 @@ def _first_two(key: str) -> str:
     return "/".join(key.split("/", 2)[:2])
 
 
-class Names:
+class SessionNames:
     """Names of one session: its namespace is before all its keys on the network."""
 
     def __init__(self, namespace: str) -> None:
@@ -152,7 +152,7 @@ SUBSCRIBER, QUERYABLE, TOKEN = "subscriber", "queryable", "token"
 KINDS = SUBSCRIBER, QUERYABLE, TOKEN
 
 
-class Declared:
+class Undeclarable:
     """A declaration that the program holds, until `undeclare()`."""
 
     def __init__(self, session: "ZenohSession", end: Callable[[], object]) -> None:
@@ -177,7 +177,7 @@ class Declarations:
         self.session = session
         self.own: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
         # The faces by which others have declared keys.
-        self.heard: dict[str, Holders[Face]] = {kind: Holders() for kind in KINDS}
+        self.heard: dict[str, KeyHolders[Face]] = {kind: KeyHolders() for kind in KINDS}
 
     def change(self, kind: str, full: str, by: int) -> None:
         """The program declares one more of this kind and key, or ends one."""
@@ -223,7 +223,7 @@ class Declarations:
         if kind == TOKEN:
             session.tokens.count(key, change, source)
         elif not session.is_closed():
-            session.matchings.look(kind, key)
+            session.matchings.report_changes(kind, key)
 
     def has(self, kind: str, full: str) -> bool:
         """Whether a declaration of this kind meets a key, here or at another session."""
@@ -233,7 +233,7 @@ class Declarations:
         return bool(self.session.routing.has(kind, full))
 
 
-class _Watch:
+class _TokenWatch:
     def __init__(self, full: str, handler: Handler) -> None:
         self.full = full
         self.handler = handler
@@ -248,7 +248,7 @@ class Tokens:
     def __init__(self, session: "ZenohSession") -> None:
         self._session = session
         self._numbers = itertools.count(1)
-        self._watches: dict[int, _Watch] = {}
+        self._watches: dict[int, _TokenWatch] = {}
         # By how many sources each token is declared; and those whose end was told nevertheless.
         self._count: Counter[str] = Counter()
         self._lost: set[str] = set()
@@ -276,10 +276,10 @@ class Tokens:
         for watch in list(self._watches.values()):
             self._report(watch, key, kind, source)
 
-    def watch(self, full: str, handler: Handler, *, history: bool) -> Declared:
+    def watch(self, full: str, handler: Handler, *, history: bool) -> Undeclarable:
         """Report tokens as they come and end; with `history` those that are there first."""
         number = next(self._numbers)
-        watch = self._watches[number] = _Watch(full, handler)
+        watch = self._watches[number] = _TokenWatch(full, handler)
         if history:
             # By their sources: news of one source come in order.
             for source, keys in self._by_source():
@@ -290,13 +290,13 @@ class Tokens:
             watch.is_over = True
             self._watches.pop(number, None)
 
-        return Declared(self._session, undeclare)
+        return Undeclarable(self._session, undeclare)
 
     def clear(self) -> None:
         """Watch nothing more."""
         self._watches.clear()
 
-    def _report(self, watch: _Watch, key: str, kind: Any, source: object) -> None:
+    def _report(self, watch: _TokenWatch, key: str, kind: Any, source: object) -> None:
         session = self._session
         seen = session.names.seen(key)
         if seen is None or not intersect(watch.full, key):
@@ -337,14 +337,14 @@ class Liveliness:
     def __init__(self, session: "ZenohSession") -> None:
         self._session = session
 
-    def declare_token(self, key: str) -> Declared:
+    def declare_token(self, key: str) -> Undeclarable:
         session = self._session
         session.check_open()
         full = session.names.full(key)
         session.declarations.change(TOKEN, full, 1)
-        return Declared(session, lambda: session.declarations.change(TOKEN, full, -1))
+        return Undeclarable(session, lambda: session.declarations.change(TOKEN, full, -1))
 
-    def declare_subscriber(self, key: str, handler: Any, *, history: bool = False) -> Declared:
+    def declare_subscriber(self, key: str, handler: Any, *, history: bool = False) -> Undeclarable:
         session = self._session
         session.check_open()
         declared = session.tokens.watch(session.names.full(key), Handler(handler), history=history)

@@ -12,7 +12,7 @@ import zenoh
 
 from tfbus.testing import publications
 from tfbus.testing.callers import Handler
-from tfbus.testing.links import LEASE_S, Face, Lane, Meeting, Paths, foreign_place
+from tfbus.testing.links import LEASE_S, Face, LinkLane, Meeting, Paths, foreign_place
 from tfbus.testing.processes import Host, Process
 from tfbus.testing.queries import Cancellation
 from tfbus.testing.tasks import SimulationError, Tasks
@@ -270,7 +270,7 @@ class Fabric:
         faces = []
         for near, far in ((one, other), (other, one)):
             path = self._paths.between(near.process.host, far.process.host)
-            faces.append(Face(near, Lane(self.tasks, path, is_reliable=is_reliable)))
+            faces.append(Face(near, LinkLane(self.tasks, path, is_reliable=is_reliable)))
         faces[0].far, faces[1].far = faces[1], faces[0]
         unaware = [self._take_over(face) for face in faces]
         for face, is_unaware in zip(faces, unaware, strict=True):

@@ -36,7 +36,7 @@ _OTHER_BYTES = 2 * 65536
 
 
 @dataclass
-class Path:
+class LinkPath:
     """The way from one host to another, in one direction.
 
     Seconds, bytes a second (0: without bound), and the shares of packets that are lost, and that
@@ -64,17 +64,17 @@ class Paths:
     """The paths between all hosts."""
 
     def __init__(self) -> None:
-        self._paths: dict[tuple[Host, Host], Path] = {}
+        self._paths: dict[tuple[Host, Host], LinkPath] = {}
 
-    def between(self, one: "Host", other: "Host") -> Path:
+    def between(self, one: "Host", other: "Host") -> LinkPath:
         """The path from one host to another, or to itself."""
         path = self._paths.get((one, other))
         if path is None:
-            path = Path(0.00005, 0.00005) if one is other else Path()
+            path = LinkPath(0.00005, 0.00005) if one is other else LinkPath()
             self._paths[one, other] = path
         return path
 
-    def both_ways(self, one: "Host", other: "Host") -> Iterator[Path]:
+    def both_ways(self, one: "Host", other: "Host") -> Iterator[LinkPath]:
         """The path from one host to another, and the path back."""
         yield self.between(one, other)
         yield self.between(other, one)
@@ -89,13 +89,13 @@ class _Packet(NamedTuple):
     size: int
 
 
-class Lane:
+class LinkLane:
     """A direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
 
     They arrive in their order, but urgent ones overtake others that wait for the bandwidth.
     """
 
-    def __init__(self, tasks: Tasks, path: Path, *, is_reliable: bool = True) -> None:
+    def __init__(self, tasks: Tasks, path: LinkPath, *, is_reliable: bool = True) -> None:
         self._tasks = tasks
         self.path = path
         self.is_reliable = is_reliable
@@ -217,7 +217,7 @@ _numbers = itertools.count()
 class Face:
     """The end of a link in one session."""
 
-    def __init__(self, session: "ZenohSession", lane: Lane) -> None:
+    def __init__(self, session: "ZenohSession", lane: LinkLane) -> None:
         self.session = session
         self.lane = lane
         # Later ones have larger numbers.

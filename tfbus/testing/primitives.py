@@ -231,7 +231,7 @@ class Queue:
         return not self._items
 
 
-class _Waiting:
+class _WaitingSelector:
     """Stands in for the files of a loop, of which a simulated process has none."""
 
     def __init__(self, tasks: Tasks) -> None:
@@ -250,7 +250,7 @@ class SimulatedEventLoop(asyncio.BaseEventLoop):
     def __init__(self, tasks: Tasks) -> None:
         super().__init__()
         self._tasks = tasks
-        self._selector = _Waiting(tasks)
+        self._selector = _WaitingSelector(tasks)
         self._clock_resolution = 1e-9
 
     def time(self) -> float:

@@ -39,12 +39,12 @@ class Program:
         self._network, self._table = network, table
         self._main, self._arguments = main, arguments
         module = sys.modules[module_of(main)]
-        self._out = _Written(is_terminal)
-        self._err = self._out if is_terminal or is_merged else _Written(is_terminal)
+        self._out = _WrittenOutput(is_terminal)
+        self._err = self._out if is_terminal or is_merged else _WrittenOutput(is_terminal)
         encoding = env.get("PYTHONIOENCODING", "utf-8")
         # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
         self._own: tuple[Any, ...] = (
-            io.TextIOWrapper(_Typed(stdin.encode(), is_terminal), "utf-8"),
+            io.TextIOWrapper(_TypedInput(stdin.encode(), is_terminal), "utf-8"),
             io.TextIOWrapper(self._out, encoding, newline="\n", write_through=True),
             io.TextIOWrapper(self._err, encoding, newline="\n", write_through=True),
             [str(module.__file__), *arguments],
@@ -189,7 +189,7 @@ def _exit_code(said: Any) -> int:
     return 1
 
 
-class _Written(io.RawIOBase):
+class _WrittenOutput(io.RawIOBase):
     """The output of a program, as a text and as lines."""
 
     name = "<stdout>"
@@ -220,7 +220,7 @@ class _Written(io.RawIOBase):
         return len(data)
 
 
-class _Typed(io.BytesIO):
+class _TypedInput(io.BytesIO):
     """The input of a program."""
 
     name = "<stdin>"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from tfbus.testing.callers import Handler, Reply, Sample, Source, guarded
-from tfbus.testing.declarations import QUERYABLE, SUBSCRIBER, Declared, intersect
+from tfbus.testing.declarations import QUERYABLE, SUBSCRIBER, Undeclarable, intersect
 from tfbus.testing.queries import Query
 from tfbus.testing.routing import Journey
 from tfbus.testing.tasks import SimulationOver
@@ -31,7 +31,7 @@ _LOOK_FOR_ROOM_S = 0.005
 _AROUND = 60
 
 
-class Message:
+class SentMessage:
     """A message on its way: `must_arrive` if it waits for room on a link."""
 
     def __init__(
@@ -61,7 +61,7 @@ class Publications:
         # Those that a key meets, until one comes or goes.
         self._met: dict[str, list[_Subscriber]] = {}
 
-    def subscribe(self, full: str, handler: Handler, *, is_remote_only: bool) -> Declared:
+    def subscribe(self, full: str, handler: Handler, *, is_remote_only: bool) -> Undeclarable:
         """Call the handler for each message that meets a key."""
         number = next(self._numbers)
         self._subscribers[number] = _Subscriber(full, handler, is_remote_only)
@@ -74,7 +74,7 @@ class Publications:
                 self._met.clear()
                 declarations.change(SUBSCRIBER, full, -1)
 
-        return Declared(self._session, undeclare)
+        return Undeclarable(self._session, undeclare)
 
     def clear(self) -> None:
         """Hear nothing more."""
@@ -89,7 +89,7 @@ class Publications:
             self._met[full] = found
         return found
 
-    def send(self, message: Message, *, also_here: bool) -> None:
+    def send(self, message: SentMessage, *, also_here: bool) -> None:
         """Send a message of this session; waits for room if it must arrive."""
         if also_here:
             self._deliver(message, is_remote=False)
@@ -97,7 +97,7 @@ class Publications:
             if face.is_open and self._has_room(face, message):
                 self._pass_on(face, message, journey)
 
-    def receive(self, face: "Face", message: Message, journey: Journey) -> None:
+    def receive(self, face: "Face", message: SentMessage, journey: Journey) -> None:
         """A message comes in by a face: routers pass it on."""
         session = self._session
         for way, onwards in session.routing.ways(SUBSCRIBER, message.full, journey, face):
@@ -108,7 +108,7 @@ class Publications:
         if self._of(message.full):
             session.callers.post(face, lambda: self._deliver(message, is_remote=True))
 
-    def _pass_on(self, face: "Face", message: Message, journey: Journey) -> None:
+    def _pass_on(self, face: "Face", message: SentMessage, journey: Journey) -> None:
         size = len(message.data) + _AROUND
 
         def receive(far: "Face") -> None:
@@ -116,7 +116,7 @@ class Publications:
 
         face.send(receive, size, is_urgent=message.is_urgent)
 
-    def _has_room(self, face: "Face", message: Message) -> bool:
+    def _has_room(self, face: "Face", message: SentMessage) -> bool:
         """Whether a link takes a message, after a wait if it must arrive."""
         session = self._session
         if face.lane.has_room(message.is_urgent):
@@ -133,7 +133,7 @@ class Publications:
                 return False
         return True
 
-    def _deliver(self, message: Message, *, is_remote: bool) -> None:
+    def _deliver(self, message: SentMessage, *, is_remote: bool) -> None:
         seen = self._session.names.seen(message.full)
         if seen is None:
             return
@@ -150,7 +150,7 @@ class MatchingStatus:
         self.matching = matching
 
 
-class _Watch:
+class _MatchingWatch:
     """Reports whether a declaration has counterparts."""
 
     def __init__(self, session: ZenohSession, kind: str, full: str, handler: Handler) -> None:
@@ -164,7 +164,7 @@ class _Watch:
         """Whether a declaration of this kind and key may change what it reports."""
         return kind == self._kind and intersect(key, self._full)
 
-    def look(self) -> None:
+    def report_changes(self) -> None:
         now = self._session.declarations.has(self._kind, self._full)
         if now != self._former:
             self._former = now
@@ -178,26 +178,26 @@ class Matchings:
     def __init__(self, session: ZenohSession) -> None:
         self._session = session
         self._numbers = itertools.count(1)
-        self._watches: dict[int, _Watch] = {}
+        self._watches: dict[int, _MatchingWatch] = {}
 
-    def watch(self, kind: str, full: str, handler: Any) -> Declared:
+    def watch(self, kind: str, full: str, handler: Any) -> Undeclarable:
         """Call the handler whenever `has` of the declarations changes."""
         number = next(self._numbers)
-        self._watches[number] = _Watch(self._session, kind, full, Handler(handler))
-        return Declared(self._session, lambda: self._watches.pop(number, None))
+        self._watches[number] = _MatchingWatch(self._session, kind, full, Handler(handler))
+        return Undeclarable(self._session, lambda: self._watches.pop(number, None))
 
-    def look(self, kind: str, key: str) -> None:
+    def report_changes(self, kind: str, key: str) -> None:
         """A declaration has come or ended: report what it changes."""
         for watch in list(self._watches.values()):
             if watch.is_of(kind, key):
-                watch.look()
+                watch.report_changes()
 
     def clear(self) -> None:
         """Watch nothing more."""
         self._watches.clear()
 
 
-class _Matched(Declared):
+class _Matched(Undeclarable):
     """A publisher or querier: it knows whether it has a counterpart."""
 
     _kind = SUBSCRIBER
@@ -212,7 +212,7 @@ class _Matched(Declared):
         self._session.check_open()
         return MatchingStatus(self._session.declarations.has(self._kind, self._full))
 
-    def declare_matching_listener(self, handler: Any) -> Declared:
+    def declare_matching_listener(self, handler: Any) -> Undeclarable:
         return self._session.matchings.watch(self._kind, self._full, handler)
 
 
@@ -299,10 +299,12 @@ class AdvancedPublisher(Publisher):
         query.drop()
 
 
-class AdvancedSubscriber(Declared):
+class AdvancedSubscriber(Undeclarable):
     """A subscriber that asks for what publishers keep, and for what it has missed."""
 
-    def __init__(self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any) -> None:
+    def __init__(
+        self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any, history: Any
+    ) -> None:
         super().__init__(session, self._close)
         self._handler = Handler(handler)
         self.handler: Any = None
@@ -317,12 +319,13 @@ class AdvancedSubscriber(Declared):
         self._parts = [
             session.declare_subscriber(key, direct(self._on_sample), allowed_origin=allowed_origin)
         ]
-        if "@" not in key.split("/")[0]:
+        if history is not None and "@" not in key.split("/")[0]:
             self._parts.append(
                 session.liveliness().declare_subscriber(below, direct(self._on_token), history=True)
             )
         self._parts.append(session.declare_subscriber(below, direct(self._on_beat)))
-        self._ask(below, "")
+        if history is not None:
+            self._ask(below, "")
 
     def _close(self) -> None:
         for part in self._parts:
@@ -397,12 +400,18 @@ def declare_advanced_publisher(
 
 
 def declare_advanced_subscriber(
-    session: ZenohSession, key: str, handler: Any, *, allowed_origin: Any = None, **options: Any
+    session: ZenohSession,
+    key: str,
+    handler: Any,
+    *,
+    allowed_origin: Any = None,
+    history: Any = None,
+    **options: Any,
 ) -> _Held:
-    """As Zenoh's, with a history of one sample."""
+    """As Zenoh's, with a history of one sample or none."""
     session.check_open()
     callback = handler[0] if isinstance(handler, tuple) else handler
-    subscriber = AdvancedSubscriber(session, key, callback, allowed_origin)
+    subscriber = AdvancedSubscriber(session, key, callback, allowed_origin, history)
     # An object that comes with the callback lives for as long as the subscriber does.
     subscriber.handler = handler
     return _Held(subscriber)

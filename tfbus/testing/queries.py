@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from tfbus.testing.callers import Handler, Payload, Reply, Sample, Source, guarded
-from tfbus.testing.declarations import QUERYABLE, Declared, intersect
+from tfbus.testing.declarations import QUERYABLE, Undeclarable, intersect
 from tfbus.testing.routing import Journey, Way
 
 if TYPE_CHECKING:
@@ -41,7 +41,14 @@ class Query:
         self._answer = answer
         self._end: Callable[[], object] | None = end
 
-    def reply(self, key: str, payload: bytes, source: Source | None = None) -> None:
+    def reply(
+        self,
+        key: str,
+        payload: bytes,
+        source: Source | None = None,
+        *,
+        priority: zenoh.Priority | None = None,
+    ) -> None:
         session = self._session
         session.check_open()
         sample = Sample(session.names.full(key), payload, source=source)
@@ -106,7 +113,7 @@ class Cancellation:
             each.end()
 
 
-class _Question:
+class _AskedQuestion:
     """The key, parameters and payload of a query."""
 
     def __init__(self, full: str, parameters: str, payload: bytes | None) -> None:
@@ -130,7 +137,7 @@ class Queries:
         self._queryables: dict[int, _Queryable] = {}
         self.asked: dict[int, Asked] = {}
 
-    def serve(self, full: str, handler: Handler) -> Declared:
+    def serve(self, full: str, handler: Handler) -> Undeclarable:
         """Call the handler for each query that meets a key."""
         number = next(self._numbers)
         self._queryables[number] = _Queryable(full, handler)
@@ -141,7 +148,7 @@ class Queries:
             if self._queryables.pop(number, None):
                 declarations.change(QUERYABLE, full, -1)
 
-        return Declared(self._session, undeclare)
+        return Undeclarable(self._session, undeclare)
 
     def clear(self) -> None:
         """Serve nothing more, and end the queries that are under way."""
@@ -179,7 +186,7 @@ class Queries:
             cancellation.asked.append(asked)
         here = object()
         asked.waits_for.add(here)
-        question = _Question(full, parameters, payload)
+        question = _AskedQuestion(full, parameters, payload)
         for way in session.routing.ways(QUERYABLE, full):
             self._pass_on(way, asked, question)
         if also_here:
@@ -217,7 +224,7 @@ class Queries:
         self._session.tasks.call_after(timeout_s, lambda: process.receive(time_out))
         return asked
 
-    def _pass_on(self, way: Way, asked: Asked, question: _Question) -> None:
+    def _pass_on(self, way: Way, asked: Asked, question: _AskedQuestion) -> None:
         face, journey = way
         asked.waits_for.add(face)
         asked.went_by.append(face)
@@ -230,7 +237,9 @@ class Queries:
 
         face.send(receive, size, is_urgent=False)
 
-    def receive(self, face: "Face", number: int, question: _Question, journey: Journey) -> None:
+    def receive(
+        self, face: "Face", number: int, question: _AskedQuestion, journey: Journey
+    ) -> None:
         """A query comes in: answers go back by its face, and its end."""
         session = self._session
 
@@ -261,7 +270,7 @@ class Queries:
         else:
             asked.end_of(here)
 
-    def _ask_here(self, question: _Question, asked: Asked) -> None:
+    def _ask_here(self, question: _AskedQuestion, asked: Asked) -> None:
         """Ask the queryables of this session; the query ends once they have closed it."""
         session = self._session
         seen = session.names.seen(question.full)

@@ -77,7 +77,7 @@ class Direct:
         """A face has ended."""
 
 
-class Table:
+class RoutingTable:
     """All that a router has told others, up to the change of this number."""
 
     def __init__(self, zid: str) -> None:
@@ -87,9 +87,9 @@ class Table:
         self.peers: dict[str, None] = {}
         self.declared = {kind: Keys() for kind in KINDS}
 
-    def copy(self) -> "Table":
+    def copy(self) -> "RoutingTable":
         """The same, apart from later changes."""
-        table = Table(self.zid)
+        table = RoutingTable(self.zid)
         table.number = self.number
         table.routers = dict(self.routers)
         table.peers = dict(self.peers)
@@ -101,7 +101,7 @@ class Table:
         return self.declared[kind].meets(full)
 
 
-class Change(NamedTuple):
+class RouteChange(NamedTuple):
     """A change of a table. `kind` is of a declaration, or "router", or "peer"."""
 
     zid: str
@@ -116,8 +116,8 @@ class Router(Direct):
 
     def __init__(self, session: "ZenohSession") -> None:
         super().__init__(session)
-        self._own = Table(session.zid_text)
-        self._tables: dict[str, Table] = {}
+        self._own = RoutingTable(session.zid_text)
+        self._tables: dict[str, RoutingTable] = {}
         # Those of other routers that a way leads to.
         self._reached: set[str] = set()
         # How often each key is declared here, by the session itself, its clients and peers.
@@ -131,7 +131,7 @@ class Router(Direct):
         for face in self._leaves():
             if face is not source and not (_is_peer(face) and source in self._peers()):
                 face.tell(kind, key, change)
-        if not isinstance(source, Table):
+        if not isinstance(source, RoutingTable):
             former = self._count.get((kind, key), 0)
             self._count[kind, key] = now = former + change
             if not now:
@@ -193,16 +193,16 @@ class Router(Direct):
 
     def _publish(self, kind: str, key: str, *, is_new: bool) -> None:
         own = self._own
-        change = Change(own.zid, own.number + 1, kind, key, is_new)
+        change = RouteChange(own.zid, own.number + 1, kind, key, is_new)
         self._apply(own, change)
         self._pass_change(change, None)
 
-    def _send_table(self, face: "Face", table: Table) -> None:
+    def _send_table(self, face: "Face", table: RoutingTable) -> None:
         sent = table.copy()
         size = 100 + 50 * sum(map(len, sent.declared.values()))
         face.send(lambda far: far.session.routing.hear_table(far, sent), size)
 
-    def hear_table(self, face: "Face", table: Table) -> None:
+    def hear_table(self, face: "Face", table: RoutingTable) -> None:
         """A router tells all that it knows of itself or another one."""
         known = self._tables.get(table.zid)
         if table.zid == self._own.zid or (known is not None and known.number >= table.number):
@@ -216,12 +216,12 @@ class Router(Direct):
                 self._send_table(other, table)
         self._find_trees()
 
-    def _pass_change(self, change: Change, came_by: "Face | None") -> None:
+    def _pass_change(self, change: RouteChange, came_by: "Face | None") -> None:
         for face in self._router_faces():
             if face is not came_by:
                 face.send(lambda far: far.session.routing.hear_change(far, change))
 
-    def hear_change(self, face: "Face", change: Change) -> None:
+    def hear_change(self, face: "Face", change: RouteChange) -> None:
         """A router tells a change of itself or another one."""
         if change.zid == self._own.zid:
             return
@@ -239,7 +239,7 @@ class Router(Direct):
         if zid in self._tables:
             self._send_table(face, self._tables[zid])
 
-    def _apply(self, table: Table, change: Change) -> None:
+    def _apply(self, table: RoutingTable, change: RouteChange) -> None:
         table.number = change.number
         _, _, kind, key, is_new = change
         if kind == "router":
@@ -263,7 +263,7 @@ class Router(Direct):
         for zid in sorted(reached - former):
             self._spread_table(self._tables[zid], 1)
 
-    def _spread_table(self, table: Table, change: int) -> None:
+    def _spread_table(self, table: RoutingTable, change: int) -> None:
         for kind, keys in table.declared.items():
             for key in list(keys):
                 self._session.declarations.spread(table, kind, key, change)

@@ -41,7 +41,7 @@ class SimulationOver(BaseException):
     """Ends a task whose simulation is over, or whose process was killed."""
 
 
-class Place(Protocol):
+class TaskPlace(Protocol):
     """The place of a task: a process, which may be stopped or killed."""
 
     name: str
@@ -59,7 +59,7 @@ class Place(Protocol):
 class Task:
     """A simulated thread."""
 
-    def __init__(self, name: str, place: Place) -> None:
+    def __init__(self, name: str, place: TaskPlace) -> None:
         self.name = name
         self.place = place
         self.turn = _thread.allocate_lock()
@@ -86,7 +86,7 @@ class Tasks:
     for none.
     """
 
-    def __init__(self, seed: int, first: Place, *, interleaving: int = 50) -> None:
+    def __init__(self, seed: int, first: TaskPlace, *, interleaving: int = 50) -> None:
         self.random = random.Random(seed)
         self.now_ns = 0
         self.is_over = False
@@ -113,7 +113,7 @@ class Tasks:
 
     # What tasks do
 
-    def start(self, name: str, place: Place, run: Callable[[], object]) -> Task:
+    def start(self, name: str, place: TaskPlace, run: Callable[[], object]) -> Task:
         """Start a task; it has its first turn later."""
         task = Task(name, place)
         self.all[task] = None
@@ -210,7 +210,7 @@ class Tasks:
                 if not self.is_over:
                     raise
 
-    def join_all(self, place: Place) -> None:
+    def join_all(self, place: TaskPlace) -> None:
         """Wait until the threads of a place have ended that Python waits for at its end."""
         while others := [
             task
@@ -251,7 +251,7 @@ class Tasks:
         self.call_at(self.now_ns + round(delay_s * 1e9), call)
 
     @contextmanager
-    def within(self, place: Place) -> Iterator[None]:
+    def within(self, place: TaskPlace) -> Iterator[None]:
         """The current task belongs to another place until the end of the `with`."""
         task = self.current
         former, task.place = task.place, place
@@ -293,7 +293,7 @@ class Tasks:
         if task.place is not self._here:
             self._enter(task.place)
 
-    def _enter(self, place: Place) -> None:
+    def _enter(self, place: TaskPlace) -> None:
         if place is not self._here:
             self._here.leave()
             self._here = place

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from tfbus.testing.callers import Callers, Handler, Source, guarded
-from tfbus.testing.declarations import Declarations, Declared, Liveliness, Names, Tokens
+from tfbus.testing.declarations import Declarations, Liveliness, SessionNames, Tokens, Undeclarable
 from tfbus.testing.links import Face
-from tfbus.testing.publications import Matchings, Message, Publications, Publisher, Querier
+from tfbus.testing.publications import Matchings, Publications, Publisher, Querier, SentMessage
 from tfbus.testing.queries import Cancellation, Queries
 from tfbus.testing.routing import Direct, Router
 from tfbus.testing.tasks import SimulationOver, Tasks
@@ -71,7 +71,9 @@ class Info:
     def links(self) -> list[LinkInfo]:
         return [LinkInfo(far) for far in self._session.faces]
 
-    def declare_transport_events_listener(self, handler: Any, *, history: bool = False) -> Declared:
+    def declare_transport_events_listener(
+        self, handler: Any, *, history: bool = False
+    ) -> Undeclarable:
         session = self._session
         session.check_open()
         number = next(self._numbers)
@@ -79,7 +81,7 @@ class Info:
         if history:
             for far in session.faces:
                 self._post(watch.call, TransportEvent(far, is_open=True))
-        return Declared(session, lambda: self._watches.pop(number, None))
+        return Undeclarable(session, lambda: self._watches.pop(number, None))
 
     def report(self, far: "ZenohSession", *, is_open: bool) -> None:
         """Tell the watches of a connection that opens or ends."""
@@ -138,7 +140,7 @@ class ZenohSession:
         self.mode = mode
         self.zid_text = zid
         self.connect, self.listen = connect, listen
-        self.names = Names(namespace)
+        self.names = SessionNames(namespace)
         # The links of the session, by the session at the far end of each.
         self.faces: dict[ZenohSession, Face] = {}
         # Those that it meets soon.
@@ -189,7 +191,7 @@ class ZenohSession:
 
     def declare_subscriber(
         self, key: str, handler: Any = None, *, allowed_origin: Any = None
-    ) -> Declared:
+    ) -> Undeclarable:
         self.check_open()
         return self.publications.subscribe(
             self.names.full(key),
@@ -197,7 +199,7 @@ class ZenohSession:
             is_remote_only=allowed_origin == zenoh.Locality.REMOTE,
         )
 
-    def declare_queryable(self, key: str, handler: Any = None, **options: Any) -> Declared:
+    def declare_queryable(self, key: str, handler: Any = None, **options: Any) -> Undeclarable:
         self.check_open()
         return self.queries.serve(self.names.full(key), Handler(handler))
 
@@ -214,7 +216,7 @@ class ZenohSession:
     ) -> None:
         self.check_open()
         self.tasks.step()
-        message = Message(
+        message = SentMessage(
             self.names.full(str(key)),
             bytes(payload),
             source_info,

@@ -22,7 +22,7 @@ from textual.widgets import (
 )
 
 from tfbus.frames.moment import State
-from tfbus.monitor.columns import EDGES, STREAMS, Column
+from tfbus.monitor.report import EDGES, STREAMS, Column
 from tfbus.runtime.signals import StopSignals
 from tfbus.top.rows import Row, ScreenTable, TopSource, chosen, fitting, is_service
 from tfbus.wording import counted, duration

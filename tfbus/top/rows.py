@@ -13,10 +13,9 @@ from tfbus.errors import TransformException
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
 from tfbus.frames.moment import State, faults, state
-from tfbus.monitor.columns import EDGES, STREAMS, Column, Value
-from tfbus.monitor.flow import MessageWindow
 from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import MeasuredEdge, Report, make_report
+from tfbus.monitor.report import EDGES, STREAMS, Column, MeasuredEdge, Report, Value, make_report
+from tfbus.monitor.windows import MessageWindow
 from tfbus.node.node import Node
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import cut, duration, natural_order, printable

@@ -10,51 +10,49 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.runtime.addresses import is_local as is_local
-    from tfbus.view.described_robots import RecordedRobots as RecordedRobots
-    from tfbus.view.described_robots import RobotsOnBus as RobotsOnBus
+    from tfbus.view.frames import Placed as Placed
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
     from tfbus.view.local import show as show
-    from tfbus.view.model.frames import Placed as Placed
-    from tfbus.view.model.robots import GivenRobots as GivenRobots
-    from tfbus.view.model.robots import RobotSource as RobotSource
-    from tfbus.view.model.robots import ShownRobot as ShownRobot
-    from tfbus.view.model.settings import ViewSettings as ViewSettings
-    from tfbus.view.model.settings import holds_settings as holds_settings
-    from tfbus.view.model.settings import load_settings as load_settings
     from tfbus.view.page import Page as Page
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
     from tfbus.view.panels.markup import Html as Html
     from tfbus.view.replay import Replay as Replay
+    from tfbus.view.robots import GivenRobots as GivenRobots
+    from tfbus.view.robots import RecordedRobots as RecordedRobots
+    from tfbus.view.robots import RobotsOnBus as RobotsOnBus
+    from tfbus.view.robots import RobotSource as RobotSource
+    from tfbus.view.robots import ShownRobot as ShownRobot
     from tfbus.view.screenshot import Screenshot as Screenshot
     from tfbus.view.screenshot import find_browser as find_browser
     from tfbus.view.server import Access as Access
+    from tfbus.view.settings import ViewSettings as ViewSettings
+    from tfbus.view.settings import holds_settings as holds_settings
+    from tfbus.view.settings import load_settings as load_settings
 
 _MODULE_OF = {
     "Access": "tfbus.view.server",
-    "ShownRobot": "tfbus.view.model.robots",
-    "RecordedRobots": "tfbus.view.described_robots",
-    "RobotsOnBus": "tfbus.view.described_robots",
-    "RobotSource": "tfbus.view.model.robots",
-    "GivenRobots": "tfbus.view.model.robots",
+    "ShownRobot": "tfbus.view.robots",
+    "RecordedRobots": "tfbus.view.robots",
+    "RobotsOnBus": "tfbus.view.robots",
+    "RobotSource": "tfbus.view.robots",
+    "GivenRobots": "tfbus.view.robots",
     "Channel": "tfbus.view.panels.markup",
     "Guest": "tfbus.view.guest",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",
-    "Placed": "tfbus.view.model.frames",
+    "Placed": "tfbus.view.frames",
     "Region": "tfbus.view.guest",
     "Replay": "tfbus.view.replay",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
     "View": "tfbus.view.local",
-    "ViewSettings": "tfbus.view.model.settings",
+    "ViewSettings": "tfbus.view.settings",
     "find_browser": "tfbus.view.screenshot",
-    "holds_settings": "tfbus.view.model.settings",
-    "is_local": "tfbus.runtime.addresses",
-    "load_settings": "tfbus.view.model.settings",
+    "holds_settings": "tfbus.view.settings",
+    "load_settings": "tfbus.view.settings",
     "show": "tfbus.view.local",
 }
 

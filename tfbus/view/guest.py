@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from tfbus.view.model.frames import Placed
+from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import Channel
 
 

@@ -7,28 +7,34 @@ import threading
 from dataclasses import replace
 from html import escape
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.command import install_command
 from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.frames.moment import BusMoment
-from tfbus.frames.snapshot import FrameTree, frame_tree
+from tfbus.frames.recording import Recording
+from tfbus.frames.snapshot import frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
+from tfbus.recording.reader import RecordingReader
+from tfbus.robot.robot import Robot
 from tfbus.runtime.addresses import is_local
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
-from tfbus.view.scene.drawn import color_of, image_of, length_of, place_of, point_of, points_of
+from tfbus.secure.server_access import AccessToken, made_tls
+from tfbus.view.settings import ViewSettings
 
-if TYPE_CHECKING:
-    from tfbus.frames.recording import Recording
-    from tfbus.robot.robot import Robot
-    from tfbus.view.described_robots import RecordedRobots
-    from tfbus.view.model.robots import GivenRobots
+_missing: ImportError | None = None
+try:
     from tfbus.view.page import Page, Serving
     from tfbus.view.replay import Replay
+    from tfbus.view.robots import GivenRobots, RecordedRobots, ShownRobot
+    from tfbus.view.scene.drawn import color_of, image_of, length_of, place_of, point_of, points_of
     from tfbus.view.server import Access
+except ImportError as error:  # `show` raises it
+    _missing = error
 
 _ORANGE = (230, 120, 20)
 _GREY = (90, 90, 100)
@@ -65,20 +71,9 @@ class ShownBuffer:
     def close(self) -> None:
         pass
 
-    # As the bus of the page: a buffer without publishers.
-
-    @property
-    def dropped(self) -> int:
-        return 0
-
-    def tree(self) -> FrameTree:
-        return frame_tree(self.buffer, (), self.now_ns())
-
     def moment(self) -> BusMoment:
-        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=self.tree())
-
-    def hint(self, frame: str = "") -> str:
-        return ""
+        tree = frame_tree(self.buffer, (), self.now_ns())
+        return BusMoment(at_ns=SYSTEM_CLOCK.now_ns(), tree=tree)
 
 
 class View:
@@ -361,14 +356,12 @@ class View:
             ),
         )
 
-    def add_robot(self, robot: "Robot", *, prefix: str = "") -> None:
+    def add_robot(self, robot: Robot, *, prefix: str = "") -> None:
         """Draw a robot: its links at the frames of their names behind `prefix`, with their meshes.
 
         While the buffer has none of these frames it stands at the origin, with sliders in the page
         for its joints. A robot of the same name and prefix is replaced.
         """
-        from tfbus.view.model.robots import ShownRobot
-
         if prefix:
             check_frame_id(prefix, "prefix")
         self._robots.add(ShownRobot(robot, prefix))
@@ -437,7 +430,7 @@ class View:
 
 
 def show(
-    buffer: "Buffer | Recording",
+    buffer: Buffer | Recording,
     *,
     fixed_frame: str = "",
     host: str = "127.0.0.1",
@@ -468,14 +461,9 @@ def show(
         )
     if not 0.0 < rate_hz <= 60.0:
         raise InvalidArgumentException(f"rate_hz must be above 0 and at most 60, got {rate_hz!r}")
-    try:
-        from tfbus.view.model.robots import GivenRobots
-        from tfbus.view.model.settings import ViewSettings
-        from tfbus.view.page import Page, Serving
-    except ImportError as error:
-        from tfbus.command import install_command
-
-        raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
+    if _missing is not None:
+        text = f"viser is not installed ({_missing}): {install_command('view')}"
+        raise TfbusError(text) from _missing
     settings = ViewSettings(fixed_frame=fixed_frame)
     access = _access(host) if public else None
     # Notebooks are often served by another machine; nothing on the page moves anything.
@@ -494,25 +482,15 @@ def show(
 
 
 def _access(host: str) -> "Access":
-    from tfbus.secure.server_access import AccessToken, made_tls
-    from tfbus.view.server import Access
-
     try:
         return Access(AccessToken(), made_tls(host))
     except ImportError as error:
-        from tfbus.command import install_command
-
         raise TfbusError(
             f"cryptography is not installed ({error}): {install_command('secure')}"
         ) from error
 
 
-def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:
-    from tfbus.recording.reader import RecordingReader
-    from tfbus.view.described_robots import RecordedRobots
-    from tfbus.view.page import Page
-    from tfbus.view.replay import Replay
-
+def _show_recording(recording: Recording, serving: "Serving", at_ns: int | None) -> View:
     # Its own: the program may close the recording, and a reader is for one thread.
     reader = RecordingReader(*recording.paths)
     try:

@@ -10,26 +10,25 @@ from typing import Protocol
 import numpy as np
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.frames.moment import BusView
+from tfbus.frames.moment import BusMoment
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
+from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.guest import Guest, Region
-from tfbus.view.model.frames import Floats, Frames, Placed, frames_of, place, trail
-from tfbus.view.model.robots import GivenRobots, RobotSource
-from tfbus.view.model.settings import Selections, ViewSettings, ViewState
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
-from tfbus.view.scene.axes import SelectedMarks
+from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.robots import RobotScenes
-from tfbus.view.scene.scene import Names, Scene
-from tfbus.view.server import Access, Guard, serve, silent_viser
+from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
+from tfbus.view.server import Access, Guard, serve, stop
+from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
 
 
-class Host(Protocol):
+class PageHost(Protocol):
     """The log and the end of the page; a Node is one."""
 
     @property
@@ -38,6 +37,17 @@ class Host(Protocol):
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until the end of the page; whether it goes on."""
+
+
+class Moments(Protocol):
+    """The bus moment after moment: a listener, a replay, or the buffer of a program."""
+
+    @property
+    def buffer(self) -> Buffer:
+        """The samples of the last seconds."""
+
+    def moment(self) -> BusMoment:
+        """The bus now, or at the cursor."""
 
 
 # The panel is for reading, and looking at all frames costs more than moving them.
@@ -66,7 +76,7 @@ class Serving:
     the browser's tab. With an `access` the page is encrypted, and needs its token. A page that is
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
-    meshes are turned by the up axis that they state.
+    meshes are turned by the up axis that they state. `roster` are the robots that are expected.
     """
 
     host: str = "127.0.0.1"
@@ -80,6 +90,7 @@ class Serving:
     read_only: bool = False
     is_framed: bool = False
     heeds_up_axis: bool = False
+    roster: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,8 +114,8 @@ class Page:
 
     def __init__(
         self,
-        host: Host,
-        bus: BusView,
+        host: PageHost,
+        bus: Moments,
         serving: Serving,
         robots: RobotSource | None = None,
         guests: Sequence[Guest] = (),
@@ -123,13 +134,14 @@ class Page:
         self.frames = Frames()
         self.choice = Choice(serving.settings)
         self._refresh_at_s = 0.0
+        self._now_ns = 0
         self._is_held = False
         self._was_watched = False
         # The frames that are drawn, and these with those that only need a place.
         self._placed = self.whole = place(self._buffer, "", (), None)
         self._seen_from = ""
         self.cameras = Cameras(self.server)
-        self._names = Names(self.server, self._selections)
+        self._names = FrameLabels(self.server, self._selections)
         self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
             self.server.scene,
@@ -150,6 +162,7 @@ class Page:
             serving.title,
             self.robots,
             replay,
+            serving.roster,
         )
         self._scene = Scene(self.server.scene, self._select)
 
@@ -242,8 +255,9 @@ class Page:
             self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
-                now_ns = self._bus.now_ns()
-                self.panel.refresh(self.frames, whole, choice.fixed_frame, self._buffer, now_ns)
+                self.panel.refresh(
+                    self.frames, whole, choice.fixed_frame, self._buffer, self._now_ns
+                )
         shown = [self.frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
         # Without this the end of a movement would wait for the next one.
@@ -256,8 +270,7 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self.robots.close()
-        with silent_viser():
-            self.server.stop()
+        stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
         self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))
@@ -269,6 +282,7 @@ class Page:
     def _look(self, settings: ViewSettings) -> Frames:
         before = settings.fixed_frame or self.frames.natural_fixed_frame()
         moment = self._bus.moment()
+        self._now_ns = moment.now_ns
         self.panel.fleet.refresh(moment)
         return frames_of(moment, self._buffer, before)
 

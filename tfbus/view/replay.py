@@ -4,22 +4,19 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.frames.snapshot import FrameTree
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
+from tfbus.recording.reader import RecordingReader
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
-from tfbus.view.model.timeline import known_timeline, whole_timeline
+from tfbus.view.timeline import known_timeline, whole_timeline
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.recording.reader import RecordingReader
 
 # How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
 # in this many messages, and these at the least and at the most.
@@ -51,7 +48,7 @@ class Replay:
 
     def __init__(
         self,
-        reader: "RecordingReader",
+        reader: RecordingReader,
         *,
         at_ns: int,
         plays: bool = False,
@@ -94,26 +91,13 @@ class Replay:
         """The namespace that it shows."""
         return self._frames.namespace
 
-    @property
-    def dropped(self) -> int:
-        """How many messages the listener would have dropped."""
-        return self._frames.dropped
-
     def moment(self) -> BusMoment:
         """The bus at the cursor."""
         return self._frames.moment()
 
-    def tree(self) -> FrameTree:
-        """The frames at the cursor."""
-        return self._frames.tree()
-
     def hint(self, frame: str = "") -> str:
         """The place of a frame, or of any, elsewhere than at the cursor; "" if nowhere."""
         return self._frames.hint(frame)
-
-    def now_ns(self) -> int:
-        """The time of the cursor; by the simulated clock if the publishers followed that."""
-        return self._frames.now_ns()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until the end of the page; whether it goes on."""
@@ -153,8 +137,6 @@ class Replay:
 
     def measure(self) -> None:
         """Complete the timeline by what is only found in the index of the files; on any thread."""
-        from tfbus.recording.reader import RecordingReader
-
         try:
             with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
                 self.samples = tuple(self._samples(reader))
@@ -164,7 +146,7 @@ class Replay:
         else:
             self.timeline = found or self.timeline
 
-    def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
+    def _samples(self, reader: RecordingReader) -> Iterator[Buffer]:
         frames = self._frames_of(reader, _SAMPLE_S)
         start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
         for part in range(_SAMPLES):
@@ -234,7 +216,7 @@ class Replay:
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None
 
-    def _frames_of(self, reader: "RecordingReader", cache_time_s: float) -> RecordedFrames:
+    def _frames_of(self, reader: RecordingReader, cache_time_s: float) -> RecordedFrames:
         return RecordedFrames(
             reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
@@ -271,7 +253,7 @@ def _moves(item: Item) -> bool:
     return isinstance(item, TransformItem) and not item.static
 
 
-def _before_s(reader: "RecordingReader") -> float:
+def _before_s(reader: RecordingReader) -> float:
     messages = sum(stream.messages for stream in reader.streams)
     span_s = (reader.end_ns - reader.start_ns) / 1e9
     wanted_s = span_s * _MESSAGES_BEFORE / messages if messages else _MOST_BEFORE_S

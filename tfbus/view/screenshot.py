@@ -20,6 +20,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from websockets.sync.client import connect
+
 from tfbus.errors import TfbusError
 from tfbus.runtime.whole_file import replacing
 
@@ -162,8 +164,6 @@ class Screenshot:
                 process.wait()
 
     def _picture(self, debugger: str, hold: Callable[[], object]) -> bytes:
-        from websockets.sync.client import connect
-
         with connect(_page_of(debugger), max_size=None) as socket:
             numbers = itertools.count(1)
 

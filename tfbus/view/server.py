@@ -24,7 +24,7 @@ from websockets.http11 import Request, Response
 
 from tfbus.errors import TfbusError
 from tfbus.runtime.addresses import own_names
-from tfbus.secure.server_access import AccessToken, Gate, ServerTls, is_same, machine_names
+from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -43,7 +43,7 @@ _TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</
 
 
 @dataclass(frozen=True)
-class Answer:
+class PageReply:
     """The answer to a request in place of what it asks for; `reason` is for a log."""
 
     status: HTTPStatus
@@ -72,7 +72,7 @@ class Access:
         """The end of the printed address; "" if the token was given, so is known."""
         return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
 
-    def answer(self, path: str, headers: Mapping[str, str], address: str) -> Answer | None:
+    def answer(self, path: str, headers: Mapping[str, str], address: str) -> PageReply | None:
         """The answer to a request from an address in place of what it asks for; None if it has the
         cookie.
         """
@@ -80,16 +80,16 @@ class Access:
             return None
         given = parse_qs(path.partition("?")[2]).get("token", [""])[0]
         if not given or headers.get("Upgrade"):
-            return Answer(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
+            return PageReply(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
         match self.token.judge(given, address):
             case "too often":
                 body = _FORM.replace("<!-- why -->", _TOO_OFTEN)
-                return Answer(
+                return PageReply(
                     HTTPStatus.TOO_MANY_REQUESTS, (*_AS_PAGE, ("Retry-After", "60")), body
                 )
             case "wrong":
                 body = _FORM.replace("<!-- why -->", _WRONG)
-                return Answer(
+                return PageReply(
                     HTTPStatus.UNAUTHORIZED, _AS_PAGE, body, f"a wrong token from {address}"
                 )
             case "right":
@@ -97,7 +97,7 @@ class Access:
                 # framed, no script and no websocket has it.
                 cookie = f"{self._cookie}={self._value}; Path=/; HttpOnly; Secure; SameSite=Lax"
                 moved = (("Location", "/"), ("Set-Cookie", cookie))
-                return Answer(HTTPStatus.SEE_OTHER, (*_UNSEEN, *moved))
+                return PageReply(HTTPStatus.SEE_OTHER, (*_UNSEEN, *moved))
 
 
 _UNSEEN = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"))
@@ -118,7 +118,16 @@ def _cookie_of(headers: Mapping[str, str], name: str) -> str:
 
 
 # viser connects while its document has the focus. One in a frame has not, until it is clicked.
-_SCRIPT = b"<script>if(parent!==window)document.hasFocus=()=>true</script>"
+# It tries again each second, and whenever the document gets the focus, and gives up the attempt
+# before: over a link with a longer way it never connects. Here each attempt lasts to its end.
+_SCRIPT = b"""<script>if(parent!==window)document.hasFocus=()=>true;{
+const post=Worker.prototype.postMessage,trying=new Set,known=new WeakSet;
+Worker.prototype.postMessage=function(message,...more){const type=message&&message.type;
+if(type==='retry'&&trying.has(this))return;
+if(type==='retry'||type==='set_server'){trying.add(this);if(!known.has(this)){known.add(this);
+this.addEventListener('message',({data})=>{
+if(data.type==='connected'||data.type==='closed')trying.delete(this)})}}
+return post.call(this,message,...more)}}</script>"""
 _HEAD = b"<head>"
 
 
@@ -141,7 +150,7 @@ class Guard:
         names = machine_names(self.host)
         if self.access is not None:
             names |= own_names() | self.access.tls.names
-        self._gate = Gate(names, knows_neighbours=not names, advice="open the view directly")
+        self._gate = PageGate(names, knows_neighbours=not names, advice="open the view directly")
 
     def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
         """The answer to a request, None for a websocket: that of `then`, or why it is refused."""
@@ -266,6 +275,19 @@ def serve(
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+# On a busy machine the thread of a server ends, and says so, after viser's `stop` has returned.
+_STOP_S = 20.0
+
+
+def stop(server: viser.ViserServer) -> None:
+    """Stop a server of viser, without a word of it on standard output."""
+    thread = getattr(getattr(server, "_websock_server", None), "_server_thread", None)
+    with silent_viser():
+        server.stop()
+        if thread is not None:
+            thread.join(_STOP_S)
 
 
 @contextmanager

@@ -1,28 +1,23 @@
 """Messages of topics and services: small dataclasses on the wire as msgpack maps.
 
 A field is an int, float, bool, str, bytes, another dataclass, a list or a dict by str of one of
-these, or a tuple with a type for each item; Any is taken as it comes. An int may stand for a float,
+these, or a tuple with a type for each item; Any is taken as it comes. An array of numpy that a type
+says (`messages.fields.ArrayOf`) is one binary. An int may stand for a float,
 and 0 and 1 for false and true; numbers, booleans and texts of numpy, and arrays of these, are sent
 as Python's own. Nothing else is converted.
+
+The fields are those of ROS, but for a `header`, which is `stamp_ns` and `frame_id` here; names that
+fields had before are read as well. A payload is read only if it has at most a million values.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.structs import Struct, fields_of
-from tfbus.wire.msgpack_items import too_many_items, unpacked
-from tfbus.wire.ros_fields import (
-    HEADER,
-    has_header,
-    is_in_ros_layout,
-    renewed,
-    with_header,
-    without_header,
-)
 from tfbus.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
@@ -43,7 +38,7 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
     lone surrogate: UTF-8 cannot hold it.
     """
     try:
-        return cast(bytes, msgpack.packb(dict(value), default=_of_numpy))
+        return _packed(value)
     except UnicodeEncodeError as error:
         text = printable(str(error.object), 60)
         raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
@@ -53,6 +48,24 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
         ) from error
     except ValueError as error:  # it is in itself, or nested too deep
         raise BusError(f"could not send a message: {error}") from error
+
+
+# A binary of so many bytes is put into the message at once: msgpack copies it three times.
+_LARGE = 16 * 1024
+
+
+def _packed(values: Mapping[str, Any]) -> bytes:
+    if not any(type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()):
+        return cast(bytes, msgpack.packb(dict(values), default=_of_numpy))
+    packer = msgpack.Packer(default=_of_numpy)
+    parts: list[Any] = [packer.pack_map_header(len(values))]
+    for name, value in values.items():
+        parts.append(packer.pack(name))
+        if type(value) is memoryview:
+            parts += (b"\xc6" + value.nbytes.to_bytes(4, "big"), value)
+        else:
+            parts.append(packer.pack(value))
+    return b"".join(parts)
 
 
 def _of_numpy(value: Any) -> Any:
@@ -99,15 +112,15 @@ def _why_unsendable(value: Any, path: str) -> str:
     return next(filter(None, (_why_unsendable(item, name) for name, item in inside)), "")
 
 
-def decode_map(data: bytes) -> dict[str, Any]:
-    """The map in the bytes.
+def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
+    """The map in the bytes; `in_place`, large binaries in it are memoryviews of the bytes.
 
     Raises DecodeError if they are not one msgpack map, or hold more than a million values.
     """
     if mistake := too_many_items(data):
         raise DecodeError(mistake)
     try:
-        value = unpacked(data)
+        value = unpacked_in_place(data) if in_place else unpacked(data)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error
     if not isinstance(value, dict):
@@ -125,7 +138,7 @@ def is_of_ros(data: bytes) -> bool:
 
 def encode_message(message: object) -> bytes:
     """The bytes of a message, an instance of a dataclass."""
-    return encode_map(as_map(message))
+    return encode_map(_map_of(message, None, in_bytes=True))
 
 
 def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool = True) -> M:
@@ -134,11 +147,16 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     Raises DecodeError with the name of the field if one is missing, of the wrong type, or, with
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
-    return from_map(message_type, decode_map(data), unknown_fields=unknown_fields)
+    kind: type = message_type
+    in_place = not hasattr(kind, "__of_bus_map__") and _shape(kind).has_arrays
+    values = decode_map(data, in_place=in_place)
+    return from_map(message_type, values, unknown_fields=unknown_fields)
 
 
 def as_map(message: Any) -> dict[str, Any]:
-    """The fields of a message by name, nested messages included, as they go over the bus."""
+    """The fields of a message by name, nested messages included, as they go over the bus; arrays
+    stay arrays.
+    """
     return _map_of(message, None)
 
 
@@ -162,15 +180,34 @@ def type_name(message_type: type) -> str:
     return said if isinstance(said, str) else message_type.__qualname__
 
 
+class _ArrayOf(Protocol):
+    """A `messages.fields.ArrayOf`; to import that would import all messages."""
+
+    kind: str
+    columns: tuple[str, ...]
+
+    def made(self, value: Any, name: str) -> Any: ...
+
+    def of_memory(self, data: Any, name: str) -> Any: ...
+
+    def memory_of(self, array: Any) -> memoryview: ...
+
+
+def _is_array(hint: object) -> bool:
+    return hasattr(hint, "memory_of")
+
+
 class _Field(NamedTuple):
     read: Reader
     required: bool
+    array: _ArrayOf | None
 
 
 class _Shape(NamedTuple):
     """The fields of a dataclass, and their `former` names. A type that `is_as_in_ros` goes over the
-    bus in ROS's layout; any with ROS's `has_header` is read in it, too. With that, or with former
-    names, it `has_other_names` to be read by.
+    bus in ROS's layout; any with ROS's `has_header`, or `times` that ROS has, is read in it, too.
+    With that, or with former names, it `has_other_names` to be read by. `has_arrays` says whether
+    it, or a message in it, has arrays.
     """
 
     fields: dict[str, _Field]
@@ -178,6 +215,8 @@ class _Shape(NamedTuple):
     has_header: bool
     is_as_in_ros: bool
     has_other_names: bool
+    times: tuple[str, ...]
+    has_arrays: bool
 
 
 @cache
@@ -186,13 +225,32 @@ def _shape(message_type: type) -> _Shape:
         raise TypeError(f"{message_type!r} is not a message: make it a dataclass")
     hints = get_type_hints(message_type)
     fields = {
-        name: _Field(_reader(hints[name]), required)
+        name: _Field(
+            _reader(hints[name]),
+            required,
+            hints[name] if _is_array(hints[name]) else None,
+        )
         for name, required in _fields_of(message_type).items()
     }
     former = getattr(message_type, "__former__", {})
+    times = getattr(message_type, "__times__", ())
     of_ros = has_header(fields)
     is_as_in_ros = "/" in type_name(message_type)
-    return _Shape(fields, former, of_ros, is_as_in_ros, of_ros or bool(former))
+    has_other_names = of_ros or bool(former) or bool(times)
+    has_arrays = any(_has_arrays(hint, {message_type}) for hint in hints.values())
+    return _Shape(fields, former, of_ros, is_as_in_ros, has_other_names, times, has_arrays)
+
+
+def _has_arrays(hint: Any, inside: set[type]) -> bool:
+    """Whether there are arrays in a field; a message may be in itself."""
+    if _is_array(hint):
+        return True
+    if is_message_type(hint):
+        if hint in inside or hasattr(hint, "__of_bus_map__"):
+            return False
+        hints = get_type_hints(hint)
+        return any(_has_arrays(each, {*inside, hint}) for each in hints.values())
+    return any(_has_arrays(each, inside) for each in get_args(hint))
 
 
 def is_message_type(type_: object) -> bool:
@@ -217,23 +275,31 @@ def _fields_of(message_type: type) -> dict[str, bool]:
     }
 
 
-def _map_of(message: Any, as_in_ros: bool | None) -> dict[str, Any]:
-    """The fields of a message in ROS's layout or ours; None for that of its type."""
+def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dict[str, Any]:
+    """The fields of a message in ROS's layout or ours; None for that of its type. Arrays are
+    arrays, or `in_bytes` their memory.
+    """
     if hasattr(message, "__bus_map__"):
         return cast(dict[str, Any], message.__bus_map__())
     shape = _shape(message.__class__)
     if as_in_ros is None:
         as_in_ros = shape.is_as_in_ros
-    values = {name: _plain(getattr(message, name), as_in_ros) for name in shape.fields}
+    values = {name: _plain(getattr(message, name), as_in_ros, in_bytes) for name in shape.fields}
+    if in_bytes and shape.has_arrays:
+        for name, each in shape.fields.items():
+            if each.array is not None:
+                values[name] = each.array.memory_of(values[name])
+    if as_in_ros and shape.times:
+        values = as_time(values, shape.times)
     return with_header(values) if as_in_ros and shape.has_header else values
 
 
-def _plain(value: Any, as_in_ros: bool) -> Any:
+def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if value.__class__ in _AS_THEY_ARE:
         return value
     if isinstance(value, list | tuple):
-        return [_plain(item, as_in_ros) for item in value]
-    return _map_of(value, as_in_ros) if is_message_type(type(value)) else value
+        return [_plain(item, as_in_ros, in_bytes) for item in value]
+    return _map_of(value, as_in_ros, in_bytes) if is_message_type(type(value)) else value
 
 
 def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
@@ -243,6 +309,13 @@ def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> 
         except (KeyError, TypeError) as error:
             raise DecodeError(
                 f"field '{path}{HEADER}' must have a stamp of sec and nanosec, and a frame_id"
+            ) from error
+    for name in shape.times:
+        try:
+            values = of_time(values, name)
+        except (KeyError, TypeError) as error:
+            raise DecodeError(
+                f"field '{path}{name.removesuffix('_ns')}' must have sec and nanosec"
             ) from error
     return renewed(values, shape.former, shape.fields)
 
@@ -284,8 +357,10 @@ def _reader(expected: Any) -> Reader:
         return _list_reader(expected)
     if get_origin(expected) is dict:
         return _dict_reader(expected)
+    if _is_array(expected):
+        return _array_reader(expected)
     if expected is Any:
-        return lambda value, path: value
+        return lambda value, path: bytes(value) if type(value) is memoryview else value
     if expected is float:
         return _read_float
     if expected is bool:
@@ -362,9 +437,54 @@ def _scalar_reader(expected: type) -> Reader:
     def read(value: object, path: str) -> object:
         if type(value) is expected:
             return value
+        if type(value) is memoryview and expected is bytes:
+            return bytes(value)
         raise _wrong_type(path, _KINDS[expected], value)
 
     return read
+
+
+def _array_reader(expected: _ArrayOf) -> Reader:
+    """Reads a binary, an array of a message in CDR, and a list, as former messages have it."""
+
+    def read(value: Any, path: str) -> Any:
+        try:
+            if isinstance(value, bytes | memoryview):
+                return expected.of_memory(value, path)
+            if hasattr(value, "dtype"):
+                return expected.made(value, path)
+            if not isinstance(value, list):
+                raise _wrong_type(path, f"a binary of {expected.kind}", value)
+            return expected.made(_numbers(value, expected.columns, path), path)
+        except ValueError as error:
+            raise DecodeError(str(error)) from error
+
+    return read
+
+
+def _numbers(items: list[Any], columns: tuple[str, ...], path: str) -> list[Any]:
+    """The numbers of a list, or those of each of its maps or lists as a row."""
+    if not columns:
+        if wrong := set(map(type, items)) - {int, float}:
+            raise DecodeError(f"field {path!r} must be of numbers, not {_KINDS.get(wrong.pop())}")
+        return items
+    rows = []
+    for at, item in enumerate(items):
+        row = _row(item, columns) if isinstance(item, dict) else item
+        if type(row) is not list or len(row) != len(columns) or {*map(type, row)} - {int, float}:
+            raise DecodeError(f"field '{path}[{at}]' must be of the numbers {', '.join(columns)}")
+        rows.append(row)
+    return rows
+
+
+def _row(item: dict[Any, Any], columns: tuple[str, ...]) -> list[Any]:
+    row = []
+    for column in columns:
+        value: Any = item
+        for name in column.split("."):
+            value = value.get(name) if isinstance(value, dict) else None
+        row.append(value)
+    return row
 
 
 _KINDS = {
@@ -386,3 +506,241 @@ def _wrong_type(path: str, expected: str, value: object) -> DecodeError:
 
 def _kind(value: object) -> str:
     return _KINDS.get(type(value), type(value).__name__)
+
+
+# More values in a payload are refused: they take at most some ten megabytes, and a fraction of a
+# second to read. A value of one byte takes up to seventy bytes in Python: 8 MB of empty maps took
+# 600 MB. So a limit of the payload's size alone does not bound that.
+MOST_ITEMS = 1_000_000
+
+# A payload of this size cannot hold enough values to harm.
+HARMLESS_SIZE = 64 * 1024
+
+
+def unpacked(data: bytes, *, strict_map_key: bool = True) -> Any:
+    """The value in the bytes. Messages have no extensions: a time of msgpack's is taken as its
+    nanoseconds. Raises what msgpack does, and ValueError for other extensions.
+    """
+    return msgpack.unpackb(
+        data, strict_map_key=strict_map_key, timestamp=_AS_NANOSECONDS, ext_hook=_refuse_extension
+    )
+
+
+_AS_NANOSECONDS = 2
+
+
+def _refuse_extension(code: int, data: bytes) -> object:
+    raise ValueError(f"it has an extension of type {code}")
+
+
+# Stands for a binary that is left where it is, with its number.
+_LEFT = 100
+_AS_LEFT = b"\xd6" + bytes([_LEFT])
+
+
+def unpacked_in_place(data: bytes) -> Any:
+    """As `unpacked`, but each binary of 4 kB or more is a memoryview of the payload: nothing of it
+    is copied. A payload of at most 64 KiB is copied whole.
+    """
+    if len(data) <= HARMLESS_SIZE:
+        return unpacked(data)
+    binaries: list[tuple[int, int, int]] = []
+    values_in(data, MOST_ITEMS, binaries)
+    if not binaries or binaries[-1][2] > len(data):
+        return unpacked(data)
+    pieces: list[bytes] = []
+    at = 0
+    for number, (head, _, end) in enumerate(binaries):
+        pieces += (data[at:head], _AS_LEFT, number.to_bytes(4, "big"))
+        at = end
+    pieces.append(data[at:])
+    whole = memoryview(data)
+
+    def left(code: int, number: bytes) -> object:
+        # A payload may have such an extension, too; it has no number as ours.
+        at = int.from_bytes(number, "big")
+        if code != _LEFT or len(number) != 4 or at >= len(binaries):
+            return _refuse_extension(code, number)
+        _, start, end = binaries[at]
+        return whole[start:end]
+
+    return msgpack.unpackb(
+        b"".join(pieces), strict_map_key=True, timestamp=_AS_NANOSECONDS, ext_hook=left
+    )
+
+
+# A binary of so many bytes is not worth a copy.
+_LARGE_BINARY = 4096
+
+
+def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
+    """Why the payload is not read, as a sentence; "" if it has at most `most` values.
+
+    Binary data and text are one value, however long. Bytes that are no msgpack are not found here.
+    """
+    if len(data) <= HARMLESS_SIZE or values_in(data, most) <= most:
+        return ""
+    return f"it has more than {most} values; send many numbers as bytes"
+
+
+# By the first byte of a value: how many bytes follow, or how many values, or how wide the length is
+# that follows. https://github.com/msgpack/msgpack/blob/master/spec.md#formats
+_BYTES = [0] * 256
+_VALUES = [0] * 256
+_LENGTH_WIDTH = [0] * 256
+_BINARIES = range(0xC4, 0xC7)
+_EXTENSIONS = range(0xC7, 0xCA)
+_ARRAYS = range(0xDC, 0xDE)
+_MAPS = range(0xDE, 0xE0)
+
+
+def _fill_tables() -> None:
+    _VALUES[0x80:0x90] = range(0, 32, 2)  # maps
+    _VALUES[0x90:0xA0] = range(16)  # arrays
+    _BYTES[0xA0:0xC0] = range(32)  # texts
+    _LENGTH_WIDTH[0xC4:0xCA] = (1, 2, 4, 1, 2, 4)  # binary data, extensions
+    _BYTES[0xCA:0xD4] = (4, 8, 1, 2, 4, 8, 1, 2, 4, 8)  # floats and integers
+    _BYTES[0xD4:0xD9] = (2, 3, 5, 9, 17)  # extensions of one size, with their type
+    _LENGTH_WIDTH[0xD9:0xE0] = (1, 2, 4, 2, 4, 2, 4)  # texts, arrays, maps
+
+
+_fill_tables()
+
+
+def values_in(data: bytes, most: int, binaries: list[tuple[int, int, int]] | None = None) -> int:
+    """How many values the payload says it has; if they are more than `most`, some number above
+    it. `binaries` gets the places of binaries of 4 kB or more: of the head, the data and the end.
+    """
+    at, end = 0, len(data)
+    seen, announced = 0, 1
+    while announced and at < end:
+        head = data[at]
+        at += 1 + _BYTES[head]
+        seen += 1
+        announced += _VALUES[head] - 1
+        if width := _LENGTH_WIDTH[head]:
+            length = int.from_bytes(data[at : at + width], "big")
+            at += width
+            if head in _ARRAYS:
+                announced += length
+            elif head in _MAPS:
+                announced += 2 * length
+            else:
+                at += length + (head in _EXTENSIONS)
+                if length >= _LARGE_BINARY and head in _BINARIES and binaries is not None:
+                    binaries.append((at - length - width - 1, at - length, at))
+        if seen + announced > most:
+            break
+    return seen + announced
+
+
+_SECOND_NS = 1_000_000_000
+
+HEADER = "header"
+OF_HEADER = ("stamp_ns", "frame_id")
+
+
+def has_header(fields: Mapping[str, object]) -> bool:
+    """Whether a type with these fields of ours has a header in ROS."""
+    return HEADER not in fields and all(name in fields for name in OF_HEADER)
+
+
+def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
+    """Whether the values of a type that has a header in ROS have that; beside a stamp of ours
+    a `header` is an unknown field.
+    """
+    return HEADER in values and "stamp_ns" not in values
+
+
+def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message with the header of ROS. Raises KeyError where one of ours is missing,
+    TypeError for a stamp that is no integer, and where there is a header.
+    """
+    if HEADER in values:
+        raise TypeError("it has a header beside stamp_ns")
+    stamp_ns = values["stamp_ns"]
+    if type(stamp_ns) is not int:
+        raise TypeError("stamp_ns must be an integer")
+    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
+    stamp = {"sec": seconds, "nanosec": nanoseconds}
+    others = {name: value for name, value in values.items() if name not in OF_HEADER}
+    return {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **others}
+
+
+def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a message of ROS as ours. Raises KeyError and TypeError where its header has
+    other fields than ROS's own.
+    """
+    header = values[HEADER]
+    stamp = header["stamp"]
+    seconds, nanoseconds = stamp["sec"], stamp["nanosec"]
+    # Before they are multiplied: a billion times a list would take all memory.
+    if type(seconds) is not int or type(nanoseconds) is not int:
+        raise TypeError("the stamp must be of integers")
+    stamp_ns = seconds * _SECOND_NS + nanoseconds
+    of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
+    others = {
+        name: value for name, value in values.items() if name != HEADER and name not in OF_HEADER
+    }
+    return {**of_header, **others}
+
+
+def as_time(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """The fields of a message with these times, `lifetime_ns`, as ROS has them: a `lifetime` of
+    seconds and nanoseconds.
+    """
+    made = {}
+    for name, value in values.items():
+        if name in names:
+            sec, nanosec = divmod(value, _SECOND_NS)
+            made[name.removesuffix("_ns")] = {"sec": sec, "nanosec": nanosec}
+        else:
+            made[name] = value
+    return made
+
+
+def of_time(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The fields of a message of ROS with a time as ours, `lifetime_ns`; if it has that already, as
+    it is. Raises KeyError and TypeError for a time with other fields than ROS's own.
+    """
+    in_ros = name.removesuffix("_ns")
+    if name in values or in_ros not in values:
+        return values
+    sec, nanosec = values[in_ros]["sec"], values[in_ros]["nanosec"]
+    if type(sec) is not int or type(nanosec) is not int:
+        raise TypeError("the time must be of integers")
+    others = {key: value for key, value in values.items() if key != in_ros}
+    return {**others, name: sec * _SECOND_NS + nanosec}
+
+
+def renewed(
+    values: Mapping[str, Any],
+    former: Mapping[str, str | tuple[str, ...]],
+    fields: Mapping[str, object],
+) -> Mapping[str, Any]:
+    """The values of a message under today's names of its `fields`, where it has `former` ones;
+    otherwise the same. Of a former name there is the path of today; of a list, that of each item.
+    """
+    if not any(name in former and name not in fields for name in values):
+        return values
+    made: dict[str, Any] = {}
+    for name, value in values.items():
+        path = former.get(name, name)
+        if isinstance(path, str):
+            _put(made, path, value)
+        elif isinstance(value, list | tuple) and len(value) == len(path):
+            for each, item in zip(path, value, strict=True):
+                _put(made, each, item)
+        else:
+            made[name] = value  # it has this name only
+    return made
+
+
+def _put(values: dict[str, Any], path: str, value: Any) -> None:
+    """Set the value at a path, `pose.position`."""
+    *above, name = path.split(".")
+    for each in above:
+        below = values.get(each)
+        values[each] = dict(below) if isinstance(below, dict) else {}
+        values = values[each]
+    values[name] = value

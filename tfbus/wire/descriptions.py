@@ -161,6 +161,14 @@ class StreamDescription(Struct):
         _check_names(node=self.node, host=self.host, session=self.session)
 
 
+class FramesAsked(Struct):
+    """A question for the descriptions of streams: only of those that list one of these child
+    frames, as the streams call them.
+    """
+
+    children: tuple[str, ...]
+
+
 def read_description(payload: bytes) -> tuple[StreamDescription, str]:
     """The description of a stream in a payload, and what is wrong with the first of the frames that
     it leaves out, since no frame can have its name; "" if all are there.

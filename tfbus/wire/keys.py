@@ -68,6 +68,11 @@ def stream_key(stream: str) -> str:
     return f"@tfbus/stream/{escape(stream)}"
 
 
+def may_describe(key: str) -> bool:
+    """Whether a key is that of the token and the description of a stream, in any namespace."""
+    return "/@tfbus/stream/" in f"/{key}"
+
+
 def transforms_key_beside(stream_key: str, child: str | None = None) -> str:
     """The key of the dynamic transforms beside a `stream_key`, in the same namespace; with `child`,
     of that frame in a split stream.
@@ -93,6 +98,14 @@ def kept_transforms_selector(key: str, last_s: float) -> str:
     expression.
     """
     return f"{key}?last_s={last_s:g}"
+
+
+def page_selector(selector: str, most_bytes: int, place: str = "") -> str:
+    """The selector of a page of what another one asks for: from a place on that the page before has
+    named, or the first.
+    """
+    begins = f";from={place}" if place else ""
+    return f"{selector}{';' if '?' in selector else '?'}page={most_bytes}{begins}"
 
 
 def node_key(node: str) -> str:

@@ -56,16 +56,16 @@ class Limits(Struct):
     @property
     def largest(self) -> int:
         """The largest of them."""
-        return max(map(self.of, KINDS))
+        return max(map(self.limit_of, KINDS))
 
-    def of(self, kind: str) -> int:
+    def limit_of(self, kind: str) -> int:
         """The limit of a kind, one of KINDS."""
         most: int = getattr(self, kind)
         return most
 
     def mistake_in(self, kind: str, size: int) -> str:
         """Why a payload of this size is not read, as the end of a sentence; "" if it is."""
-        most = self.of(kind)
+        most = self.limit_of(kind)
         if size <= most:
             return ""
         enough = size_text(_rounded_up(size)).replace(" ", "")

@@ -16,8 +16,8 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.wire.codec import decode_map
 from tfbus.wire.fleet import FrameNames
-from tfbus.wire.scan import FAST, VERSION, NameTables, scan_message
-from tfbus.wire.scan import TransformMessage as TransformMessage
+from tfbus.wire.transform_bytes import FAST, VERSION, NameTables, scan_message
+from tfbus.wire.transform_bytes import TransformMessage as TransformMessage
 from tfbus.wording import counted
 
 # The bytes of MessagePack before an integer of eight bytes. Each `seq` is written so, since packing

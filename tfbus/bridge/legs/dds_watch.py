@@ -13,9 +13,16 @@ from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.sub import DataReader
 
 from tfbus.errors import DecodeError
-from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
-from tfbus.ros.message_type import PLACEHOLDER, MessageType, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import (
+    PLACEHOLDER,
+    MessageType,
+    Scalar,
+    Sequence,
+    Text,
+    Type,
+    message_of,
+)
 from tfbus.ros.rmw import dds_type, decode_nodes
 from tfbus.runtime.bounded import Bounded
 

@@ -23,8 +23,7 @@ from tfbus.bridge.legs import (
 )
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.errors import TfbusError
-from tfbus.ros.rmw import type_hash
-from tfbus.ros.ros_names import domain_of
+from tfbus.ros.rmw import domain_of, type_hash
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.installation import install_command

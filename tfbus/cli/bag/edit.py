@@ -1,6 +1,6 @@
 """`tfbus bag cut`, `filter`, `merge` and `recover`: recordings made from others."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -15,10 +15,13 @@ from tfbus.cli.bag.new_file import (
     write_recording,
 )
 from tfbus.cli.bag.selecting import (
-    Regex,
-    SeveralNames,
+    FRAMES,
+    STREAMS,
+    TOPICS,
     names_of,
+    names_option,
     recordings_argument,
+    regex_options,
     selected,
     warn_of_unreadable,
 )
@@ -87,17 +90,9 @@ def cut_command(
     with BagChoice(recordings, begin=begin, end=end).opened() as bag:
         warn_of_unreadable(bag.reader)
         spans = [_span(bag, pair) for pair in ranges] or [Span(*bag.span)]
-        written = write_recording(
-            cut(bag.reader, spans),
-            output,
-            force=force,
-            span=(min(each.from_ns for each in spans), max(each.to_ns for each in spans)),
-            sources=[part.path for part in bag.reader.parts],
-            compression=compression,
-            about=about_edited([bag.reader], "cut"),
-            about_at_end=lambda: lost_of([bag.reader]),
-        )
-    click.echo(f"Wrote {output}: {written}")
+        whole = Span(min(each.from_ns for each in spans), max(each.to_ns for each in spans))
+        items = cut(bag.reader, spans)
+        _write(items, [bag.reader], "cut", output, force, compression, span=whole)
 
 
 def _span(bag: OpenBag, pair: tuple[Moment, Moment]) -> Span:
@@ -111,52 +106,11 @@ def _span(bag: OpenBag, pair: tuple[Moment, Moment]) -> Span:
     "tfbus bag filter drive.mcap --drop camera/image -o small.mcap",
 )
 @recordings_argument
-@click.option(
-    "--topics",
-    cls=SeveralNames,
-    multiple=True,
-    metavar="NAME...",
-    help="Only these topics; tf stands for dynamic transforms, tf_static for static ones.",
-)
-@click.option(
-    "--streams",
-    cls=SeveralNames,
-    multiple=True,
-    metavar="NAME...",
-    help="Only transforms of these streams.",
-)
-@click.option(
-    "--frames",
-    cls=SeveralNames,
-    multiple=True,
-    metavar="NAME...",
-    help="Only transforms of these child frames.",
-)
-@click.option(
-    "-e",
-    "--regex",
-    type=Regex(),
-    default="",
-    metavar="REGEX",
-    help="Only topics and streams in whose names this is found.",
-)
-@click.option(
-    "-x",
-    "--exclude",
-    "--exclude-regex",
-    type=Regex(),
-    default="",
-    metavar="REGEX",
-    help="Omit topics and streams in whose names this is found.",
-)
-@click.option(
-    "--drop",
-    "dropped",
-    cls=SeveralNames,
-    multiple=True,
-    metavar="NAME...",
-    help="Drop these topics, streams, frames.",
-)
+@names_option("--topics", text=TOPICS)
+@names_option("--streams", text=STREAMS)
+@names_option("--frames", text=FRAMES)
+@regex_options
+@names_option("--drop", "dropped", text="Drop these topics, streams, frames.")
 @click.option(
     "--namespace", default="", metavar="NAME", help="Put streams, topics and nodes in a namespace."
 )
@@ -197,17 +151,7 @@ def filter_command(
             items = without(items, drop)
         if namespace:
             items = in_namespace(items, namespace)
-        written = write_recording(
-            items,
-            output,
-            force=force,
-            span=(reader.start_ns, reader.end_ns),
-            sources=[part.path for part in reader.parts],
-            compression=compression,
-            about=about_edited([reader], "filter"),
-            about_at_end=lambda: lost_of([reader]),
-        )
-    click.echo(f"Wrote {output}: {written}")
+        _write(items, [reader], "filter", output, force, compression)
 
 
 def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[str]) -> None:
@@ -263,18 +207,33 @@ def merge_command(
                 "only the newer counts: `tfbus bag filter --namespace` gives a recording's streams "
                 "and topics a namespace"
             )
-        full = [reader for reader in readers if reader.end_ns] or readers
-        span = (min(each.start_ns for each in full), max(each.end_ns for each in full))
-        written = write_recording(
-            joined(readers),
-            output,
-            force=force,
-            span=span,
-            sources=[part.path for reader in readers for part in reader.parts],
-            compression=compression,
-            about=about_edited(readers, "merge"),
-            about_at_end=lambda: lost_of(readers),
-        )
+        _write(joined(readers), readers, "merge", output, force, compression)
+
+
+def _write(
+    items: Iterator[Item],
+    readers: Sequence[RecordingReader],
+    verb: str,
+    output: Path,
+    force: bool,
+    compression: Compression,
+    *,
+    span: Span | None = None,
+) -> None:
+    """Write a recording of items of others, by default of all their time, and say so."""
+    full = [reader for reader in readers if reader.end_ns] or readers
+    if span is None:
+        span = Span(min(each.start_ns for each in full), max(each.end_ns for each in full))
+    written = write_recording(
+        items,
+        output,
+        force=force,
+        span=(span.from_ns, span.to_ns),
+        sources=[part.path for reader in readers for part in reader.parts],
+        compression=compression,
+        about=about_edited(readers, verb),
+        about_at_end=lambda: lost_of(readers),
+    )
     click.echo(f"Wrote {output}: {written}")
 
 

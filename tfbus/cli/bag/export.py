@@ -22,7 +22,7 @@ from tfbus.recording.exported import (
 from tfbus.recording.items import Item
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import STATICS, Statics
-from tfbus.trajectory.trajectory import Trajectory
+from tfbus.trajectory import Trajectory
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, did_you_mean, duration
 

@@ -13,7 +13,7 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
-from tfbus.cli.bag.selecting import Regex, SeveralNames, names_of, selected
+from tfbus.cli.bag.selecting import names_of, names_option, regex_options, selected
 from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable
@@ -42,30 +42,8 @@ _NAMED = 12
     metavar="FILE...",
 )
 @click.option("--only-tf", is_flag=True, help="Import transforms only.")
-@click.option(
-    "--topics",
-    cls=SeveralNames,
-    multiple=True,
-    metavar="NAME...",
-    help="Of topics import only these.",
-)
-@click.option(
-    "-e",
-    "--regex",
-    type=Regex(),
-    default="",
-    metavar="REGEX",
-    help="Import topics and streams that match.",
-)
-@click.option(
-    "-x",
-    "--exclude",
-    "--exclude-regex",
-    type=Regex(),
-    default="",
-    metavar="REGEX",
-    help="Leave out topics and streams that match.",
-)
+@names_option("--topics", text="Of topics import only these.")
+@regex_options
 @click.option(
     "--stream",
     default="",

@@ -26,7 +26,7 @@ from tfbus.frames.track import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.reader import topics_of
-from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
+from tfbus.recording.summary import Flow, RecordedStreamFacts, Summary, TopicFacts, summary_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
@@ -55,7 +55,7 @@ _EVENTS: dict[EventKind, str] = {
 }
 
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
-_ORDERS: dict[str, tuple[Callable[[StreamFacts], Any], Callable[[TopicFacts], Any]]] = {
+_ORDERS: dict[str, tuple[Callable[[RecordedStreamFacts], Any], Callable[[TopicFacts], Any]]] = {
     "name": (lambda it: it.name, lambda it: it.name),
     "type": (lambda it: it.node, lambda it: (it.type_name, it.name)),
     "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
@@ -269,11 +269,11 @@ def _streams(summary: Summary) -> Iterator[str]:
     )
 
 
-def _restarts(stream: StreamFacts) -> str:
+def _restarts(stream: RecordedStreamFacts) -> str:
     return paint(str(stream.restarts), "warning") if stream.restarts else "-"
 
 
-def _is_gone(stream: StreamFacts) -> bool:
+def _is_gone(stream: RecordedStreamFacts) -> bool:
     return stream.gone_ns is not None
 
 
@@ -287,7 +287,7 @@ def _gap(flow: Flow, summary: Summary) -> str:
     """The longest time without a message and, where it is a gap, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
-    if flow.rate is None or flow.longest_gap_s <= least_gap_s(1.0 / flow.rate):
+    if flow.period_s is None or flow.longest_gap_s <= least_gap_s(flow.period_s):
         return duration(flow.longest_gap_s)
     begins_s = (flow.gap_from_ns - summary.start_ns) * 1e-9
     return f"{duration(flow.longest_gap_s)} at +{begins_s:.1f}s"

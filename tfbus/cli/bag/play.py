@@ -10,8 +10,7 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.selecting import RECORDING, SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
-from tfbus.command.option_kinds import Several
-from tfbus.command.options import bus_options
+from tfbus.command.options import Several, bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Moment, MomentType, Number
 from tfbus.errors import TfbusError
 from tfbus.recording.playhead import FASTEST, SLOWEST

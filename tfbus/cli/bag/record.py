@@ -7,8 +7,7 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.selecting import SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
-from tfbus.command.option_kinds import Several
-from tfbus.command.options import bus_options
+from tfbus.command.options import Several, bus_options
 from tfbus.command.types import POSITIVE, ByteSize, Number, TopicName
 from tfbus.errors import TfbusError
 from tfbus.runtime.installation import install_command
@@ -228,7 +227,7 @@ def command(
         ) from error
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Splits
-    from tfbus.bag.trigger import Condition
+    from tfbus.bag.recorder import Condition
     from tfbus.cli.bag.record_run import RecordPlan, checked, free_path, pairs_of, record
 
     try:

@@ -22,8 +22,7 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.recorder import Recorder, Snapshots
-from tfbus.bag.trigger import Condition, Triggers, unmatched
+from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
     Rating,
@@ -37,8 +36,8 @@ from tfbus.cli.bag.record_status import (
 from tfbus.cli.bus import is_running
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.command.terminal import typed_keys
-from tfbus.discover.namespaces import frames_in_other_namespaces, where_to_look
-from tfbus.discover.out_of_reach import bus_out_of_reach
+from tfbus.discover.graph import where_to_look
+from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node

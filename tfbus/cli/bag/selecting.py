@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from tfbus.cli.output import warn
-from tfbus.command.option_kinds import Several
+from tfbus.command.options import Several
 from tfbus.command.types import FrameName, TopicName
 from tfbus.errors import InvalidArgumentException
 from tfbus.wording import listed
@@ -110,28 +110,35 @@ def selecting(function: F) -> F:
     return cast(F, decorated)
 
 
+TOPICS = "Only these topics; tf stands for dynamic transforms, tf_static for static ones."
+STREAMS = "Only transforms of these streams."
+FRAMES = "Only transforms of these child frames."
+
+
 def _options() -> list[Callable[[Any], Any]]:
     several = functools.partial(click.option, cls=Several, multiple=True, metavar="NAME...")
-    regex = functools.partial(click.option, type=Regex(), default="", metavar="REGEX")
     return [
-        several(
-            "--topics",
-            type=TopicName(),
-            help="Only these topics; tf stands for dynamic transforms, tf_static for static ones.",
-        ),
-        several("--streams", help="Only transforms of these streams."),
-        several("--frames", type=FrameName(), help="Only transforms of these child frames."),
-        regex("-e", "--regex", help="Only topics and streams in whose names this is found."),
-        regex(
-            "-x",
-            "--exclude",
-            "--exclude-regex",
-            help="Omit topics and streams in whose names this is found.",
-        ),
+        several("--topics", type=TopicName(), help=TOPICS),
+        several("--streams", help=STREAMS),
+        several("--frames", type=FrameName(), help=FRAMES),
+        regex_options,
         several(
             "--exclude-topics", type=TopicName(), help="Omit these topics; tf and tf_static too."
         ),
     ]
+
+
+def regex_options(function: F) -> F:
+    """Add `--regex` and `--exclude`, regular expressions, to a click command."""
+    regex = functools.partial(click.option, type=Regex(), default="", metavar="REGEX")
+    exclude = regex(
+        "-x",
+        "--exclude",
+        "--exclude-regex",
+        help="Omit topics and streams in whose names this is found.",
+    )
+    only = regex("-e", "--regex", help="Only topics and streams in whose names this is found.")
+    return only(exclude(function))
 
 
 class RecordingPath(click.Path):
@@ -169,6 +176,11 @@ class SeveralNames(Several):
         return super().takes(word) and not (Path(word).suffix and Path(word).exists())
 
 
+def names_option(*names: str, text: str) -> Callable[[F], F]:
+    """Add an option of names to a click command that reads a recording."""
+    return click.option(*names, cls=SeveralNames, multiple=True, metavar="NAME...", help=text)
+
+
 def names_of(given: tuple[str, ...]) -> tuple[str, ...]:
     """The names that an option was given: one by one, or with commas. Raises click.UsageError if
     there is only the option, which would otherwise mean all.
@@ -189,11 +201,8 @@ def selected(
     """The selection of these options; names may begin with a slash. Raises click.UsageError for
     what is no regular expression.
     """
-    from tfbus.recording.selection import Selection
-
-    full = [tuple(name.removeprefix("/") for name in names) for names in (topics, streams)]
     try:
-        return Selection(full[0], full[1], frames, regex, exclude)
+        return SelectionOptions(topics, streams, frames, regex, exclude, ()).selection()
     except InvalidArgumentException as error:
         raise click.UsageError(str(error)) from error
 

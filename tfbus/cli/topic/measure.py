@@ -32,7 +32,7 @@ from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError, DecodeError
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.monitor.flow import MessageWindow, Spread, WindowReading, spread_of
+from tfbus.monitor.windows import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative

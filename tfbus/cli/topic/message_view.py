@@ -32,6 +32,8 @@ class Shortening:
             return {key: self.shorten(item) for key, item in value.items()}
         if isinstance(value, list):
             return self._list(value)
+        if _is_array(value):
+            return self._array(value)
         if isinstance(value, bytes):
             shown = f"<{len(value)} bytes>" if not self.texts else value[: self.longest].hex()
             return shown + self._mark(value)
@@ -46,9 +48,20 @@ class Shortening:
         kept = [self.shorten(item) for item in items[: self.longest]]
         return kept if len(kept) == len(items) else [*kept, "..."]
 
+    def _array(self, array: Any) -> Any:
+        if not self.lists:
+            shape = " by ".join(map(str, array.shape))
+            return f"<{array.dtype} array of {shape}>"
+        kept = array[: self.longest].tolist()
+        return kept if len(kept) == len(array) else [*kept, "..."]
+
     def _mark(self, value: str | bytes) -> str:
         """The mark of a cut text."""
         return "..." if self.texts and self.longest and len(value) > self.longest else ""
+
+
+def _is_array(value: object) -> bool:
+    return hasattr(value, "dtype")
 
 
 def part_of(message: Any, path: str) -> Any:
@@ -58,8 +71,10 @@ def part_of(message: Any, path: str) -> Any:
     """
     at = message
     for name in _PART.findall(path):
-        if isinstance(at, list) and name.isdigit() and int(name) < len(at):
+        is_list = isinstance(at, list) or _is_array(at)
+        if is_list and name.isdigit() and int(name) < len(at):
             at = at[int(name)]
+            at = at.tolist() if _is_array(at) else at
         elif isinstance(at, dict) and name in at:
             at = at[name]
         else:
@@ -68,7 +83,7 @@ def part_of(message: Any, path: str) -> Any:
 
 
 def _missing(at: Any, name: str) -> str:
-    if isinstance(at, list):
+    if isinstance(at, list) or _is_array(at):
         return f"{name!r} is not an index of a list of {len(at)}"
     if isinstance(at, dict):
         return f"no {name!r}{did_you_mean(name, map(str, at), none=', nor any other')}"
@@ -87,6 +102,8 @@ def csv_row(value: Any) -> str:
 def _leaves(value: Any) -> Iterator[Any]:
     if isinstance(value, dict):
         value = list(value.values())
+    if _is_array(value):
+        value = value.tolist()
     if isinstance(value, list):
         for item in value:
             yield from _leaves(item)

@@ -17,9 +17,9 @@ from tfbus.cli.message import supplied_type
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.errors import BusError
+from tfbus.errors import BusError, DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.monitor.flow import WindowReading
+from tfbus.monitor.windows import WindowReading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (
@@ -168,8 +168,20 @@ def reader_of(type_name: str) -> Reader:
         return _read_transforms
     message_type = supplied_type(type_name)
     if message_type is None:
-        return decode_map
+        return _reader_of_ros(type_name) if "/" in type_name else decode_map
     return lambda payload: as_map(decode_message(message_type, payload))
+
+
+def _reader_of_ros(type_name: str) -> Reader:
+    """Reads messages of a type of ROS, with arrays where its definition has them."""
+    from tfbus.ros.counterparts import with_arrays  # which tfbus's own types do not need
+    from tfbus.ros.definitions import message_named
+
+    try:
+        message = message_named(type_name)
+    except DecodeError:
+        return decode_map
+    return lambda payload: with_arrays(decode_map(payload), message)
 
 
 def _read_transforms(payload: bytes) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """ROS's rclpy.callback_groups: the groups of tfbus."""
 
-from tfbus.runtime.callback_groups import (
+from tfbus.runtime.callbacks import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
     ReentrantCallbackGroup,

@@ -13,11 +13,11 @@ from tfbus.compat.bus_types import BusType, TransformsPublisher
 from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ServiceError
-from tfbus.node.endpoint import Endpoint
+from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 from tfbus.runtime.clock import Clock, timer_name
 from tfbus.runtime.clock import Timer as TfbusTimer
 
@@ -34,7 +34,7 @@ class Publisher(TakesTypes):
         on_bus: BusType,
         message_type: type,
     ) -> None:
-        self.endpoint: Endpoint = endpoint
+        self.endpoint: NodeEndpoint = endpoint
         self.topic_name = endpoint.name
         self._publisher = endpoint
         self._on_bus = on_bus
@@ -65,7 +65,7 @@ class Subscription(TakesTypes):
         group: CallbackGroup | None = None,
         topic: str = "",
     ) -> None:
-        self.endpoint: Endpoint | None = None
+        self.endpoint: NodeEndpoint | None = None
         self.callback = callback
         self.callback_group = group
         self._work = work
@@ -194,7 +194,7 @@ class Service(TakesTypes):
         group: CallbackGroup | None = None,
         name: str = "",
     ) -> None:
-        self.endpoint: Endpoint | None = None
+        self.endpoint: NodeEndpoint | None = None
         self.callback = callback
         self.callback_group = group
         self._work = work
@@ -241,7 +241,7 @@ class Client(TakesTypes):
     """Calls a service of another node."""
 
     def __init__(self, client: TfbusClient, work: Work) -> None:
-        self.endpoint: Endpoint = client
+        self.endpoint: NodeEndpoint = client
         self.srv_name = client.name
         self._client = client
         self._work = work

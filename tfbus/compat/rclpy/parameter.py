@@ -1,10 +1,25 @@
-"""ROS's rclpy.parameter."""
+"""ROS's rclpy.parameter, and the parameters of a node over those of a node of tfbus."""
 
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future as Answer
+from concurrent.futures import TimeoutError as NotYet
 from enum import IntEnum
 from typing import Any
 
 from tfbus.compat.message_classes import message_class
+from tfbus.compat.rclpy.endpoints import ask_while_spun
+from tfbus.compat.rclpy.exceptions import (
+    ParameterAlreadyDeclaredException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from tfbus.compat.rclpy.task import Work
 from tfbus.compat.rclpy.type_support import TakesTypes
+from tfbus.errors import ParameterError
+from tfbus.node.node import Node as TfbusNode
+from tfbus.node.parameters import Parameter as TfbusParameter
+from tfbus.runtime.callbacks import MutuallyExclusiveCallbackGroup
 
 __all__ = ["Parameter", "ParameterValue"]
 
@@ -115,3 +130,192 @@ def type_of(value: Any) -> _Type:
             f"a parameter must be a bool, int, float, str or a list of one, not {value!r}"
         )
     return _SCALARS[type(value)][0]
+
+
+ParameterDescriptor: Any = message_class("rcl_interfaces/msg/ParameterDescriptor")
+SetParametersResult: Any = message_class("rcl_interfaces/msg/SetParametersResult")
+
+_SIM_TIME = "use_sim_time"
+
+# How often a change that waits for a callback looks whether the node still lives.
+_LOOKS_EVERY_S = 0.5
+
+OnSet = Callable[[list[Parameter]], Any]
+
+
+class RclpyParameters:
+    """The parameters of a node. A parameter without a value exists here only, until it has one."""
+
+    def __init__(self, node: "TfbusNode", work: "Work", *, allow_undeclared: bool) -> None:
+        self.callbacks: list[OnSet] = []
+        self._node = node
+        self._work = work
+        self._allow_undeclared = allow_undeclared
+        self._declared: dict[str, TfbusParameter | None] = {}
+        self._descriptors: dict[str, Any] = {}
+        self._setting = threading.local()
+        # A change from the bus waits until the node is spun: not on the thread that takes messages.
+        self._group = MutuallyExclusiveCallbackGroup()
+
+    def declare(
+        self, name: str, value: Any, descriptor: Any, *, ignore_override: bool
+    ) -> Parameter:
+        """A parameter with a default, or only a type or nothing: then it may have no value."""
+        if self.has(name):
+            raise ParameterAlreadyDeclaredException(f"{name!r} is declared already")
+        if isinstance(value, Parameter.Type):
+            value = ZEROS[value] if self._is_given(name) else None
+        elif value is None and self._is_given(name):
+            value = self._given(name)
+        if value is not None and ignore_override and self._is_given(name):
+            raise TypeError(
+                f"declare_parameter({name!r}, ignore_override=True): the value that was given at "
+                "the start counts in tfbus"
+            )
+        self._descriptors[name] = descriptor or ParameterDescriptor(name=name)
+        self._declared[name] = None
+        if value is not None:
+            self._make(name, value)
+        return Parameter(name, None, self._value(name))
+
+    def has(self, name: str) -> bool:
+        """Whether it is declared."""
+        return name in self._declared or name == _SIM_TIME
+
+    def get(self, name: str) -> Parameter:
+        """It as it is now. Raises ParameterNotDeclaredException, or ParameterUninitializedException
+        if it has no value.
+        """
+        if name == _SIM_TIME:
+            return Parameter(name, None, self._node.clock.is_simulated)
+        if name not in self._declared:
+            if self._allow_undeclared:
+                return Parameter(name)
+            raise ParameterNotDeclaredException(f"{name!r} is not declared")
+        value = self._value(name)
+        if value is None and not self._descriptors[name].dynamic_typing:
+            raise ParameterUninitializedException(f"{name!r} has no value yet")
+        return Parameter(name, None, value)
+
+    def with_prefix(self, prefix: str) -> dict[str, Parameter]:
+        """The parameters whose names begin with the prefix and a dot, by the rest of the name."""
+        before = f"{prefix}." if prefix else ""
+        return {
+            name.removeprefix(before): Parameter(name, None, self._value(name))
+            for name in self._declared
+            if name.startswith(before)
+        }
+
+    def describe(self, name: str) -> Any:
+        """Its descriptor. Raises ParameterNotDeclaredException."""
+        if name not in self._declared:
+            raise ParameterNotDeclaredException(f"{name!r} is not declared")
+        return self._descriptors[name]
+
+    def undeclare(self, name: str) -> None:
+        """Forget it here; on the bus it stays as it is."""
+        self.describe(name)
+        del self._declared[name]
+
+    def set(self, parameter: Parameter) -> Any:
+        """Change it; a SetParametersResult says whether, and why not.
+
+        Raises ParameterNotDeclaredException.
+        """
+        try:
+            self._set(parameter)
+        except ParameterError as error:
+            if parameter.name == _SIM_TIME:
+                self._node.log.warning("%s", error)
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _set(self, parameter: Parameter) -> None:
+        name, value = parameter.name, parameter.value
+        if name == _SIM_TIME:
+            if value is not self._node.clock.is_simulated:
+                raise ParameterError(
+                    "use_sim_time is set when the node starts: --sim-time, TFBUS_SIM_TIME=1, or "
+                    "--ros-args -p use_sim_time:=true"
+                )
+            return
+        if name not in self._declared:
+            if not self._allow_undeclared:
+                raise ParameterNotDeclaredException(f"{name!r} is not declared")
+            self._descriptors[name] = ParameterDescriptor(name=name)
+            self._declared[name] = None
+        declared = self._declared[name]
+        if declared is None:
+            self._ask([parameter])
+            self._make(name, value)
+            return
+        self._setting.here = True
+        try:
+            declared.set(list(value) if isinstance(value, tuple) else value)
+        finally:
+            self._setting.here = False
+
+    def _make(self, name: str, value: Any) -> None:
+        value = list(value) if isinstance(value, tuple) else value
+        description = getattr(self._descriptors[name], "description", "") or ""
+
+        def on_change(changed: Any) -> None:
+            self._on_change(Parameter(name, None, changed))
+
+        self._declared[name] = self._node.declare_parameter(
+            name,
+            value,
+            description=description,
+            on_change=on_change,
+            callback_group=self._group,
+        )
+
+    def _on_change(self, parameter: Parameter) -> None:
+        if not self.callbacks:
+            return
+        if getattr(self._setting, "here", False):
+            self._ask([parameter])
+            return
+        # From the bus: callbacks run while the node is spun.
+        reason = self._waited(ask_while_spun(self._work, lambda: self._reason([parameter])))
+        if reason is not None:
+            raise ParameterError(reason)
+
+    def _waited(self, answer: "Answer[Any]") -> Any:
+        while True:
+            try:
+                return answer.result(_LOOKS_EVERY_S)
+            except NotYet:
+                if not self._node.ok:
+                    raise ParameterError("the node ends") from None
+
+    def _ask(self, parameters: list[Parameter]) -> None:
+        if (reason := self._reason(parameters)) is not None:
+            raise ParameterError(reason)
+
+    def _reason(self, parameters: list[Parameter]) -> str | None:
+        """Why a callback refuses them; None if all take them."""
+        for callback in [*self.callbacks]:
+            result = callback(parameters)
+            if not result.successful:
+                return str(result.reason) or "the node refused it"
+        return None
+
+    def _value(self, name: str) -> Any:
+        declared = self._declared[name]
+        return None if declared is None else declared.value
+
+    def _is_given(self, name: str) -> bool:
+        return name in self._node.settings.parameters
+
+    def _given(self, name: str) -> Any:
+        from tfbus.runtime.yaml_file import read_value
+
+        return read_value(self._node.settings.parameters[name])
+
+
+def names_in(parameters: Iterable[Any], prefix: str) -> Iterable[tuple[Any, ...]]:
+    """The arguments of each `declare_parameter` of a list: name, and what stands behind it."""
+    before = f"{prefix}." if prefix else ""
+    for name, *rest in parameters:
+        yield (f"{before}{name}", *rest)

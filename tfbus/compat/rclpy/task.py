@@ -8,8 +8,7 @@ from collections.abc import Callable, Generator
 from typing import Any, NamedTuple
 
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.runtime.callback_groups import CallbackGroup
-from tfbus.runtime.delays import SLOW_S, Delays, Ran
+from tfbus.runtime.callbacks import SLOW_S, CallbackGroup, Delays, Ran
 from tfbus.runtime.signals import Wakeup
 
 __all__ = ["Future"]

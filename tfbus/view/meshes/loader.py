@@ -19,8 +19,8 @@ from tfbus.view.meshes.mesh import (
     LONGEST_S,
     MOST_BYTES,
     MeshError,
+    MeshPart,
     MeshRequest,
-    Part,
     receive,
     send,
 )
@@ -87,7 +87,7 @@ class ReadMesh:
     why.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[MeshPart, ...]
     refused: dict[str, str] = field(default_factory=dict)
 
 
@@ -109,7 +109,7 @@ class MeshReader:
             raise MeshError(f"reading it took more than {within_s:.0f} s, or too much memory")
         if "error" in answer:
             raise MeshError(answer["error"])
-        return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
+        return ReadMesh(tuple(map(MeshPart.from_map, answer["parts"])), answer["refused"])
 
     def start(self) -> None:
         """Start the process, and wait until it can read. Raises MeshError if it cannot."""

@@ -81,7 +81,7 @@ Color = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MeshPart:
     """Triangles of one look: `vertices` (V, 3) in metres, `faces` (F, 3).
 
     Without a `color` the file has none. `opacity` is from 0 to 1. `textured` is the same as GLB
@@ -105,10 +105,10 @@ class Part:
         }
 
     @staticmethod
-    def from_map(values: Mapping[str, Any]) -> "Part":
+    def from_map(values: Mapping[str, Any]) -> "MeshPart":
         """It again."""
         color = values["color"]
-        return Part(
+        return MeshPart(
             np.frombuffer(values["vertices"], np.float32).reshape(-1, 3),
             np.frombuffer(values["faces"], np.uint32).reshape(-1, 3),
             None if color is None else tuple(color),
@@ -117,7 +117,7 @@ class Part:
         )
 
 
-def bounds_of(parts: Sequence[Part]) -> NDArray[np.float64]:
+def bounds_of(parts: Sequence[MeshPart]) -> NDArray[np.float64]:
     """The corners (2, 3) of the box around parts, least and most; zeros without any."""
     corners = [
         corner

@@ -30,8 +30,8 @@ from tfbus.view.meshes.mesh import (
     MOST_TRIANGLES,
     Color,
     MeshError,
+    MeshPart,
     MeshRequest,
-    Part,
     check,
     receive,
     send,
@@ -106,7 +106,7 @@ def read_mesh(
     references: References,
     texture: tuple[str, bytes] | None = None,
     heeds_up_axis: bool = False,
-) -> list[Part]:
+) -> list[MeshPart]:
     """The parts of a mesh file of a kind, such as "stl", in metres if it states its unit.
 
     A `texture`, by its name, is the picture of the parts that have texture coordinates and no look
@@ -126,8 +126,8 @@ def read_mesh(
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
     own = _Texture(trimesh, *texture) if texture else None
     turn = _turn(data) if heeds_up_axis and kind == "dae" else None
-    solids: list[Part] = []
-    textured: list[Part] = []
+    solids: list[MeshPart] = []
+    textured: list[MeshPart] = []
     triangles = 0
     for mesh, matrix in _instances(scene):
         triangles += len(mesh.faces)
@@ -141,7 +141,7 @@ def read_mesh(
         else:
             color, opacity = _look(placed, is_linear=kind in ("glb", "gltf"))
             vertices = np.asarray(placed.vertices, np.float32)
-            solids.append(Part(vertices, np.asarray(placed.faces, np.uint32), color, opacity))
+            solids.append(MeshPart(vertices, np.asarray(placed.faces, np.uint32), color, opacity))
     if not triangles:
         raise MeshError("it has no triangles")
     if own is not None and own.mistake:
@@ -237,7 +237,7 @@ def _picture(material: Any) -> Any:
     return None if getattr(picture, "format", None) is None else picture
 
 
-def _textured(trimesh: Any, mesh: Any) -> Part:
+def _textured(trimesh: Any, mesh: Any) -> MeshPart:
     visual = mesh.visual
     if visual.kind == "texture":
         picture = small_picture(_picture(visual.material))
@@ -254,7 +254,7 @@ def _textured(trimesh: Any, mesh: Any) -> Part:
     else:
         mean = visual.vertex_colors[:, :3].mean(axis=0)
     r, g, b = (round(float(part)) for part in mean)
-    return Part(
+    return MeshPart(
         np.asarray(mesh.vertices, np.float32),
         np.asarray(mesh.faces, np.uint32),
         (r, g, b),
@@ -297,20 +297,20 @@ def _base_color(material: Any) -> Any:
     return np.array([*named["kd"][:3], *map(float, named.get("d", ())[:1])])
 
 
-def _merged(parts: list[Part]) -> list[Part]:
+def _merged(parts: list[MeshPart]) -> list[MeshPart]:
     """The parts with one for each look, with their creases."""
-    looks: dict[tuple[Color | None, float], list[Part]] = {}
+    looks: dict[tuple[Color | None, float], list[MeshPart]] = {}
     for part in parts:
         looks.setdefault((part.color, part.opacity), []).append(part)
     return [_joined(same) for same in looks.values()]
 
 
-def _joined(parts: list[Part]) -> Part:
+def _joined(parts: list[MeshPart]) -> MeshPart:
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = np.concatenate([part.vertices for part in parts])
     pairs = zip(parts, starts, strict=False)
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in pairs])
-    return Part(*with_creases(vertices, faces), parts[0].color, parts[0].opacity)
+    return MeshPart(*with_creases(vertices, faces), parts[0].color, parts[0].opacity)
 
 
 # Edges that bend by more than this are sharp.

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import viser
 
 from tfbus.errors import SettingsError
-from tfbus.view.model.settings import (
+from tfbus.view.panels.markup import Html
+from tfbus.view.settings import (
     RANGES,
     NameFilter,
     PatternError,
@@ -19,7 +20,6 @@ from tfbus.view.model.settings import (
     ViewState,
     save_settings,
 )
-from tfbus.view.panels.markup import Html
 
 # A longer list is slow in a browser; the filter narrows it.
 MOST = 300

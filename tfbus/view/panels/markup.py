@@ -6,12 +6,14 @@ Whatever comes from the bus goes through `escape`: a frame may have any name.
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from html import escape
 from typing import Any, Protocol
 
 import viser
 
 from tfbus.frames.moment import State
+from tfbus.wording import stamp_text
 
 # One sign per state; their shapes alone distinguish them.
 _SIGNS: dict[State, str] = {
@@ -125,6 +127,32 @@ def event(do: str, **values: str) -> str:
     """JavaScript, for an attribute, that sends an event; values are JavaScript expressions."""
     inside = ", ".join([f"do: '{do}'", *(f"{name}: {value}" for name, value in values.items())])
     return escape(f"tfbus({{{inside}}})")
+
+
+# Stamps before 1980 are not dates: simulated time begins at 0. Those after 9999 have none.
+FIRST_DATE_NS = 315_532_800 * 1_000_000_000
+_MOST_DATE_S = 253_402_000_000
+
+
+def clock_time(stamp_ns: int, now_ns: int) -> str:
+    """A stamp as a local time, with the date if that is another day than now; as HTML.
+
+    Simulated time, which begins at 0, stays in seconds. A tooltip has the whole stamp.
+    """
+    if stamp_ns < FIRST_DATE_NS:
+        text = f"{stamp_ns / 1e9:.3f} s"
+    else:
+        # In whole milliseconds, cut, as clocks show them.
+        at, now = (_local(ns) for ns in (stamp_ns, now_ns))
+        day = "" if at.date() == now.date() else f"{at:%Y-%m-%d} "
+        text = f"{day}{at:%H:%M:%S}.{stamp_ns // 1_000_000 % 1000:03}"
+    return f'<span class="tf-note-whole" title="{stamp_text(stamp_ns)}">{text}</span>'
+
+
+def _local(stamp_ns: int) -> datetime:
+    """The local time, to the second; the last that a datetime can hold for those after it."""
+    seconds = min(stamp_ns // 1_000_000_000, _MOST_DATE_S)
+    return datetime.fromtimestamp(seconds, UTC).astimezone()
 
 
 STYLE = """

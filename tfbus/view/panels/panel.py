@@ -1,6 +1,7 @@
-"""The panel next to the scene: its headline, the time, and a tab for each kind of question."""
+"""The panel next to the scene: its headline, the time, a tab for each kind of question, and one
+of the fleet, with a line a robot, as `tfbus fleet` has it.
+"""
 
-import shlex
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
@@ -9,61 +10,26 @@ from typing import Any
 import viser
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.frames.clocks import MOST_SKEW_S
+from tfbus.frames.fleet import FleetWatch, RobotStatus
+from tfbus.frames.moment import BusMoment
+from tfbus.view.frames import FAULTS, Frames, Placed, newest_common_ns
 from tfbus.view.guest import Guest
-from tfbus.view.model.frames import Frames, Placed, newest_common_ns
-from tfbus.view.model.settings import Playback, Selections, ViewState
-from tfbus.view.panels import text
 from tfbus.view.panels.controls import (
     Control,
     DisplayPanel,
-    FrameDropdown,
     MovesCameras,
     add_camera_commands,
 )
-from tfbus.view.panels.fleet import FleetTab
-from tfbus.view.panels.markup import Channel, Html
+from tfbus.view.panels.markup import Channel, Html, clock_time, sign
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.robots import RobotsPanel, progress_text
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
-from tfbus.view.panels.tree import TreePanel
+from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
 from tfbus.view.scene.robots import RobotScenes
-
-
-class MeasurePanel:
-    """Shows where one frame is, seen from another, as `tfbus echo` prints it."""
-
-    def __init__(self, gui: viser.GuiApi, view: ViewState) -> None:
-        self._view = view
-        self._from = FrameDropdown(
-            gui, "Seen from", "choose a frame", lambda name: view.change(measure_from=name)
-        )
-        self._to = FrameDropdown(
-            gui, "Frame", "choose a frame", lambda name: view.change(measure_to=name)
-        )
-        self._answer = Html(gui.add_html(""))
-
-    def refresh(self, frames: Frames, buffer: Buffer) -> None:
-        """Show the answer at the time shown."""
-        settings = self._view.settings
-        names = sorted(frames.by_name)
-        self._from.offer(names, settings.measure_from)
-        self._to.offer(names, settings.measure_to)
-        if not settings.measure_from or not settings.measure_to:
-            self._answer.show(
-                '<div class="tf tf-dim">Choose two frames to see how far apart they are.</div>'
-            )
-            return
-        summary, block = text.between(
-            buffer, settings.measure_from, settings.measure_to, self._view.playback.stamp_ns
-        )
-        if not summary:
-            self._answer.show(f'<div class="tf tf-alarm">{escape(block)}</div>')
-            return
-        title = shlex.join(["tfbus", "echo", settings.measure_from, settings.measure_to])
-        self._answer.show(
-            f'<div class="tf"><b>{escape(summary)}</b>{text.numbers(title, "tf-echo", block)}</div>'
-        )
+from tfbus.view.settings import Playback, Selections, ViewState
+from tfbus.wording import and_more, counted, duration, listed, printable
 
 
 class TimePanel:
@@ -110,7 +76,8 @@ class Panel:
 
     Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
     scene that plays it. Without a `path` for settings, browsers can neither save them nor send
-    anything to the bus. `newest_ns` is the latest time at which all dynamic frames can be placed.
+    anything to the bus. `roster` are the robots of a fleet that are expected. `newest_ns` is
+    the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -126,6 +93,7 @@ class Panel:
         title: str,
         robots: RobotScenes,
         replay: Replay | None = None,
+        roster: tuple[str, ...] = (),
     ) -> None:
         self._server = server
         self._view = view
@@ -154,7 +122,7 @@ class Panel:
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
-        self.fleet = FleetTab(gui, tabs)
+        self.fleet = FleetTab(gui, tabs, roster)
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
@@ -170,22 +138,22 @@ class Panel:
         self.newest_ns = now_ns if newest_ns is None else newest_ns
         playback = self._view.playback
         missing = len(placed.missing)
-        empty = text.WAITING
+        empty = WAITING
         if self._robots.robots:
-            empty = text.robots_alone([robot.title for robot in self._robots.robots])
+            empty = robots_alone([robot.title for robot in self._robots.robots])
         if self._replay:
-            empty = text.nothing_recorded("" if len(frames) else self._replay.hint())
+            empty = nothing_recorded("" if len(frames) else self._replay.hint())
         loading = progress_text(self._robots.progress)
-        headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty, loading)
+        headline = headline_of(frames, fixed_frame, playback, missing, now_ns, empty, loading)
         if self._replay and self._replay.mistake:
-            headline += text.mistakes([self._replay.mistake])
+            headline += mistake_lines([self._replay.mistake])
         self._headline.show(headline)
         if self._time:
             self._time.refresh()
         self.follow_player()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
         mistakes = self._robots.mistakes()
-        self._mistakes.show(text.mistakes(mistakes) if mistakes else "")
+        self._mistakes.show(mistake_lines(mistakes) if mistakes else "")
         self._measure.refresh(frames, buffer)
         self._refresh_robots(frames)
         for guest in self._guests:
@@ -234,3 +202,139 @@ class Panel:
 def _not_faded(frames: Frames, placed: Placed) -> list[str]:
     """The frames that still come: stale and gone ones would hold the time back."""
     return [name for name in placed.names if frames[name].opacity == 1.0]
+
+
+_MOST_MISTAKES = 5
+_MOST_ROOTS = 5
+
+WAITING = (
+    "<b>Waiting for transforms.</b> None has come yet: start a broadcaster on this bus, for "
+    "example <code>tfbus launch turtle</code>."
+)
+
+
+def headline_of(
+    frames: Frames,
+    fixed_frame: str,
+    playback: Playback,
+    missing: int = 0,
+    now_ns: int = 0,
+    empty: str = WAITING,
+    loading: str = "",
+) -> str:
+    """The headline of the page, or what it waits for; `now_ns` is the time to judge a pause by.
+
+    `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
+    to say without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
+    """
+    loads = [f'<span class="tf-note-whole">loading {loading}</span>'] if loading else []
+    if not len(frames):
+        return f'<div class="tf" role="status">{" · ".join([empty, *loads])}</div>'
+    if fixed_frame not in frames:
+        known = listed([escape(root) for root in frames.roots], most=_MOST_ROOTS)
+        return (
+            f'<div class="tf" role="status"><b>There is no frame {escape(repr(fixed_frame))}</b> '
+            f"to see the others from; choose another fixed frame. Roots: {known}.</div>"
+        )
+    counts = {fault: sum(frame.state == fault for frame in frames) for fault in FAULTS}
+    notes = [
+        f'<span class="tf-note-whole">{sign(fault)} {count} {fault}</span>'
+        for fault, count in counts.items()
+        if count
+    ]
+    apart = missing + sum(bool(frame.unplaced) for frame in frames)
+    if apart:
+        notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
+    parts = [f"{counted(len(frames), 'frame')}, seen from <b>{escape(fixed_frame)}</b>", *notes]
+    parts += loads
+    if playback.stamp_ns is not None:
+        ago_s = (now_ns - playback.stamp_ns) / 1e9
+        ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""
+        parts.append(f"<b>paused</b> at {clock_time(playback.stamp_ns, now_ns)}{ago}")
+    return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def robots_alone(titles: Sequence[str]) -> str:
+    """The note on robots without any frame, as HTML."""
+    named = escape(listed([printable(title) for title in titles], most=3))
+    return (
+        f"<b>No transforms yet.</b> <code>tfbus robot_state</code> publishes the frames of {named} "
+        "from <code>joint_states</code>, and <code>tfbus joints</code> publishes those."
+    )
+
+
+def nothing_recorded(hint: str) -> str:
+    """The note on a recording without a frame, as HTML; `hint` is where there are some."""
+    where = f" {escape(hint[:1].upper() + hint[1:])}." if hint else ""
+    return f"<b>No transforms</b> had come by this moment of the recording.{where}"
+
+
+def mistake_lines(found: Sequence[str]) -> str:
+    """A line per mistake, at most five."""
+    lines = [*found[:_MOST_MISTAKES]]
+    if more := and_more(len(found), _MOST_MISTAKES):
+        lines.append(f"{more.capitalize()}; see the log.")
+    return "".join(f'<div class="tf tf-alarm" role="alert">{escape(line)}</div>' for line in lines)
+
+
+# More robots are slow to show; the worst come first.
+_MOST_ROBOTS = 150
+
+_EVERY_NS = 1_000_000_000
+
+
+class FleetTab:
+    """A tab that is there once two robots have been, or are expected."""
+
+    title = "Fleet"
+
+    def __init__(
+        self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle, roster: tuple[str, ...] = ()
+    ) -> None:
+        self._gui = gui
+        self._tabs = tabs
+        self._watch = FleetWatch(roster)
+        self._page: Html | None = None
+        self._at_ns: int | None = None
+
+    def refresh(self, moment: BusMoment) -> None:
+        """Show the robots of this moment; at most once a second."""
+        if self._at_ns is not None and abs(moment.at_ns - self._at_ns) < _EVERY_NS:
+            return
+        self._at_ns = moment.at_ns
+        robots = self._watch.robots(moment)
+        if self._page is None:
+            if len(robots) < 2:
+                return
+            with self._tabs.add_tab(self.title):
+                self._page = Html(self._gui.add_html(""))
+        self._page.show(fleet_rows(robots, moment.at_ns))
+
+
+def fleet_rows(robots: list[RobotStatus], at_ns: int) -> str:
+    """The robots, worst first, as HTML."""
+    there = sum(robot.state == "there" for robot in robots)
+    rows = [f'<div class="tf-dim">{there} of {counted(len(robots), "robot")} there</div>']
+    rows += [_robot_row(robot, at_ns) for robot in robots[:_MOST_ROBOTS]]
+    if more := and_more(len(robots), _MOST_ROBOTS):
+        rows.append(f'<div class="tf-dim">{more}: tfbus fleet --all</div>')
+    return f'<div class="tf">{"".join(rows)}</div>'
+
+
+def _robot_row(robot: RobotStatus, at_ns: int) -> str:
+    name = escape(robot.name)
+    facts = [robot.state_text(at_ns)]
+    if robot.state == "there":
+        facts = [
+            *([] if robot.age_s is None else [f"{duration(robot.age_s)} old"]),
+            *([] if robot.messages_hz is None else [f"{robot.messages_hz:.0f} Hz"]),
+            *([] if robot.bytes_per_s is None else [f"{robot.bytes_per_s / 1e3:.1f} kB/s"]),
+        ]
+        if robot.clock_offset_s is not None and abs(robot.clock_offset_s) > MOST_SKEW_S:
+            facts.append(f"clock {duration(robot.clock_offset_s)}")
+    alarm = "" if robot.is_well else "tf-alarm"
+    trouble = f'<div class="tf-why tf-alarm">{escape(robot.trouble)}</div>' if robot.trouble else ""
+    return (
+        f'<div class="tf-row" data-fleet-row="{name}"><b class="{alarm}">{name}</b>'
+        f'<span class="tf-note">{escape(", ".join(facts))}</span></div>{trouble}'
+    )

@@ -12,10 +12,9 @@ from typing import Any
 import viser
 
 from tfbus.recording.playhead import nearest_rate
-from tfbus.view.model.timeline import KINDS, MarkKind, Timeline
-from tfbus.view.panels.markup import Channel, Html
-from tfbus.view.panels.text import FIRST_DATE_NS
+from tfbus.view.panels.markup import FIRST_DATE_NS, Channel, Html
 from tfbus.view.replay import Replay
+from tfbus.view.timeline import KINDS, MarkKind, Timeline
 
 _LABELS: dict[MarkKind, str] = {
     "gone": "gone",

@@ -12,12 +12,12 @@ from typing import Any
 import viser
 
 from tfbus.robot.model import Joint
-from tfbus.view.model.frames import Frames
-from tfbus.view.model.robots import Joints, ShownRobot
-from tfbus.view.model.settings import RANGES, SHAPES, ViewState
+from tfbus.view.frames import Frames
 from tfbus.view.panels.controls import Control, FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, event, sign
+from tfbus.view.robots import Joints, ShownRobot
 from tfbus.view.scene.robots import RobotScenes
+from tfbus.view.settings import RANGES, SHAPES, ViewState
 from tfbus.wording import counted, listed, printable
 
 # More sliders are slow to show.

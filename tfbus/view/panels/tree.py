@@ -1,33 +1,27 @@
-"""The tree of frames, one row each with its box and badge, and the facts of the selected one."""
+"""Frames on the panel: their tree, the facts of the selected one, and how far two are apart."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 import viser
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.view.model.frames import Frames, Placed, ViewFrame
-from tfbus.view.model.settings import NameFilter, Selections, ViewSettings, ViewState
-from tfbus.view.panels import text
+from tfbus.errors import TransformException
+from tfbus.frames.document import Numbers, tf2_block
+from tfbus.geometry.transform import TransformStamped
+from tfbus.view.frames import Frames, Placed, ViewFrame
 from tfbus.view.panels.controls import FrameDropdown
-from tfbus.view.panels.markup import Channel, Html, event, sign, unless_it_left
-from tfbus.wording import and_more
+from tfbus.view.panels.markup import Channel, Html, clock_time, event, sign, unless_it_left
+from tfbus.view.settings import NameFilter, Selections, ViewSettings, ViewState
+from tfbus.wording import and_more, duration, listed
 
 # More rows are slow to show; the filter narrows them.
 MOST_ROWS = 150
 
 # A rate is rewritten only after a change by this part: rows that change width jump.
 _RATE_TOLERANCE = 0.15
-
-
-@dataclass(frozen=True)
-class _Browser:
-    """The tree as one browser sees it: with the frame that it has selected."""
-
-    tree: Html
-    actions: Html
-    facts: Html
 
 
 class TreePanel:
@@ -45,7 +39,7 @@ class TreePanel:
         self._tab = tab
         self._view = view
         self._selections = selections
-        self._browsers: dict[int, _Browser] = {}
+        self._browsers: dict[int, list[Html]] = {}
         self._rates: dict[str, float] = {}
         self._listed: tuple[str, ...] = ()
         self._fixed = FrameDropdown(
@@ -73,37 +67,34 @@ class TreePanel:
         automatic = f"automatic ({natural})" if natural else "automatic"
         self._fixed.offer(sorted(frames.by_name), settings.fixed_frame, automatic)
         rows = self._rows(frames, placed, settings)
-        self._meet()
         stamp_ns = self._view.playback.stamp_ns
-        for number, browser in self._browsers.items():
+        clients = self._server.get_clients()
+        known, self._browsers = self._browsers, {}
+        for number, client in clients.items():
             name = self._selections.of(number)
             selected = frames.by_name.get(name)
+            tree = f'<div class="tf" role="tree">{"".join(_marked(rows, name))}</div>'
             if selected is None:
-                actions, facts = "", _nothing_selected(name) if len(frames) else ""
+                shown = (tree, "", _nothing_selected(name) if len(frames) else "")
             else:
-                actions = _actions(selected, settings)
                 facts = _details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns)
+                shown = (tree, _actions(selected, settings), facts)
             with unless_it_left(self._server, number):
-                tree = "".join(_marked(rows, name))
-                browser.tree.show(f'<div class="tf" role="tree">{tree}</div>')
-                browser.actions.show(actions)
-                browser.facts.show(facts)
+                self._browsers[number] = known.get(number) or self._add(client, shown)
+                for element, content in zip(self._browsers[number], shown, strict=True):
+                    element.show(content)
 
-    def _meet(self) -> None:
-        """Add the elements of new browsers, and forget those of browsers that have left."""
-        clients = self._server.get_clients()
-        self._browsers = {
-            number: self._browsers.get(number) or self._add(client)
-            for number, client in clients.items()
-        }
-
-    def _add(self, client: viser.ClientHandle) -> _Browser:
-        def html(place: int) -> Html:
-            # Right below the fixed frame, whatever comes further down.
-            return Html(client.gui.add_html("", order=self._fixed.order + 0.1 * place))
-
+    def _add(self, client: viser.ClientHandle, shown: Sequence[str]) -> list[Html]:
+        """The elements of a browser: the tree, and what can be done with the frame that is selected
+        there, and its facts. With their content at once: a busy browser may mistake the order of
+        messages, and loses changes of elements that it does not have yet.
+        """
         with self._tab:
-            return _Browser(html(1), html(2), html(3))
+            # Right below the fixed frame, whatever comes further down.
+            return [
+                Html(client.gui.add_html(content, order=self._fixed.order + 0.1 * place))
+                for place, content in enumerate(shown, start=1)
+            ]
 
     def _rows(self, frames: Frames, placed: Placed, settings: ViewSettings) -> dict[str, str]:
         """The rows, by their frames; other lines have keys that no frame can have."""
@@ -152,7 +143,7 @@ class TreePanel:
         written = self._rates.get(frame.name, 0.0)
         if abs(rate_hz - written) > _RATE_TOLERANCE * written:
             self._rates[frame.name] = rate_hz
-        return text.rate_text(self._rates[frame.name])
+        return rate_text(self._rates[frame.name])
 
 
 # The tree has the height down to the end of the page while no frame is selected, and else the
@@ -223,14 +214,138 @@ def _details(
     stamp_ns: int | None,
     now_ns: int,
 ) -> str:
-    parts = [text.facts(frame, now_ns)]
+    parts = [facts_of(frame, now_ns)]
     why = frame.unplaced or placed.missing.get(frame.name, "")
     if why:
         parts.append(f'<div class="tf-alarm">Not shown: {escape(why)}</div>')
     if frame.info.parent is not None:
-        pose = text.pose_in(buffer, frame.info.parent, frame.name, stamp_ns)
-        parts.append(text.numbers(f"in its parent {frame.info.parent}", "tf-in-parent", pose))
+        pose = pose_in(buffer, frame.info.parent, frame.name, stamp_ns)
+        parts.append(numbers(f"in its parent {frame.info.parent}", "tf-in-parent", pose))
     if fixed_frame not in ("", frame.info.parent) and not why:
-        pose = text.pose_in(buffer, fixed_frame, frame.name, stamp_ns)
-        parts.append(text.numbers(f"in {fixed_frame}", "tf-in-fixed", pose))
+        pose = pose_in(buffer, fixed_frame, frame.name, stamp_ns)
+        parts.append(numbers(f"in {fixed_frame}", "tf-in-fixed", pose))
     return f'<div class="tf">{"".join(parts)}</div>'
+
+
+# Facts and numbers of frames, as HTML.
+
+_MOST_CHILDREN = 20
+
+_DIGITS = Numbers(precision=3)
+
+
+def facts_of(frame: ViewFrame, now_ns: int) -> str:
+    """The publisher of a frame, its rate and its age."""
+    info = frame.info
+    rows = [("State", f"{sign(frame.state)} {escape(explained(frame))}")]
+    if info.parent is not None:
+        rows.append(("Parent", escape(info.parent)))
+        rows.append(("Publisher", escape(", ".join(frame.publishers) or "unnamed")))
+        rows.append(("Rate", "static" if info.static else rate_text(info.rate_hz)))
+    if info.newest_ns is not None and not info.static:
+        rows.append(("Age", duration((now_ns - info.newest_ns) / 1e9)))
+        rows.append(("Newest", clock_time(info.newest_ns, now_ns)))
+    if info.children:
+        rows.append(("Children", escape(listed(info.children, most=_MOST_CHILDREN))))
+    cells = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)
+    return f'<dl class="tf-facts">{cells}</dl>'
+
+
+def explained(frame: ViewFrame) -> str:
+    """A frame's state, and why; a conflict is mentioned together with gone."""
+    conflict = f"conflict: sent by {' and '.join(frame.publishers)}"
+    beside = f"; {conflict}" if len(frame.publishers) > 1 else ""
+    return {
+        "dynamic": "dynamic: its samples come",
+        "static": "static: holds at all times",
+        "stale": f"stale: no sample for {duration(frame.silent_s)}",
+        "ahead": f"ahead: its newest stamp is {duration(frame.ahead_s)} in the future",
+        "gone": f"gone: its publisher has left the bus{beside}",
+        "conflict": conflict,
+        "root": "root: has no parent",
+    }[frame.state]
+
+
+def rate_text(rate_hz: float | None) -> str:
+    """A rate for people: `62 Hz`, `0.5 Hz`."""
+    if rate_hz is None:
+        return "not known yet"
+    return f"{rate_hz:.0f} Hz" if rate_hz >= 2.0 else f"{rate_hz:.2g} Hz"
+
+
+def pose_in(buffer: Buffer, target: str, source: str, stamp_ns: int | None) -> str:
+    """The pose of `source` in `target` as text, or why there is none."""
+    try:
+        return pose_text(buffer.lookup_transform(target, source, stamp_ns))
+    except TransformException as error:
+        return str(error)
+
+
+def pose_text(found: TransformStamped) -> str:
+    """Translation, quaternion, and angles in degrees, one a line."""
+    pose = found.transform
+    degrees = [math.degrees(angle) for angle in pose.as_rpy()]
+    return (
+        f"xyz  {_DIGITS.bracketed(pose.xyz)}\n"
+        f"xyzw {_DIGITS.bracketed(pose.quat_xyzw)}\n"
+        f"rpy° {_DIGITS.bracketed(degrees)}"
+    )
+
+
+def between(buffer: Buffer, target: str, source: str, stamp_ns: int | None) -> tuple[str, str]:
+    """Distance and angle between two frames, and tf2_echo's block; or "" and the reason."""
+    try:
+        found = buffer.lookup_transform(target, source, stamp_ns)
+    except TransformException as error:
+        return "", str(error)
+    pose = found.transform
+    distance_m = math.dist(pose.xyz, (0.0, 0.0, 0.0))
+    # abs() takes the short way round: a unit quaternion may stand for the long one.
+    turn_deg = math.degrees(2.0 * math.atan2(math.hypot(pose.qx, pose.qy, pose.qz), abs(pose.qw)))
+    return f"{distance_m:.3f} m apart, turned by {turn_deg:.1f}°", tf2_block(found, _DIGITS)
+
+
+def numbers(title: str, id_: str, text: str) -> str:
+    """A block of numbers with its title; `tfbusCopy(id)` copies it."""
+    return (
+        f'<div class="tf-head"><span class="tf-dim">{escape(title)}</span>'
+        f'<a class="tf-link" role="button" aria-label="copy {escape(title)}" '
+        f"onpointerdown=\"tfbusCopy('{id_}')\">copy</a></div>"
+        f'<pre id="{id_}">{escape(text)}</pre>'
+    )
+
+
+class MeasurePanel:
+    """Shows where one frame is, seen from another, as `tfbus echo` prints it."""
+
+    def __init__(self, gui: viser.GuiApi, view: ViewState) -> None:
+        self._view = view
+        self._from = FrameDropdown(
+            gui, "Seen from", "choose a frame", lambda name: view.change(measure_from=name)
+        )
+        self._to = FrameDropdown(
+            gui, "Frame", "choose a frame", lambda name: view.change(measure_to=name)
+        )
+        self._answer = Html(gui.add_html(""))
+
+    def refresh(self, frames: Frames, buffer: Buffer) -> None:
+        """Show the answer at the time shown."""
+        settings = self._view.settings
+        names = sorted(frames.by_name)
+        self._from.offer(names, settings.measure_from)
+        self._to.offer(names, settings.measure_to)
+        if not settings.measure_from or not settings.measure_to:
+            self._answer.show(
+                '<div class="tf tf-dim">Choose two frames to see how far apart they are.</div>'
+            )
+            return
+        summary, block = between(
+            buffer, settings.measure_from, settings.measure_to, self._view.playback.stamp_ns
+        )
+        if not summary:
+            self._answer.show(f'<div class="tf tf-alarm">{escape(block)}</div>')
+            return
+        title = shlex.join(["tfbus", "echo", settings.measure_from, settings.measure_to])
+        self._answer.show(
+            f'<div class="tf"><b>{escape(summary)}</b>{numbers(title, "tf-echo", block)}</div>'
+        )

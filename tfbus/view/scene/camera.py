@@ -11,8 +11,8 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.geometry.transform import Transform
+from tfbus.view.frames import Floats, Placed
 from tfbus.view.guest import Region
-from tfbus.view.model.frames import Floats, Placed
 
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
@@ -35,7 +35,7 @@ _FOV_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Viewport:
     """A browser's canvas, `size_px` wide and high, and the camera that draws it.
 
     The camera looks along its z; its y is down. `fov_rad` is from top to bottom.
@@ -47,12 +47,12 @@ class Window:
     size_px: tuple[int, int]
 
     @staticmethod
-    def of(camera: Any) -> "Window":
+    def of(camera: Any) -> "Viewport":
         """The window of a client of viser."""
         w, x, y, z = camera.wxyz
         rotation = Transform((0.0, 0.0, 0.0), (x, y, z, w)).as_matrix()[:3, :3]
         size_px = (camera.image_width, camera.image_height)
-        return Window(camera.position, rotation, camera.fov, size_px)
+        return Viewport(camera.position, rotation, camera.fov, size_px)
 
     def project(self, xyz: Floats) -> tuple[Floats, Floats]:
         """Pixels (N, 2) from the upper left corner, and distances (N,) ahead of the camera in m."""
@@ -157,7 +157,7 @@ class Cameras:
             self._start_at(region)
         for number, client in clients.items():
             camera = client.camera
-            is_first = number not in self._placed and camera.aspect < _NARROW
+            is_first = number not in self._placed and _aspect(camera) < _NARROW
             follows = is_settling or (is_growing and self._is_left(number, camera))
             if is_first or follows:
                 self._show(number, camera, region)
@@ -177,7 +177,7 @@ class Cameras:
             self._show(client, handle.camera, region)
 
     def _show(self, number: int, camera: Any, region: Region) -> None:
-        _move(camera, *_overview(region, camera.aspect))
+        _move(camera, *_overview(region, _aspect(camera)))
         self._put_at[number].append(np.array(camera.position))
 
     def focus(self, client: int, region: Region) -> None:
@@ -191,9 +191,9 @@ class Cameras:
         camera = handle.camera
         away = np.asarray(camera.position - camera.look_at, np.float64)
         distance_m = float(np.linalg.norm(away))
-        near_m = distance_m * math.sin(_FOV_RAD / 2.0) * min(1.0, camera.aspect)
+        near_m = distance_m * math.sin(_FOV_RAD / 2.0) * min(1.0, _aspect(camera))
         radius_m = min(region.radius_m, near_m)
-        _move(camera, *overview(region.middle, radius_m, camera.aspect, away / distance_m))
+        _move(camera, *overview(region.middle, radius_m, _aspect(camera), away / distance_m))
 
     def carry(self, moved: Transform) -> None:
         """Keep what all browsers see, when the fixed frame has another place in the scene.
@@ -220,6 +220,14 @@ class Cameras:
         initial: Any = self._server.initial_camera
         initial.position, initial.look_at = _overview(region)
         self._starts.append(np.array(initial.position))
+
+
+def _aspect(camera: Any) -> float:
+    """Width by height of a canvas; 1 for one without a size, as in a frame that is hidden."""
+    try:
+        return float(camera.aspect) or 1.0
+    except ZeroDivisionError:
+        return 1.0
 
 
 def _last_positions() -> deque[Floats]:

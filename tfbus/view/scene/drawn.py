@@ -4,17 +4,15 @@ import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform
-from tfbus.view.model.frames import Floats, Placed
-
-if TYPE_CHECKING:
-    import viser
+from tfbus.view.frames import Floats, Placed
 
 Color = tuple[int, int, int]
 
@@ -36,7 +34,7 @@ class Drawn:
     Safe from any thread.
     """
 
-    def __init__(self, scene: "viser.SceneApi") -> None:
+    def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
         self._lock = threading.Lock()
         self._shapes: dict[str, Shape] = {}

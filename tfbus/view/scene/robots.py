@@ -1,19 +1,330 @@
-"""All robots in the scene: which of them are drawn, where, and what is still being loaded."""
+"""Robots in the scene: the shapes of their links, which of them are drawn, meshes on their way."""
 
 import logging
-from collections.abc import Collection, Mapping
-from typing import get_args
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
 
 import numpy as np
 import viser
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.view.meshes.loader import MeshLoader
-from tfbus.view.model.frames import Floats, Frames, Placed
-from tfbus.view.model.robots import RobotSource, ShownRobot
-from tfbus.view.model.settings import ViewSettings
-from tfbus.view.scene.robot import Look, RobotScene, Shown, all_mistakes
+from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
+from tfbus.view.frames import Floats, Frames, Placed
+from tfbus.view.meshes.loader import MeshLoader, MeshSource
+from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
+from tfbus.view.robots import RobotSource, ShownRobot
+from tfbus.view.settings import ViewSettings
 from tfbus.wording import printable
+
+# For shapes without a colour, and for those that collide.
+_GREY = (180, 182, 186)
+_COLLIDES = (70, 150, 190)
+
+# Where visuals are seen too, collisions are seen through.
+_THROUGH = 0.35
+
+# Fading is sent in steps of this size.
+_STEP = 0.05
+
+Shown = Literal["visual", "collision", "both"]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Which shapes are drawn, and how opaque they are, from 0 to 1."""
+
+    shown: Shown = "visual"
+    opacity: float = 1.0
+
+
+@dataclass(eq=False)
+class _Node:
+    """An object of viser: of the visuals or of the collisions. `opacity` is that of its material;
+    `parts` that has a picture is drawn in its mean colour if it is seen through.
+    """
+
+    link: str
+    handle: Any
+    is_collision: bool
+    opacity: float = 1.0
+    textured: MeshPart | None = None
+    twin: Any = None
+
+
+@dataclass(eq=False)
+class _AwaitedMesh:
+    """A mesh that is being loaded, and what to do with its parts."""
+
+    source: MeshSource
+    shape: Visual | Collision
+
+
+@dataclass(eq=False)
+class _Link:
+    frame: Any
+    corners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    fading: float = 1.0
+
+
+class RobotScene:
+    """Draws the shapes of one robot at the frames of its links; links without a place are hidden.
+
+    Meshes appear once `loader` has them. `mistakes` says of each shape that is left out why, such
+    as a mesh that cannot be read.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, path: str, robot: ShownRobot, loader: MeshLoader
+    ) -> None:
+        self.robot = robot
+        self.mistakes: dict[str, None] = {}
+        self._scene = scene
+        self._path = path
+        self._loader = loader
+        self._look = Look()
+        self.nodes: list[_Node] = []
+        self._waiting: list[_AwaitedMesh] = []
+        self._sources: dict[MeshSource, bool] = {}
+        self._added: set[bool] = set()
+        self._root = scene.add_frame(path, show_axes=False)
+        self.links = {
+            link: _Link(scene.add_frame(f"{path}/{number}", show_axes=False, visible=False))
+            for number, link in enumerate(robot.shaped_links)
+        }
+        self._count = 0
+        self.show(Look(), True)
+
+    # What it consists of
+
+    @property
+    def sources(self) -> Collection[MeshSource]:
+        """The mesh files that it needs, for what is shown."""
+        return self._sources.keys()
+
+    @property
+    def loaded(self) -> int:
+        """How many of them are loaded, or cannot be."""
+        return sum(self._sources.values())
+
+    def points(self, placed: Placed) -> Floats:
+        """The corners (N, 3) of the boxes around its links that have a place, and their origins."""
+        found = [np.zeros((0, 3))]
+        for name, link in self.links.items():
+            row = placed.index.get(self.robot.frame_of(name))
+            if row is not None:
+                found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
+        return np.concatenate(found)
+
+    def placed_links(self, placed: Placed) -> int:
+        """How many links with shapes have a place."""
+        return sum(self.robot.frame_of(link) in placed.index for link in self.links)
+
+    # How it is drawn
+
+    def show(self, look: Look, is_visible: bool) -> None:
+        """Draw it so; collisions are only made once they are shown."""
+        wanted = [kind for kind in (False, True) if _shows(look.shown, kind)]
+        for is_collision in wanted:
+            if is_collision not in self._added:
+                self._added.add(is_collision)
+                self._add_all(self.robot.collisions if is_collision else self.robot.visuals)
+        self._look = look
+        for node in self.nodes:
+            self._dress(node)
+        if self._root.visible != is_visible:
+            self._root.visible = is_visible
+
+    def draw(self, placed: Placed, opacity_of: Callable[[str], float]) -> None:
+        """Move the links to their frames, each as faded as its frame."""
+        faded = set()
+        for name, link in self.links.items():
+            frame = self.robot.frame_of(name)
+            row = placed.index.get(frame)
+            if link.frame.visible != (row is not None):
+                link.frame.visible = row is not None
+            if row is None:
+                continue
+            link.frame.position, link.frame.wxyz = placed.xyz[row], placed.quat_wxyz[row]
+            fading = round(opacity_of(frame) / _STEP) * _STEP
+            if fading != link.fading:
+                link.fading = fading
+                faded.add(name)
+        for node in self.nodes if faded else ():
+            if node.link in faded:
+                self._dress(node)
+
+    def take_meshes(self, most: int) -> bool:
+        """Draw at most this many meshes that have come meanwhile; whether there were any."""
+        taken = 0
+        for waiting in list(self._waiting):
+            mesh = self._loader.found(waiting.source)
+            if mesh is None:
+                continue
+            self._waiting.remove(waiting)
+            self._sources[waiting.source] = True
+            if isinstance(mesh, str):
+                self._note(waiting.shape, f"is not shown: mesh {waiting.source.name}: {mesh}")
+            else:
+                for name, why in mesh.refused.items():
+                    lack = f"{name} of mesh {waiting.source.name}: {why}"
+                    self._note(waiting.shape, f"is shown without {lack}")
+                self._add_parts(waiting.shape, mesh.parts)
+            taken += 1
+            if taken == most:
+                break
+        return taken > 0
+
+    def remove(self) -> None:
+        """Take it out of the scene."""
+        self._root.remove()
+
+    # The parts
+
+    def _add_all(self, shapes: Sequence[Visual | Collision]) -> None:
+        for shape in shapes:
+            texture = shape.texture if isinstance(shape, Visual) else ""
+            match shape.shape:
+                case Mesh():
+                    source = self.robot.source_of(shape.shape, texture)
+                    if isinstance(source, str):
+                        self._note(shape, f"is not shown: mesh {shape.shape.name}: {source}")
+                        continue
+                    self._sources.setdefault(source, False)
+                    self._waiting.append(_AwaitedMesh(source, shape))
+                    self._loader.load(source, self.robot.sender)
+                case _:
+                    if texture:
+                        self._note(shape, f"is shown without {texture}: only meshes have pictures")
+                    self._add_primitive(shape, shape.shape)
+
+    def _note(self, shape: Visual | Collision, what: str) -> None:
+        kind = "collision" if isinstance(shape, Collision) else "visual"
+        self.mistakes[f"A {kind} of link {shape.link!r} {what}"] = None
+
+    def _add_primitive(self, shape: Visual | Collision, primitive: Shape) -> None:
+        path, look = self._next_path(shape), self._solid(shape)
+        make: Any
+        extent: dict[str, Any]
+        match primitive:
+            case Box(size):
+                make, extent = self._scene.add_box, {"dimensions": size}
+                corner = np.array(size) / 2.0
+            case Cylinder(radius, length):
+                make, extent = self._scene.add_cylinder, {"radius": radius, "height": length}
+                corner = np.array((radius, radius, length / 2.0))
+            case Sphere(radius):
+                make, extent = self._scene.add_icosphere, {"radius": radius, "subdivisions": 3}
+                corner = np.full(3, radius)
+            case _:
+                return
+        color = getattr(shape, "color", None)
+        handle = make(path, color=self._color(shape, color), **extent, **look)
+        self._keep(shape, handle, getattr(shape, "opacity", 1.0))
+        self._enclose(shape, np.array([-corner, corner]), (1.0, 1.0, 1.0))
+
+    def _add_parts(self, shape: Visual | Collision, parts: Sequence[MeshPart]) -> None:
+        assert isinstance(shape.shape, Mesh)
+        scale = shape.shape.scale
+        self._enclose(shape, bounds_of(parts), scale)
+        for part in parts:
+            if part.textured and isinstance(shape, Visual):
+                handle: Any = self._scene.add_glb(
+                    self._next_path(shape), part.textured, scale=scale, **_place(shape)
+                )
+                self._keep(shape, handle, 1.0, part)
+                continue
+            # As in RViz, what the mesh says goes first.
+            color = part.color or getattr(shape, "color", None)
+            opacity = part.opacity if part.color else getattr(shape, "opacity", 1.0)
+            handle = self._add_part(shape, part, self._color(shape, color))
+            self._keep(shape, handle, opacity)
+
+    def _add_part(self, shape: Visual | Collision, part: MeshPart, color: Color) -> Any:
+        assert isinstance(shape.shape, Mesh)
+        return self._scene.add_mesh_simple(
+            self._next_path(shape),
+            part.vertices,
+            part.faces,
+            color=color,
+            scale=shape.shape.scale,
+            side="double",
+            **self._solid(shape),
+        )
+
+    def _keep(
+        self,
+        shape: Visual | Collision,
+        handle: Any,
+        opacity: float,
+        textured: MeshPart | None = None,
+    ) -> None:
+        node = _Node(shape.link, handle, isinstance(shape, Collision), opacity, textured)
+        if textured is not None:
+            node.twin = lambda: self._add_part(shape, textured, textured.color or _GREY)
+        self.nodes.append(node)
+        self._dress(node)
+
+    def _dress(self, node: _Node) -> None:
+        is_shown = _shows(self._look.shown, node.is_collision)
+        opacity = node.opacity * self._look.opacity * self.links[node.link].fading
+        if node.is_collision and self._look.shown == "both":
+            opacity *= _THROUGH
+        if node.textured is None:
+            _set(node.handle, is_shown, opacity)
+            return
+        # viser draws pictures opaque only.
+        is_through = opacity < 1.0
+        if is_through and callable(node.twin):
+            node.twin = node.twin()
+        if not callable(node.twin):
+            _set(node.twin, is_shown and is_through, opacity)
+        _set(node.handle, is_shown and not is_through, None)
+
+    def _color(self, shape: Visual | Collision, color: Color | None) -> Color:
+        return _COLLIDES if isinstance(shape, Collision) else color or _GREY
+
+    def _solid(self, shape: Visual | Collision) -> dict[str, Any]:
+        return {"cast_shadow": False, "receive_shadow": False, **_place(shape)}
+
+    def _next_path(self, shape: Visual | Collision) -> str:
+        self._count += 1
+        return f"{self.links[shape.link].frame.name}/{self._count}"
+
+    def _enclose(
+        self, shape: Visual | Collision, box: Floats, scale: tuple[float, float, float]
+    ) -> None:
+        corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
+        link = self.links[shape.link]
+        link.corners = np.concatenate((link.corners, shape.origin.apply(corners * scale)))
+
+
+def _shows(shown: Shown, is_collision: bool) -> bool:
+    return shown == "both" or (shown == "collision") == is_collision
+
+
+def _set(handle: Any, is_shown: bool, opacity: float | None) -> None:
+    """Set only what changes: each change is a message to all browsers."""
+    if opacity is not None:
+        wanted = None if opacity >= 1.0 else round(opacity, 3)
+        if handle.opacity != wanted:
+            handle.opacity = wanted
+    if handle.visible != is_shown:
+        handle.visible = is_shown
+
+
+def _place(shape: Visual | Collision) -> dict[str, Any]:
+    x, y, z, w = shape.origin.quat_xyzw
+    return {"position": shape.origin.xyz, "wxyz": (w, x, y, z)}
+
+
+def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
+    """The parts that cannot be shown, each once; with the robot if there are several."""
+    for each in scenes:
+        lead = f"{each.robot.title}: " if len(scenes) > 1 else ""
+        for mistake in each.mistakes:
+            yield f"{lead}{mistake}"
+
 
 # A picture must not wait for many meshes.
 _MESHES_A_STEP = 4

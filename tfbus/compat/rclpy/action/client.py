@@ -11,7 +11,7 @@ from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import TfbusError
 from tfbus.node.action import GOAL_TIMEOUT_S, SentGoal
-from tfbus.runtime.callback_groups import CallbackGroup
+from tfbus.runtime.callbacks import CallbackGroup
 
 __all__ = ["ActionClient", "ClientGoalHandle"]
 
@@ -142,7 +142,7 @@ class ActionClient(TakesTypes):
 
     def _send(self, goal: Any, callback: Callable[[Any], object] | None, future: Future) -> None:
         what = f"feedback of {self._client.name}"
-        feedbacks = _Feedbacks(
+        feedbacks = Feedbacks(
             callback, lambda call: self._node.work.submit(call, self._group, what)
         )
         try:
@@ -158,7 +158,7 @@ class ActionClient(TakesTypes):
             handle.wait()
 
 
-class _Feedbacks:
+class Feedbacks:
     """Hands on what comes, once the id of its goal is known: the first may come before."""
 
     def __init__(

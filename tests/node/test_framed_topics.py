@@ -1,0 +1,213 @@
+"""Subscriptions that pass a message on when its transform is known."""
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.buses import eventually
+from tests.simulated_bus import Bus
+from tfbus import (
+    Buffer,
+    Transform,
+    TransformArray,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+    messages,
+)
+from tfbus.runtime import scheduler
+
+S = 1_000_000_000
+
+
+def pose_at(stamp_ns: int, frame: str = "base") -> messages.PoseStamped:
+    """A message of this stamp and frame."""
+    return messages.PoseStamped(stamp_ns, frame)
+
+
+class Filtered:
+    """A node that publishes, and one whose subscription waits for transforms into odom."""
+
+    def __init__(self, bus: Bus, message_type: Any = messages.PoseStamped, **options: Any) -> None:
+        self.buffer = Buffer()
+        self.got: list[tuple[Any, Any]] = []
+        self.node, self.other = bus.node("robot"), bus.node("sensor")
+        self.subscription: Any = self.node.create_subscription(
+            message_type,
+            "poses",
+            lambda message, transform: self.got.append((message, transform)),
+            in_frame="odom",
+            buffer=self.buffer,
+            **options,
+        )
+        self.publisher = self.other.create_publisher(message_type, "poses")
+        eventually(lambda: self.other.session.linked())
+        probe = pose_at(0, "probe")
+        if message_type is messages.PoseStamped:
+            eventually(lambda: self.publisher.publish(probe) or self.subscription.received)
+            scheduler.sleep(options.get("timeout_s", 5.0) + 1.0)
+            self.subscription.drops.clear()
+            self.subscription.received = 0
+
+    def publish(self, *published: Any) -> None:
+        """Publish, and let all arrive."""
+        before = self.subscription.received
+        for each in published:
+            self.publisher.publish(each)
+        eventually(lambda: self.subscription.received == before + len(published))
+
+    def know(self, stamp_ns: int, frame: str = "base", x: float = 0.0) -> None:
+        """Give the buffer the place of a frame."""
+        self.buffer.set_transform(TransformStamped(stamp_ns, "odom", frame, Transform((x, 0, 0))))
+
+
+def stamps(filtered: Filtered) -> list[int]:
+    """The stamps of messages that came, in s."""
+    return [message.stamp_ns // S for message, _ in filtered.got]
+
+
+def test_a_message_comes_when_its_transform_is_known(bus: Bus) -> None:
+    """With the transform at its stamp, and not before; one that is known comes at once."""
+    it = Filtered(bus)
+    it.know(1 * S, x=1.0)
+    it.publish(pose_at(1 * S), pose_at(2 * S))
+    eventually(lambda: it.got)
+    assert stamps(it) == [1] and it.subscription.waiting == 1
+    it.know(3 * S, x=3.0)
+    eventually(lambda: len(it.got) == 2)
+    assert it.got[1][1].transform.xyz.tolist() == [2.0, 0.0, 0.0]
+    assert it.got[1][1].stamp_ns == 2 * S
+    assert (it.subscription.waiting, it.subscription.passed, +it.subscription.drops) == (0, 2, {})
+
+
+def test_messages_of_a_frame_come_in_order_and_others_do_not_wait_for_them(bus: Bus) -> None:
+    """Also if the transform of a later one is known before; an unknown frame holds up no other."""
+    it = Filtered(bus)
+    it.know(1 * S)
+    it.publish(pose_at(9 * S, "unknown"), pose_at(3 * S), pose_at(1 * S), pose_at(2 * S))
+    assert it.got == []
+    it.know(4 * S)
+    eventually(lambda: len(it.got) == 3)
+    assert stamps(it) == [3, 1, 2]
+    it.know(9 * S, "unknown")
+    eventually(lambda: len(it.got) == 4)
+
+
+def test_each_message_that_is_dropped_has_a_reason(bus: Bus) -> None:
+    """A full queue, an unknown frame, an old stamp, a timeout, and no frame."""
+    it = Filtered(bus, queue=2, timeout_s=3.0)
+    it.know(20 * S)
+    it.know(21 * S)
+    it.publish(pose_at(1 * S), pose_at(20 * S, ""), pose_at(22 * S, "nowhere"))
+    it.publish(pose_at(23 * S), pose_at(24 * S))
+    assert it.subscription.drops == {"too old": 1, "no frame": 1, "queue full": 1}
+    it.publish(pose_at(25 * S, "nowhere"))
+    assert it.subscription.drops["queue full"] == 2 and it.subscription.waiting == 2
+    scheduler.sleep(3.5)
+    assert it.subscription.drops == {
+        "too old": 1,
+        "no frame": 1,
+        "queue full": 2,
+        "frame unknown": 1,
+        "timed out": 1,
+    }
+    assert it.got == [] and it.subscription.waiting == 0 and not it.buffer.waiting
+    assert "nowhere" in it.subscription.last_drop
+
+
+def test_a_tolerance_waits_for_later_transforms_too(bus: Bus) -> None:
+    """The message comes with that at its stamp once that of the tolerance later is known."""
+    it = Filtered(bus, tolerance_s=0.5)
+    it.know(1 * S)
+    it.know(2 * S)
+    it.publish(pose_at(2 * S))
+    assert it.got == []
+    it.know(2 * S + S // 2)
+    eventually(lambda: it.got)
+    assert it.got[0][1].stamp_ns == 2 * S
+
+
+def test_a_scan_has_a_transform_for_each_range(bus: Bus) -> None:
+    """It waits for the last one."""
+    it = Filtered(bus, messages.LaserScan)
+    scan = messages.LaserScan(1 * S, "base", time_increment=0.25, ranges=np.ones(5, np.float32))
+    it.know(1 * S)
+    eventually(lambda: it.publisher.publish(scan) or it.subscription.received)
+    assert it.got == []
+    it.know(2 * S, x=4.0)
+    eventually(lambda: it.got)
+    moved = it.got[0][1]
+    assert isinstance(moved, TransformArray)
+    assert moved.xyz[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_the_buffer_is_that_of_the_nodes_listener(bus: Bus) -> None:
+    """Transforms from the bus let a message through; without a listener it says what is missing."""
+    node, other = bus.node("robot"), bus.node("sensor")
+    with pytest.raises(ValueError, match="TransformListener"):
+        node.create_subscription(messages.PoseStamped, "poses", print, in_frame="odom")
+    got: list[Any] = []
+    TransformListener(Buffer(), node)
+    node.create_subscription(
+        messages.PoseStamped, "poses", lambda *pair: got.append(pair), in_frame="odom"
+    )
+    publisher = other.create_publisher(messages.PoseStamped, "poses")
+    broadcaster = TransformBroadcaster(other)
+
+    def sent() -> bool:
+        stamp_ns = other.now_ns()
+        publisher.publish(pose_at(stamp_ns))
+        broadcaster.send_transform(TransformStamped(stamp_ns, "odom", "base", Transform()))
+        return bool(got)
+
+    eventually(sent)
+    assert got[0][0].stamp_ns == got[0][1].stamp_ns
+
+
+def test_a_subscription_without_a_callback_is_iterated_over(bus: Bus) -> None:
+    """By `for` in any thread and by `async for`, with transforms or without, until it is closed."""
+    node, other = bus.node("robot"), bus.node("sensor")
+    buffer = Buffer()
+    buffer.set_transform(TransformStamped(1 * S, "odom", "base", Transform((1, 2, 3))))
+    plain = node.create_subscription(messages.PoseStamped, "poses")
+    framed = node.create_subscription(messages.PoseStamped, "poses", in_frame="odom", buffer=buffer)
+    found: list[Any] = []
+
+    def read() -> None:
+        found.extend(each for _, each in zip(range(2), plain, strict=False))
+
+    thread = scheduler.Thread(target=read)
+    thread.start()
+    publisher = other.create_publisher(messages.PoseStamped, "poses")
+    eventually(lambda: publisher.publish(pose_at(1 * S)) or len(found) == 2)
+    thread.join()
+
+    async def first() -> Any:
+        async for pair in framed:
+            return pair
+
+    message, transform = asyncio.run(first())
+    assert (message.stamp_ns, transform.transform.xyz.tolist()) == (1 * S, [1.0, 2.0, 3.0])
+    plain.close()
+    assert [*plain] == []
+    with pytest.raises(TypeError, match="has a callback"):
+        iter(node.create_subscription(messages.PoseStamped, "poses", print)).__next__()
+
+
+def test_bounds_and_types_are_checked(bus: Bus) -> None:
+    """A message without a frame, a queue of no length, a time that is none."""
+    node, buffer = bus.node("robot"), Buffer()
+
+    def create(kind: Any = messages.PoseStamped, **options: Any) -> Any:
+        return node.create_subscription(
+            kind, "poses", print, in_frame="odom", buffer=buffer, **options
+        )
+
+    with pytest.raises(TypeError, match="MarkerArray"):
+        create(messages.MarkerArray)
+    with pytest.raises(ValueError, match="queue"):
+        create(queue=0)
+    with pytest.raises(ValueError, match="tolerance_s"):
+        create(tolerance_s=-1.0)

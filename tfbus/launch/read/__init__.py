@@ -1,1 +1,0 @@
-"""From launch files to a description of their processes."""

@@ -1,0 +1,284 @@
+"""Callbacks: which of them may run at once, the threads that run them, and which held up others."""
+
+import logging
+import threading
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from tfbus.runtime import scheduler
+from tfbus.runtime.log import LogOnce
+from tfbus.wording import duration
+
+
+class AllAtOnce:
+    """Which tasks of a group may run now: all of them.
+
+    Each `enter` that returns a task, and each `leave` that does, is followed by a `leave` when that
+    task has run. Safe from any thread, and from a signal handler in the middle of a call.
+    """
+
+    def enter(self, task: Any) -> Any:
+        """Take a task; the one that may run now, None if it has to wait."""
+        return task
+
+    def leave(self) -> Any:
+        """Note that a task has run; the next that may run now, None if there is none."""
+        return None
+
+    def waiting(self) -> list[Any]:
+        """The tasks that wait for others to end, in order."""
+        return []
+
+
+class OneAtATime(AllAtOnce):
+    """A task after the other, in their order."""
+
+    def __init__(self) -> None:
+        # Each step below is a single operation.
+        self._runs = scheduler.Lock()  # held while a task runs
+        self._waiting: deque[Any] = deque()
+
+    def enter(self, task: Any) -> Any:
+        self._waiting.append(task)
+        return self._next()
+
+    def leave(self) -> Any:
+        self._runs.release()
+        return self._next()
+
+    def waiting(self) -> list[Any]:
+        return list(self._waiting)
+
+    def _next(self) -> Any:
+        while self._waiting and self._runs.acquire(blocking=False):
+            try:
+                return self._waiting.popleft()
+            except IndexError:  # another thread took it: look again, as one may have come meanwhile
+                self._runs.release()
+        return None
+
+
+class CallbackGroup:
+    """A group of callbacks of one node, which run on threads beside those of its other callbacks.
+
+    Give it to `create_subscription`, `create_timer`, `create_service` and others. A callback
+    without a group is in the node's own, which is mutually exclusive and has the node's thread.
+    """
+
+    def __init__(self) -> None:
+        self.admission = AllAtOnce()
+        # The full name of the node that it is of.
+        self.owner: str | None = None
+
+
+class MutuallyExclusiveCallbackGroup(CallbackGroup):
+    """Callbacks that run one at a time, in the order in which they became due, beside those of the
+    node's other groups.
+
+    Give one group to `create_subscription`, `create_timer`, `create_service` and others of a node.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.admission = OneAtATime()
+
+
+class ReentrantCallbackGroup(CallbackGroup):
+    """Callbacks that may all run at once, also several calls of the same one: they need locks for
+    what they share.
+    """
+
+
+def join(group: CallbackGroup, owner: str) -> None:
+    """Let the group belong to the node of this name. Raises ValueError if it is of another."""
+    if group.owner not in (None, owner):
+        raise ValueError(
+            f"this callback group is of node {group.owner}: make another for {owner}, "
+            f"{type(group).__name__}()"
+        )
+    group.owner = owner
+
+
+class ExecutorEnd:
+    """The end of an executor, for callbacks that wait on its threads."""
+
+    def __init__(self) -> None:
+        self.has_begun = False
+        # Changed by single operations only: a signal handler may close in the middle of a wait.
+        self._wakes: dict[int, Callable[[], object]] = {}
+
+    def begin(self) -> None:
+        """Wake all that wait; twice is fine."""
+        self.has_begun = True
+        for wake in list(self._wakes.values()):
+            wake()
+
+    def wakes(self, waiter: object, wake: Callable[[], object]) -> None:
+        """Call `wake()` when it begins, until `forget(waiter)`."""
+        self._wakes[id(waiter)] = wake
+
+    def forget(self, waiter: object) -> None:
+        """Wake this one no longer."""
+        self._wakes.pop(id(waiter), None)
+
+
+def _nothing(stream: str) -> str:
+    return ""
+
+
+class _Here(threading.local):
+    """Of the thread that reads it, if it runs the callbacks of an executor.
+
+    `closing` is the end of that, None on all other threads. `held_up(stream)` names a callback that
+    waits for the current one to return, if the same executor sends the stream; "" elsewhere.
+    """
+
+    closing: ExecutorEnd | None = None
+    held_up: Callable[[str], str] = staticmethod(_nothing)
+
+
+here = _Here()
+
+
+class Bell:
+    """A bell that one thread sleeps on until another rings it: an Event whose `ring` may interrupt
+    its own `wait`, as in a signal handler.
+    """
+
+    __slots__ = ("_silent",)
+
+    def __init__(self) -> None:
+        self._silent = scheduler.Lock()
+        self._silent.acquire()
+
+    def ring(self) -> None:
+        """End the `wait` of now, or else the next one."""
+        try:  # noqa: SIM105  # `suppress` would be a third of this
+            self._silent.release()
+        except RuntimeError:
+            pass
+
+    def wait(self, timeout_s: float | None) -> None:
+        """Sleep until it is rung, at most this long; None: for as long as it takes."""
+        if timeout_s is None or timeout_s > scheduler.TIMEOUT_MAX:
+            timeout_s = scheduler.TIMEOUT_MAX
+        self._silent.acquire(timeout=timeout_s if timeout_s > 0.0 else 0.0)
+
+
+# A callback that took less holds up nothing that anyone would notice.
+SLOW_S = 0.001
+
+# So many of the last slow ones are remembered, and so many pairs are counted.
+_MOST_REMEMBERED = 64
+_MOST_PAIRS = 100
+
+_REMEDY = (
+    ". A callback that waits is to be in a callback group of its own (callback_group=...), or an "
+    "async def that awaits"
+)
+
+
+class Ran(NamedTuple):
+    """A callback that ran, or still runs: its name, and when, by scheduler.monotonic()."""
+
+    what: str
+    began_s: float
+    ended_s: float
+
+
+class Delays:
+    """Notes slow callbacks, and finds which of them was the culprit if a timer was late or a
+    topic had to drop a message.
+
+    The first of each culprit is logged; all are counted. Safe from any thread.
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log_once = LogOnce(log)
+        self._lock = scheduler.Lock()
+        self._slow: deque[Ran] = deque(maxlen=_MOST_REMEMBERED)
+        # By culprit and the timer or topic: how much was lost, and how long the culprit took.
+        self._pairs: dict[tuple[str, str], tuple[int, float]] = {}
+
+    def ran(self, what: str, began_s: float, ended_s: float) -> None:
+        """Remember a callback that took at least `SLOW_S`."""
+        self._slow.append(Ran(what, began_s, ended_s))
+
+    def late(self, what: str, since_s: float, ticks: int, running: Iterable[Ran] = ()) -> None:
+        """Note that a timer left out so many ticks, since its tick was due at `since_s`."""
+        late_s = scheduler.monotonic() - since_s
+        found = self._culprit(since_s, running)
+        # Where its callbacks did not take that time, the machine is busy with other programs.
+        if found is None or sum(found[1]) < late_s / 2:
+            return
+        by, calls_s = found
+        self._count(by, what, ticks, max(calls_s))
+        self._log_once.warning(
+            ("late", by),
+            "%s was late by %s: %s%s",
+            what[:1].upper() + what[1:],
+            duration(late_s),
+            _told(by, calls_s, own=by == what),
+            _REMEDY,
+        )
+
+    def dropped(self, what: str, pending: int, running: Iterable[Ran] = ()) -> None:
+        """Note that a topic dropped a message, as so many wait already."""
+        now_s = scheduler.monotonic()
+        found = self._culprit(now_s - 1.0, running)
+        by, calls_s = found or (what, [0.0])
+        self._count(by, what, 1, max(calls_s))
+        why = "they come faster than its callback returns"
+        self._log_once.warning(
+            ("dropped", by),
+            "%s dropped a message, as %d wait already: %s%s",
+            what[:1].upper() + what[1:],
+            pending,
+            _told(by, calls_s, own=by == what) if found else why,
+            _REMEDY if found else "",
+        )
+
+    def described(self, overdue: Iterable[tuple[str, int, Ran]] = ()) -> list[dict[str, Any]]:
+        """The fields of a DelayDescription for each pair, the most lost first.
+
+        `overdue` are timers with how many ticks they have left out so far, as a callback has not
+        returned.
+        """
+        with self._lock:
+            pairs = dict(self._pairs)
+        for what, ticks, ran in overdue:
+            lost, longest_s = pairs.get((ran.what, what), (0, 0.0))
+            pairs[ran.what, what] = lost + ticks, max(longest_s, ran.ended_s - ran.began_s)
+        return [
+            {"what": what, "lost": lost, "by": by, "took_s": took_s}
+            for (by, what), (lost, took_s) in sorted(pairs.items(), key=lambda pair: -pair[1][0])
+        ]
+
+    def _count(self, by: str, what: str, lost: int, took_s: float) -> None:
+        with self._lock:
+            before = self._pairs.get((by, what))
+            if before is None and len(self._pairs) >= _MOST_PAIRS:
+                return
+            count, longest_s = before or (0, 0.0)
+            self._pairs[by, what] = count + lost, max(longest_s, took_s)
+
+    def _culprit(self, since_s: float, running: Iterable[Ran]) -> tuple[str, list[float]] | None:
+        """Whose callbacks took the most time since then, and how long each of them took."""
+        shares_s: defaultdict[str, float] = defaultdict(float)
+        calls_s: defaultdict[str, list[float]] = defaultdict(list)
+        for ran in (*self._slow.copy(), *running):
+            within_s = ran.ended_s - max(ran.began_s, since_s)
+            if within_s >= SLOW_S:
+                shares_s[ran.what] += within_s
+                calls_s[ran.what].append(ran.ended_s - ran.began_s)
+        if not shares_s:
+            return None
+        by = max(shares_s, key=lambda what: shares_s[what])
+        return by, calls_s[by]
+
+
+def _told(by: str, calls_s: list[float], *, own: bool) -> str:
+    callback = "its own callback" if own else f"the callback of {by}"
+    calls = f" in {len(calls_s)} calls" if len(calls_s) > 1 else ""
+    return f"{callback} took {duration(sum(calls_s))}{calls}"

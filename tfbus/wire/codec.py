@@ -147,10 +147,13 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     Raises DecodeError with the name of the field if one is missing, of the wrong type, or, with
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
-    kind: type = message_type
-    in_place = not hasattr(kind, "__of_bus_map__") and _shape(kind).has_arrays
+    in_place = len(data) > HARMLESS_SIZE and _may_have_arrays(message_type)
     values = decode_map(data, in_place=in_place)
     return from_map(message_type, values, unknown_fields=unknown_fields)
+
+
+def _may_have_arrays(message_type: type) -> bool:
+    return not hasattr(message_type, "__of_bus_map__") and _shape(message_type).has_arrays
 
 
 def as_map(message: Any) -> dict[str, Any]:

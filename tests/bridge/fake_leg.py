@@ -127,7 +127,7 @@ class FakeSubscription:
         if sender.leg is leg:
             return
         gid = sender.gid if leg.tells_publishers else ""
-        leg.call(lambda: self._call(payload, gid))
+        leg.call(lambda: self.hear(payload, gid))
 
     def close(self) -> None:
         """It takes no message after this."""
@@ -138,7 +138,7 @@ class FakeSubscription:
             if self in self.leg.ros.subscriptions:
                 self.leg.ros.subscriptions.remove(self)
 
-    def _call(self, payload: bytes, gid: str) -> None:
+    def hear(self, payload: bytes, gid: str) -> None:
         with self._calling:
             on_message = self._on_message
             if on_message is not None:

@@ -181,9 +181,10 @@ def test_gids_that_ros_does_not_list_are_few(
     from_ros = bridged().from_ros
     clock = Clock()
     from_ros.sources.clock_s = lambda: clock.now_ns / S
+    [dynamic] = [each for each in ros.subscriptions if each.topic.name == "/tf"]
     for number in range(1500):
         clock.now_ns += S // 100
-        from_ros._on_message(False, message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
+        dynamic.hear(message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
     assert len(from_ros.sources.unknown) + len([*from_ros.sources]) <= 102
     eventually(lambda: "made_up_1499" in buffer.frames())
     robot = TfNode(ros, "robot")

@@ -14,13 +14,13 @@ from tests.buses import eventually
 from tests.fakes import InAThread
 from tfbus.runtime import scheduler
 from tfbus.runtime.lazy_exports import exported
-from tfbus.runtime.signals import StopSignals, _Handlers, _Stop
+from tfbus.runtime.signals import SignalHandlers, SignalledStop, StopSignals
 
 
 @pytest.fixture
 def signals(monkeypatch: pytest.MonkeyPatch) -> Iterator[StopSignals]:
     """Signals of the process of the test, which got none before; by default it is a script."""
-    monkeypatch.setattr(scheduler.of_process(_Handlers), "_interrupted_s", -math.inf)
+    monkeypatch.setattr(scheduler.of_process(SignalHandlers), "_interrupted_s", -math.inf)
     installed = StopSignals()
     yield installed
     installed.uninstall()
@@ -134,7 +134,7 @@ def test_as_python_ends_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> N
     """Python takes the names of a module away before the last objects of its classes end."""
     unraisable: list[object] = []
     monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
-    stop = _Stop()
+    stop = SignalledStop()
     monkeypatch.setattr("tfbus.runtime.signals.os", None)
     del stop
     assert unraisable == []

@@ -54,7 +54,7 @@ def _kept_of(listener: TransformListener, stream: str) -> Iterator[str]:
 
 
 def _full(executor: Executor, more: int) -> Iterator[str]:
-    ready, due = len(executor._ready), len(executor._due)
+    ready, due = executor.waiting()
     if ready > MOST_READY + more:
         yield f"{ready} callbacks wait for a thread"
     if due > MOST_DUE + more:

@@ -9,10 +9,18 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.frames.why import Explanation, Step, explain, explain_recorded
+from tfbus.frames.fleet import FleetWatch
+from tfbus.frames.why import (
+    ON_THE_BUS,
+    Explanation,
+    FleetAdvice,
+    Step,
+    explain,
+    explain_recorded,
+)
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
@@ -38,6 +46,7 @@ _LONGEST_BACK_S = 3600.0
 @json_option("Print a JSON object.")
 @bag_option
 @statics_option
+@roster_option
 @listening_options(lambda: own_name("_why"))
 def command(
     settings: NodeSettings,
@@ -48,12 +57,15 @@ def command(
     as_json: bool,
     bags: tuple[Path, ...],
     statics: Statics | None,
+    roster: tuple[str, ...],
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
+    if roster and (fleet is None or bags):
+        raise click.UsageError("--expect names the robots of a living fleet: give --fleet")
     if bags:
         bag = BagChoice(bags, moment, statics=statics or "always")
         _explain_recorded(settings, fleet, target, source, bag, as_json)
@@ -70,14 +82,21 @@ def command(
         # It takes a while, in which samples come: the tree and the lookup are of after it.
         elsewhere = () if fleet else frames_in_other_namespaces(session)
         heard.ask_about_clocks()
+        if fleet is not None and not {target, source}.issubset(heard.buffer.frames()):
+            heard.ask_nodes()
+        moment_now, advice = heard.moment(), ON_THE_BUS
+        if fleet is not None:
+            robots = FleetWatch(roster).robots(moment_now, has_frames=False)
+            advice = FleetAdvice(robots, roster)
         explanation = explain(
-            heard.moment(),
+            moment_now,
             heard.buffer,
             target,
             source,
             moment.at(asked_ns) if moment else None,
             reads_only=settings.closed.identity.namespace if settings.closed else "",
             frames_in_other_namespaces=elsewhere,
+            advice=advice,
         )
         nodes = ask_nodes(session).nodes
         waiting = [

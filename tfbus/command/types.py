@@ -377,6 +377,40 @@ class ByteSize(click.ParamType[int]):
         return size
 
 
+class SpanOrSize(click.ParamType[tuple[float | None, int | None]]):
+    """A time with its unit, `15min`, or a size with its unit, `2GB`: one of seconds and bytes."""
+
+    name = "span|size"
+
+    def __init__(self, *, least_s: float, least_bytes: int):
+        self._least_s = least_s
+        self._least_bytes = least_bytes
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float | None, int | None]:
+        """The seconds or the bytes; a usage error for another text."""
+        text = str(value).strip()
+        size = None if text.isdecimal() else size_in(text)
+        if size is not None:
+            if size < self._least_bytes:
+                self.fail(
+                    f"must be at least {size_text(self._least_bytes)}, not {text}", param, ctx
+                )
+            return None, size
+        found = _NUMBER.fullmatch(text)
+        if found is None or found[1] or found[3] not in _NS_PER_UNIT:
+            self.fail(
+                f"{text!r} is no span and no size: write one with its unit, as in 15min, 2h or 2GB",
+                param,
+                ctx,
+            )
+        span_s = float(found[2]) * _NS_PER_UNIT[found[3]] / 1e9
+        if not self._least_s <= span_s <= 1e8:
+            self.fail(f"must be from {self._least_s:g} s to 3 years, not {text}", param, ctx)
+        return span_s, None
+
+
 class LogLevel(click.Choice[str]):
     """A level of LOG_LEVELS, also by the name that ROS gives it: `warn`."""
 
@@ -451,3 +485,35 @@ def _recording_in(ctx: click.Context) -> list[Path]:
 def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
     """The values that start with the text, as candidates."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
+
+
+# A value that ends so is a file, though there is none.
+_ROSTER_FILES = (".txt", ".list", ".lst", ".csv")
+
+
+class RosterNames(click.ParamType[tuple[str, ...]]):
+    """Names of robots, with ranges, or a file with such a name a line: a tuple of names."""
+
+    name = "robots"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The names; a usage error for a mistake in one, and a file that cannot be read."""
+        from tfbus.wire.fleet import roster_of  # which `--help` does not need
+
+        path = Path(value)
+        names = [value]
+        if path.is_file() or path.suffix in _ROSTER_FILES:
+            try:
+                lines = path.read_text(encoding="utf-8").splitlines()
+            except (OSError, UnicodeDecodeError) as error:
+                self.fail(f"the file {value!r} cannot be read: {error}", param, ctx)
+            names = [name for line in lines if (name := line.partition("#")[0].strip())]
+        try:
+            found = roster_of(names)
+        except TfbusError as error:
+            self.fail(str(error), param, ctx)
+        if not found:
+            self.fail(f"{value!r} names no robot", param, ctx)
+        return found

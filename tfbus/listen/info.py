@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from tfbus.runtime.structs import Struct, fields_of, replace
+from tfbus.runtime.structs import Struct, replace
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import namespace_of
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
-
-# The weight of one message in the mean delay.
-_SMOOTHING = 0.1
 
 
 class StreamState(Struct):
@@ -90,67 +87,6 @@ class StreamInfo(Struct):
     kept_delay_s: float | None = None
     namespace: str = ""
     silent: bool = False
-
-
-# What is counted of the messages of a stream.
-_COUNTED = tuple(
-    each.name
-    for each in fields_of(StreamInfo)[9:]
-    if each.name not in ("clock_offset_s", "origin", "namespace", "silent")
-)
-
-
-class StreamCounts:
-    """The counts of one stream, under the names that they have in `StreamInfo`, which says what
-    they are.
-
-    Not safe by itself: hold the stream's lock to change it. Any thread may read it.
-    """
-
-    # A `Struct`, or attributes in a dict, would take longer to count.
-    __slots__ = _COUNTED
-
-    def __init__(self) -> None:
-        self.messages = self.transforms = self.bytes = self.missed = 0
-        self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
-        self.last_heard_ns: int | None = None
-        self.delay_s: float | None = None
-        self.last_delay_s: float | None = None
-        self.kept_delay_s: float | None = None
-
-    def add(self, transforms: int, size: int, heard_ns: int, delay_s: float | None = None) -> None:
-        """Count one message of `transforms` rows and `size` bytes, which came at `heard_ns`; with
-        its delay if it has one that is known.
-        """
-        self.messages += 1
-        self.transforms += transforms
-        self.bytes += size
-        self.last_heard_ns = heard_ns
-        if delay_s is not None:
-            former_s = self.delay_s
-            self.last_delay_s = delay_s
-            self.delay_s = (
-                delay_s if former_s is None else former_s + _SMOOTHING * (delay_s - former_s)
-            )
-
-    def add_kept(self, transforms: int, size: int, delay_s: float | None) -> None:
-        """Count a message that the stream had kept, and how old it was when it came if that is
-        known.
-        """
-        self.messages += 1
-        self.transforms += transforms
-        self.bytes += size
-        former_s = self.kept_delay_s
-        if delay_s is not None:
-            self.kept_delay_s = delay_s if former_s is None else min(former_s, delay_s)
-
-    def as_map(self) -> dict[str, Any]:
-        """All of them by name."""
-        return {name: getattr(self, name) for name in _COUNTED}
-
-    def forget_delays(self) -> None:
-        """Forget the delays: a new epoch may be by another clock."""
-        self.delay_s = self.last_delay_s = self.kept_delay_s = None
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:

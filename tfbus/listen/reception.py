@@ -14,7 +14,6 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.listen.info import StreamCounts
 from tfbus.listen.stages import (
     Admission,
     Contest,
@@ -23,7 +22,7 @@ from tfbus.listen.stages import (
     Marks,
     StaticRetries,
 )
-from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamFacts
+from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamCounts, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -246,6 +245,11 @@ class StreamReception:
     def mark(self) -> None:
         """Mark its frames in the buffer as gone, or not."""
         self.marks.update()
+
+    def fall_silent(self) -> None:
+        """The publisher is out of reach: what it sends once may change meanwhile."""
+        with self.facts.lock:
+            self.facts.static_set.expire()
 
     def vanish(self) -> None:
         """The publisher is gone."""

@@ -131,6 +131,11 @@ class Executor:
         if self.delays is not None:
             self.delays.dropped(what, pending, self._running())
 
+    def waiting(self) -> tuple[int, int]:
+        """How many callbacks wait for a thread, and how many timers for their time."""
+        with self._lock:
+            return len(self._ready), len(self._due)
+
     def overdue(self) -> list[tuple[str, int, Ran]]:
         """Timers that leave out ticks now, how many, and the callback that has not returned."""
         with self._lock:

@@ -34,7 +34,7 @@ class StopSignals:
 
     def __init__(self) -> None:
         # `_ended` is for good; `_stop` is that or Ctrl-C in a script.
-        stop = _SimulatedStop if scheduler.is_simulated else _Stop
+        stop = _SimulatedStop if scheduler.is_simulated else SignalledStop
         self._ended, self._stop = stop(), stop()
         self._is_held = False
         self._is_interrupted = False
@@ -140,7 +140,7 @@ class Wakeup:
 
 
 class _SimulatedStop:
-    """A _Stop of a simulated process, whose signals come between two turns."""
+    """A SignalledStop of a simulated process, whose signals come between two turns."""
 
     def __init__(self) -> None:
         self.called = False
@@ -170,7 +170,7 @@ class _SimulatedStop:
         return self.called
 
 
-class _Stop:
+class SignalledStop:
     """A flag that threads can wait for, and that a signal handler may set at any instant.
 
     threading.Event cannot do that: the code that the handler interrupts may hold its lock, and a
@@ -262,7 +262,7 @@ class _Poker:
     """
 
     def __init__(self) -> None:
-        # A number, since a handler may set it at any instant: see _Stop.
+        # A number, since a handler may set it at any instant: see SignalledStop.
         self._is_handled = True
         self._readable = self._writable = -1
 
@@ -310,7 +310,7 @@ class _Poker:
                 signal.pthread_kill(main, signal.SIGURG)
 
 
-class _Handlers:
+class SignalHandlers:
     """The signals of one process: for which objects they are, and which handlers it had before."""
 
     def __init__(self) -> None:
@@ -368,12 +368,12 @@ _POKE_EVERY_S = 0.05
 # instant, and the second one must not interrupt what the first one started.
 _SAME_SIGNAL_S = 1.0
 
-_stops: weakref.WeakSet[_Stop] = weakref.WeakSet()
+_stops: weakref.WeakSet[SignalledStop] = weakref.WeakSet()
 _poker = _Poker()
 
 
-def _handlers() -> _Handlers:
-    return scheduler.of_process(_Handlers)
+def _handlers() -> SignalHandlers:
+    return scheduler.of_process(SignalHandlers)
 
 
 def _in_main_thread() -> bool:

@@ -55,7 +55,9 @@ _LARGE = 16 * 1024
 
 
 def _packed(values: Mapping[str, Any]) -> bytes:
-    if not any(type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()):
+    if memoryview not in map(type, values.values()) or not any(
+        type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()
+    ):
         return cast(bytes, msgpack.packb(dict(values), default=_of_numpy))
     packer = msgpack.Packer(default=_of_numpy)
     parts: list[Any] = [packer.pack_map_header(len(values))]
@@ -147,12 +149,14 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     Raises DecodeError with the name of the field if one is missing, of the wrong type, or, with
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
-    in_place = len(data) > HARMLESS_SIZE and _may_have_arrays(message_type)
+    kind: type = message_type
+    in_place = len(data) > HARMLESS_SIZE and _is_read_in_place(kind)
     values = decode_map(data, in_place=in_place)
     return from_map(message_type, values, unknown_fields=unknown_fields)
 
 
-def _may_have_arrays(message_type: type) -> bool:
+@cache
+def _is_read_in_place(message_type: type) -> bool:
     return not hasattr(message_type, "__of_bus_map__") and _shape(message_type).has_arrays
 
 

@@ -148,9 +148,9 @@ def _counts(senders: Sequence[Process]) -> list[int]:
 
 
 def _joined(joined: Joined) -> str:
-    after = f"{joined.join_s:.2f} s"
-    if joined.join_s is None:
-        after = f"{joined.read} of {joined.wanted} in {WITHIN_S:.0f} s"
+    after = f"{joined.read} of {joined.wanted} in {WITHIN_S:.0f} s"
+    if joined.join_s is not None:
+        after = f"{joined.join_s:.2f} s"
     cost = f"{joined.cpu_percent:.1f} %, {joined.memory_mb:.0f} MB"
     return f"{after} ({joined.join_cpu_s:.2f} s), {cost}"
 

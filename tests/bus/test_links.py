@@ -62,9 +62,23 @@ DATAGRAMS = LinkEnds("udp/10.0.0.1:4000?rel=0", "udp/10.0.0.2:7447?rel=0")
 
 def test_datagrams_come_and_go() -> None:
     """A link of datagrams beside another one carries nothing that must arrive: its loss is none."""
-    links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP), ("-", "a", DATAGRAMS))
+    links = told(("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS), ("-", "a", DATAGRAMS))
     changes = links.poll()
     assert (changes.new, changes.half, changes.ended, changes.datagrams) == ({TCP}, *[set()] * 3)
+
+
+def test_datagrams_are_no_first_link() -> None:
+    """Of a connection that began by datagrams no link stays, and its host is not heard by them; of
+    one that was there before the order is not known.
+    """
+    links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
+    changes = links.poll()
+    assert (changes.half, changes.datagrams) == ({TCP}, {DATAGRAMS})
+    assert links.hosts_for_datagrams() == set()
+    links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
+    links.end_history()
+    assert links.poll().half == set()
+    assert links.hosts_for_datagrams() == {"10.0.0.2"}
 
 
 def test_datagrams_alone_are_half_a_connection() -> None:

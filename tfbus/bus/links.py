@@ -120,6 +120,7 @@ class _Connection(Struct, frozen=False):
     added_s: float = float("-inf")
     is_half: bool = False
     is_parted: bool = False
+    began_by_datagrams: bool = False
     dst: str = ""
 
 
@@ -158,11 +159,25 @@ class Links:
         ends = LinkEnds(link.src, link.dst)
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
+    def end_history(self) -> None:
+        """What was noted so far was there before, in no order."""
+        events = sorted(
+            self._events, key=lambda each: bool(each.link and each.link.is_of_datagrams)
+        )
+        self._events = deque(events)
+
     def __contains__(self, zid: str) -> bool:
         return zid in self._connections
 
     def __bool__(self) -> bool:
         return bool(self._connections)
+
+    def hosts_for_datagrams(self) -> set[str]:
+        """The hosts of processes that have told all that they have declared, or are about to, on
+        another link: datagrams may be added to it.
+        """
+        whole = [each for each in self._connections.values() if each.has_had_first]
+        return {host_of(each.dst) for each in whole if not each.began_by_datagrams}
 
     def all(self) -> set[LinkEnds]:
         """The links that are open."""
@@ -204,6 +219,9 @@ class Links:
             pass  # it has ended: events of links may come after that of their connection
         elif link.is_of_datagrams:
             (connection.datagrams.add if has_come else connection.datagrams.discard)(link)
+            if not connection.has_had_first:
+                # Zenoh has told the far end of its declarations by them, or what arrived of it.
+                connection.is_parted = connection.began_by_datagrams = True
         elif has_come:
             connection.links.add(link)
             connection.dst = link.dst

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from benchmarks import machine
 from benchmarks.bus.air import HEADERS
@@ -90,7 +91,7 @@ class Fleet:
     def listen(self, wanted: int, reads: str) -> tuple[Process, Joined]:
         """A listener at the hub, and how it joined."""
         env = _client(self._at, self.hub_at)
-        given = {"robots": self.robots, "wanted": wanted, "reads": reads}
+        given: dict[str, Any] = {"robots": self.robots, "wanted": wanted, "reads": reads}
         process = self._stack.enter_context(Process(self._at, "fleet:listen", env, **given))
         return process, Joined(**process.hear())
 

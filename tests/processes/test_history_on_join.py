@@ -124,7 +124,7 @@ def test_unanswered_queries_for_history_are_repeated(
     buffer = Buffer()
     with TransformListener(buffer, node, history_s=60.0):
         eventually(lambda: oldest_ns(buffer, "robot") == S)
-    assert unheard == ["tf/sim/**?last_s=60"] * 2
+    assert [key.partition(";")[0] for key in unheard] == ["tf/sim/**?last_s=60"] * 2
 
 
 def test_the_history_of_split_streams_comes_from_all_keys(bus: Bus) -> None:

@@ -32,6 +32,7 @@ USES: dict[str, list[tuple[tuple[str, ...], frozenset[str]]]] = {
     ],
     "node_key": [(("liveliness_token", "declare_queryable", "reply"), ALL), (("query",), ALL)],
     "clock_key": [(("declare_queryable", "reply", "query"), ALL)],
+    "kept_key": [(("liveliness_token", "declare_queryable", "reply", "query"), ALL)],
     "parameter_key": [(("reply", "query"), ALL)],
     "node_parameters_key": [(("declare_queryable", "query"), ALL)],
     "setting_key": [(("reply",), ALL), (("query",), SETTERS)],
@@ -44,6 +45,8 @@ USES: dict[str, list[tuple[tuple[str, ...], frozenset[str]]]] = {
     "ALL_STATIC_TRANSFORMS_EVERYWHERE": [(READ, ALL)],
     "ALL_NODES": [((*WATCH, "query"), ALL)],
     "ALL_NODES_EVERYWHERE": [((*WATCH, "query"), ALL)],
+    "ALL_KEEPERS": [(WATCH, ALL)],
+    "ALL_KEEPERS_EVERYWHERE": [(WATCH, ALL)],
     "CLOCK_TOPIC": [(("put",), frozenset({"admin", "router"})), (READ, ALL)],
 }
 # What retained publishers and their subscribers have below a key.
@@ -53,6 +56,7 @@ RETAINED = {"static_transforms_key", "stream_key"}
 NO_KEYS = {
     "definitions_selector",
     "description_selector",
+    "kept_selector",
     "kept_transforms_selector",
     "page_selector",
     "TRANSFORMS",

@@ -1,11 +1,13 @@
 """Capture of all that is on the bus, or of a part: bytes into a queue, and events."""
 
 import logging
+import socket
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
 from itertools import chain
+from typing import Any, Literal
 
 from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, TransformSource
 from tfbus.bus.handles import Declaration
@@ -27,8 +29,8 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
-from tfbus.wire.codec import as_map, is_of_ros
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.codec import as_map, decode_message, is_of_ros
+from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
 from tfbus.wire.keys import (
     ALL_NODES,
     ALL_NODES_EVERYWHERE,
@@ -36,6 +38,7 @@ from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS_EVERYWHERE,
     ALL_TRANSFORMS,
     ALL_TRANSFORMS_EVERYWHERE,
+    STATIC_TRANSFORMS,
     check_no_transforms,
     full_name,
     is_foreign,
@@ -45,6 +48,7 @@ from tfbus.wire.keys import (
     stream_of,
     transforms_key_beside,
 )
+from tfbus.wire.limits import kind_of
 from tfbus.wire.transforms import TransformReader
 
 # A node that was just started has its topics soon: all are asked after these times, one after the
@@ -175,7 +179,8 @@ class Capture:
     It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
     all namespaces below. Streams and nodes become events as they come, change and go. Topics are
     those that nodes publish or receive, and those that the selection names.
-    `on_stream(state)` is called after each change of a stream that is taken.
+    `on_stream(state)` is called after each change of a stream that is taken, and `on_lost(name)`
+    for the full name of a node, or of a stream of another host, that is gone.
     """
 
     def __init__(
@@ -192,6 +197,8 @@ class Capture:
         self.described: dict[str, StreamDescription] = {}
         self.types: dict[str, str] = {}
         self.codecs: dict[str, MessageCodec] = {}
+        self.on_lost: Callable[[str], object] = lambda name: None
+        self._nodes: set[str] = set()
         self._node = node
         self._queue = queue
         self._selection = selection
@@ -208,6 +215,7 @@ class Capture:
         # Of the streams that are subscribed to one by one, by their full names.
         self._subscribed: dict[str, list[Declaration]] = {}
         self._topics: dict[str, RawSubscription] = {}
+        self._topic_sources: dict[str, TopicSource] = {}
         for topic in selection.topics:
             if not is_of_transforms(topic):
                 self._subscribe_topic(f"/{topic}", topic, "")
@@ -246,6 +254,51 @@ class Capture:
             self._refused.clear()
         self._refused.add(key)
         return None
+
+    # Messages of before, from who has kept them
+
+    def knows(self, name: str) -> bool:
+        """Whether a stream or node of this full name is there."""
+        if name.startswith("/"):
+            return name in self._nodes
+        return name in self._states and self._states[name].alive
+
+    def late_source(self, key: str) -> TransformSource | TopicSource | None:
+        """The kind of the messages of any key; None if they are not recorded."""
+        kind = kind_of(key)
+        if kind == "transforms":
+            return self.source(key, static=STATIC_TRANSFORMS in key.split("/"))
+        name = self.names.full(key)
+        if kind != "topic" or not is_printable(name) or not self._selection.takes_topic(name):
+            return None
+        if name not in self._topic_sources and len(self._topic_sources) >= 2 * _MOST_TOPICS:
+            return None
+        return self._topic_source(name)
+
+    def late_facts(
+        self, kind: Literal["stream", "node"], name: str, payload: bytes
+    ) -> dict[str, Any]:
+        """The facts of a description of before, which is noted if there is none. Raises DecodeError
+        if it cannot be read.
+        """
+        if kind == "stream":
+            stream, _ = read_description(payload)
+            if len(self.described) < MOST_KEYS:
+                self.described.setdefault(name, stream)
+            return as_map(stream)
+        node = decode_message(NodeDescription, payload)
+        for topic, type_name in node.publishes.items():
+            if len(self.types) < _MOST_TOPICS:
+                self.types.setdefault(topic.removeprefix("/"), type_name)
+        return as_map(node)
+
+    def _topic_source(self, name: str, *, retained: bool = False) -> TopicSource:
+        source = self._topic_sources.get(name)
+        if source is None or source.is_essential is not retained:
+            source = self._topic_sources[name] = TopicSource(
+                name, self.types, self.codecs, retained=retained, on_unfit=self._on_unfit
+            )
+        return source
 
     # Transforms
 
@@ -320,6 +373,8 @@ class Capture:
                 self._note("stream", name, state.description)
         elif former.alive and former.description is not None:
             self._note("stream gone", name)
+            if former.description.host != socket.gethostname():
+                self.on_lost(name)
         self._on_stream(state)
 
     def _subscribe_stream(self, name: str, key: str) -> None:
@@ -360,7 +415,10 @@ class Capture:
     def _on_node(self, name: str, description: NodeDescription | None) -> None:
         if description is None:
             self._note("node gone", name)
+            self._nodes.discard(name)
+            self.on_lost(name)
             return
+        self._nodes.add(name)
         self._note("node", name, description)
         graph = graph_of([description], {}, self._node.namespace)
         self._ros_types.forget(name)
@@ -412,9 +470,7 @@ class Capture:
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        source = TopicSource(
-            name, self.types, self.codecs, retained=retained, on_unfit=self._on_unfit
-        )
+        source = self._topic_source(name, retained=retained)
 
         def put(payload: bytes) -> None:
             self._queue.put(source, payload)

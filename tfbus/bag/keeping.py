@@ -18,6 +18,7 @@ from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
+from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
@@ -64,13 +65,25 @@ def path_of_recording(given: str | None) -> Path:
         return Path(default_name())
     path = Path(given)
     if is_folder(given):
-        return path / default_name()
+        return _free_in(path, default_name().removesuffix(ENDING))
     if path.suffix in _OF_OTHERS:
         raise InvalidArgumentException(
             f"'{printable(given)}': recordings are written as {ENDING} files: give a name "
             f"that ends with {ENDING}, or without an ending"
         )
     return path if path.suffix == ENDING else path.with_name(f"{path.name}{ENDING}")
+
+
+def _free_in(folder: Path, stem: str) -> Path:
+    """A recording of this name that is not there: of two in one second, as after a start without a
+    clock, the later one has a number.
+    """
+    path = folder / f"{stem}{ENDING}"
+    number = 2
+    while existing_parts(path):
+        path = folder / f"{stem}-{number}{ENDING}"
+        number += 1
+    return path
 
 
 def is_folder(given: str) -> bool:
@@ -94,16 +107,45 @@ def existing_parts(first: Path) -> list[Path]:
     return sorted(each for each in folder.glob(f"*{ENDING}") if part.fullmatch(each.name))
 
 
+# What is kept is in so many files, besides the one that grows.
+_KEPT_PARTS = 8
+_KEPT_WHOLE = _KEPT_PARTS / (_KEPT_PARTS + 1)
+
+
+@dataclass(frozen=True)
+class Keep:
+    """The last seconds, or bytes, that stay on the disk, over restarts too."""
+
+    last_s: float | None = None
+    most_bytes: int | None = None
+
+    def splits(self) -> "Splits":
+        """When to go on in a new file."""
+        return Splits(
+            None if self.most_bytes is None else self.most_bytes // (_KEPT_PARTS + 1),
+            None if self.last_s is None else self.last_s / _KEPT_PARTS,
+        )
+
+
 class PartsWritten:
     """Writes a recording, one file after the other; for one thread.
 
     `open_writer(path)` opens a file. `paths` are all files, `written` those that have ended. With
-    `most_files` the oldest are deleted. Raises OSError, and DiskFullError before a disk is full.
+    `most_files` the oldest are deleted, and with `keep` those beyond it, first those of `older`
+    recordings, the oldest first. Raises OSError, and DiskFullError before a disk is full.
     """
 
     def __init__(
-        self, first: Path, open_writer: OpenWriter, *, most_files: int | None = None
+        self,
+        first: Path,
+        open_writer: OpenWriter,
+        *,
+        most_files: int | None = None,
+        keep: Keep | None = None,
+        older: Iterable[Path] = (),
     ) -> None:
+        self._keep = keep
+        self.older = list(older)
         self.paths: list[Path] = []
         self.written: list[WrittenPart] = []
         self.deleted = 0
@@ -198,11 +240,54 @@ class PartsWritten:
                 )
             _sync(self.paths[-1])
 
+    @property
+    def last_data(self) -> bytes:
+        """The bytes of the last message that was written."""
+        return b"" if self._writer is None else self._writer.last_data
+
+    def data_of(self, item: TransformItem | TopicItem) -> bytes:
+        """The bytes of an item as it is written. Raises InvalidArgumentException if it cannot be
+        expressed.
+        """
+        assert self._writer is not None
+        return self._writer.data_of(item)
+
+    def write_late(self, items: Iterable[Item]) -> list[InvalidArgumentException]:
+        """Write items of a time before the last one; the errors of those that cannot be
+        expressed.
+        """
+        assert self._writer is not None
+        self._synced = False
+        return list(self._writer.write_late(items))
+
     def _delete_oldest(self) -> None:
+        if self._keep is not None:
+            while self._is_beyond(self._keep):
+                self._delete_one()
         while self._most_files is not None and len(self.paths) > self._most_files:
-            self.paths.pop(0).unlink(missing_ok=True)
-            self._bytes_before -= self.written.pop(0).size
-            self.deleted += 1
+            self._delete_one()
+
+    def _is_beyond(self, keep: Keep) -> bool:
+        """Whether the oldest file is not to be kept; the one that is open is."""
+        sizes, ended_s = [], []
+        for path in [*self.older, *self.paths]:
+            with suppress(FileNotFoundError):
+                found = path.stat()
+                sizes.append(found.st_size)
+                ended_s.append(found.st_mtime)
+        if len(self.older) + len(self.paths) < 2 or not sizes:
+            return False
+        if keep.last_s is not None and ended_s[0] < scheduler.time_ns() / 1e9 - keep.last_s:
+            return True
+        return keep.most_bytes is not None and sum(sizes) > keep.most_bytes * _KEPT_WHOLE
+
+    def _delete_one(self) -> None:
+        if self.older:
+            self.older.pop(0).unlink(missing_ok=True)
+            return
+        self.paths.pop(0).unlink(missing_ok=True)
+        self._bytes_before -= self.written.pop(0).size
+        self.deleted += 1
 
 
 def _sync(path: Path) -> None:
@@ -243,6 +328,15 @@ class MissedMessages:
         elif isinstance(item, TransformItem) and item.seq is not None and not item.static:
             self._add(source, item.stream.epoch_ns, item.seq)
 
+    def fill(self, source: MessageSource, item: Item) -> None:
+        """A message of before has come after all, from who has kept it."""
+        if not isinstance(item, TransformItem) or item.seq is None or item.static:
+            return
+        epoch_ns, expected = self._next.get(source, (None, 0))
+        if epoch_ns == item.stream.epoch_ns and item.seq < expected and self.count:
+            self._missing.pop((source, epoch_ns, item.seq), None)
+            self.count -= 1
+
     def _add(self, source: MessageSource, epoch_ns: int, seq: int) -> None:
         if (source, epoch_ns, seq) in self._missing:
             # It is only late.
@@ -259,6 +353,74 @@ class MissedMessages:
         self._next[source] = (epoch_ns, max(expected, seq + 1))
 
 
+# Messages that have come are known for this time, and longer while a gap may be filled.
+_KNOWN_NS = 60_000_000_000
+_MOST_KNOWN = 1_000_000
+
+# What has come twice has log times that differ by less: of two recorders, and by the link.
+_SAME_WITHIN_NS = 5_000_000_000
+# Messages without a stamp are equal to those before and after them.
+_SAME_AGAIN_WITHIN_NS = 500_000_000
+
+
+@dataclass(eq=False)
+class Fill:
+    """The messages of one gap, which come page by page: the state before the next one, and the
+    messages among them that had come by themselves.
+    """
+
+    state: BusState
+    met: set[tuple[tuple[str, int], int]] = field(default_factory=set)
+
+
+class Received:
+    """Which messages have come by themselves: of those that come again, later, and from who has
+    kept them, only the others are written.
+
+    While `is_held` none is forgotten for its age; of more than a million the oldest are.
+    """
+
+    def __init__(self) -> None:
+        self.is_held = False
+        self._log_ns: dict[tuple[str, int], list[int]] = {}
+        self._order: deque[tuple[int, tuple[str, int]]] = deque()
+
+    def add(self, item: TransformItem | TopicItem, data: bytes) -> None:
+        """Note a message that has come, and its bytes in the file."""
+        log_ns, key = item.log_ns, _key_of(item, data)
+        self._log_ns.setdefault(key, []).append(log_ns)
+        order = self._order
+        order.append((log_ns, key))
+        while len(order) > _MOST_KNOWN or (not self.is_held and order[0][0] < log_ns - _KNOWN_NS):
+            self._remove(*order.popleft())
+
+    def has(self, item: TransformItem | TopicItem, data: bytes, fill: Fill) -> bool:
+        """Whether a message has come at about its log time: each counts once in a fill."""
+        key = _key_of(item, data)
+        times = self._log_ns.get(key)
+        if not times:
+            return False
+        left = [log_ns for log_ns in times if (key, log_ns) not in fill.met]
+        nearest_ns = min(left, key=lambda log_ns: abs(log_ns - item.log_ns), default=None)
+        within_ns = _SAME_WITHIN_NS if len(times) == 1 else _SAME_AGAIN_WITHIN_NS
+        if nearest_ns is None or abs(nearest_ns - item.log_ns) > within_ns:
+            return False
+        fill.met.add((key, nearest_ns))
+        return True
+
+    def _remove(self, log_ns: int, key: tuple[str, int]) -> None:
+        times = self._log_ns.get(key, [])
+        if log_ns in times:
+            times.remove(log_ns)
+        if not times:
+            self._log_ns.pop(key, None)
+
+
+def _key_of(item: TransformItem | TopicItem, data: bytes) -> tuple[str, int]:
+    name = item.topic if isinstance(item, TopicItem) else f"tf {item.stream.name}"
+    return name, hash(data)
+
+
 UNREADABLE, REFUSED = "unreadable", "refused"
 
 
@@ -267,10 +429,11 @@ class RecordingCounts:
     """Counts of recorded and lost messages.
 
     `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
-    and `streams` count messages by name, without those of static transforms, which repeat; `lost`
-    counts messages by what became of them: the kinds that the queue dropped, "unreadable",
-    "refused" by the format of the file, "missing": those of dynamic transforms that never came, and
-    "history": those held from before for which there was no room.
+    and `streams` count messages by name, without those of static transforms, which repeat; `filled`
+    are those that came later, from who had kept them. `lost` counts messages by what became of
+    them: the kinds that the queue dropped, "unreadable", "refused" by the format of the file,
+    "missing": those of dynamic transforms that never came, and "history": those held from before
+    for which there was no room.
     """
 
     messages: int = 0
@@ -279,6 +442,7 @@ class RecordingCounts:
     events: int = 0
     topics: Counter[str] = field(default_factory=Counter)
     streams: Counter[str] = field(default_factory=Counter)
+    filled: int = 0
     lost: Counter[str] = field(default_factory=Counter)
 
     def add(self, item: Item) -> None:
@@ -374,6 +538,8 @@ class InFiles:
         self._began_ns: int | None = None
         self._began_bytes = 0
         self.missed = MissedMessages()
+        # None as long as no recorder elsewhere fills gaps.
+        self.received: Received | None = None
 
     def take(self, raw: Raw) -> EventItem | None:
         """Take a message; the event that it is."""
@@ -388,9 +554,52 @@ class InFiles:
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
         # What a file has refused the next one would refuse too.
-        if self._items.write(item) and raw.source.is_essential:
-            self._state.take(item)
+        if self._items.write(item):
+            if raw.source.is_essential:
+                self._state.take(item)
+            if self.received is not None and not isinstance(item, EventItem):
+                self.received.add(item, self._parts.last_data)
         return item if isinstance(item, EventItem) else None
+
+    def begin_fill(self) -> Fill:
+        """A fill that begins with the state in force."""
+        state = BusState()
+        for item in self._state.items(0):
+            state.take(item)
+        return Fill(state)
+
+    def fill(self, raws: Iterable[Raw], fill: Fill, again_ns: int) -> list[Item]:
+        """Write messages of before that did not come then; those that were written. From the log
+        time `again_ns` on they may come again, of the next gap.
+        """
+        items: list[Item] = []
+        for raw in raws:
+            whole = self._items.read(raw)
+            item = None if whole is None else self._items.select(whole)
+            if whole is None or item is None or fill.state.says(item):
+                continue
+            if self._has_come(item, fill, again_ns):
+                continue
+            fill.state.take(item)
+            self.missed.fill(raw.source, whole)
+            items.append(item)
+        for error in self._parts.write_late(items):
+            self._items.refuse(items[0], error)
+        return items
+
+    def _has_come(self, item: Item, fill: Fill, again_ns: int) -> bool:
+        if self.received is None or isinstance(item, EventItem):
+            return False
+        try:
+            data = self._parts.data_of(item)
+        except InvalidArgumentException:
+            return False  # which is refused where it is written
+        if self.received.has(item, data, fill):
+            return True
+        if item.log_ns >= again_ns:
+            self.received.add(item, data)
+            fill.met.add((_key_of(item, data), item.log_ns))
+        return False
 
     def split(self, log_ns: int) -> Path:
         """Go on in a new file, which begins with what is in force."""

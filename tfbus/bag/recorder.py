@@ -4,7 +4,7 @@ it writes a snapshot, `gone base_link`.
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,12 +13,14 @@ from weakref import WeakSet
 
 from tfbus.bag.keeping import (
     UNSPLIT,
+    Fill,
     InFiles,
     ItemWriter,
     Keeping,
     LastSeconds,
     MissedMessages,
     PartsWritten,
+    Received,
     Splits,
     WrittenPart,
 )
@@ -26,7 +28,7 @@ from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
-from tfbus.recording.items import EventItem
+from tfbus.recording.items import EventItem, Item
 from tfbus.recording.selection import Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
@@ -40,14 +42,14 @@ _KINDS = ("gone", "conflict")
 
 
 @dataclass(frozen=True)
-class Condition:
+class SnapshotCondition:
     """A frame's publisher is gone, or two publishers send it; "" is any frame."""
 
     kind: str
     frame: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> "Condition":
+    def parse(cls, text: str) -> "SnapshotCondition":
         """The condition in `gone base_link`. Raises InvalidArgumentException."""
         kind, _, frame = text.strip().partition(" ")
         if kind not in _KINDS:
@@ -67,7 +69,7 @@ class Triggers:
     names of the robot, or those in a fleet: `base_link`, `robot7/base_link`.
     """
 
-    conditions: tuple[Condition, ...]
+    conditions: tuple[SnapshotCondition, ...]
     _claims: Claims = field(default_factory=lambda: Claims("latest"))
     # Of each stream its namespace and child frames, as they are called in a fleet.
     _frames: dict[str, tuple[FrameNames, list[str]]] = field(default_factory=dict)
@@ -111,7 +113,7 @@ class Triggers:
 
 def unmatched(
     selection: Selection,
-    conditions: Collection[Condition],
+    conditions: Collection[SnapshotCondition],
     described: Mapping[str, StreamDescription],
     received: Collection[str],
 ) -> Iterator[str]:
@@ -156,6 +158,14 @@ _DROPPED_EVERY_S = 1.0
 _ANSWER_WITHIN_S = 60.0
 
 MISSING, HISTORY = "missing", "history"
+
+
+@dataclass(frozen=True)
+class Filled:
+    """The items that were written into a gap, and its fill."""
+
+    items: list[Item]
+    fill: Fill
 
 
 @dataclass(frozen=True)
@@ -219,10 +229,11 @@ class Recorder:
         self._closing = scheduler.Event()
         self._missed = MissedMessages()
         self.window: LastSeconds | None = None
+        self._files: InFiles | None = None
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(parts, splits, items)
+            self._keeping = self._files = files = InFiles(parts, splits, items)
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
@@ -273,6 +284,40 @@ class Recorder:
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
         self._submit(lambda: self._split("asked"))
+
+    def now_ns(self) -> int:
+        """The log time of now."""
+        return self._queue.now_ns()
+
+    def notice_received(self, *, held: bool) -> None:
+        """Know from now on which messages come by themselves, so that `fill` writes the others: for
+        a minute or, `held`, until it is called again.
+        """
+
+        def notice() -> None:
+            if (files := self._files) is not None:
+                if files.received is None or (held and not files.received.is_held):
+                    files.received = files.received or Received()
+                files.received.is_held = held
+
+        self._submit(notice)
+
+    def fill(self, raws: Sequence[Raw], fill: Fill | None, again_ns: int) -> "Future[object]":
+        """Write messages of before the last ones, if they did not come by themselves; None begins a
+        fill. From the log time `again_ns` on they may come again. The result is a `Filled`, or an
+        error.
+        """
+
+        def write() -> Filled:
+            assert self._files is not None
+            of = fill or self._files.begin_fill()
+            items = self._files.fill(raws, of, again_ns)
+            for item in items:
+                self.counts.add(item)
+            self.counts.filled += sum(not isinstance(item, EventItem) for item in items)
+            return Filled(items, of)
+
+        return self._submit(write)
 
     def close(self) -> None:
         """Write all that has come, end the file, and wait for that. Twice is fine."""

@@ -82,14 +82,14 @@ class Query:
         """The value of this name in the selector `key?name=value`; None if it has none."""
         return self._query.parameters.get(name)
 
-    def answer(self, key: str, payload: bytes, *, is_urgent: bool = True) -> None:
+    def answer(self, key: str, payload: bytes, *, background: bool = False) -> None:
         """Send one answer; `key` lies within the key expression of the query. All else on the link
-        goes before one that is not urgent.
+        goes before one in the `background`.
 
         Raises BusError if it is larger than the asker takes.
         """
         self._check(len(payload), "the answer cannot be sent")
-        priority = None if is_urgent else zenoh.Priority.BACKGROUND
+        priority = zenoh.Priority.BACKGROUND if background else None
         with bus_errors(f"answer the query for {self.key}"):
             # An absolute key: this query came to the session without a namespace.
             self._query.reply(key.removeprefix("/"), payload, priority=priority)

@@ -41,7 +41,7 @@ TOOLS = {
     "param": "List, read, set, save and load the parameters of nodes.",
     "plot": "Plot position, orientation and speed of SOURCE seen from TARGET.",
     "router": "Run a Zenoh router, which connects networks.",
-    "service": "List, show and call services.",
+    "service": "List, show and call services; install a launch file as a service of this machine.",
     "top": "Watch nodes, streams, frames and topics on one screen.",
     "topic": "List, show, print, measure and publish topics.",
     "why": "Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.",

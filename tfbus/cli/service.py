@@ -1,4 +1,4 @@
-"""`tfbus service`: the services on the bus, and calls of one."""
+"""`tfbus service`: services on the bus, calls of one, and launch files as services of systemd."""
 
 from dataclasses import asdict
 
@@ -21,6 +21,7 @@ from tfbus.cli.message import (
     supplied_calls,
 )
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
+from tfbus.cli.service_unit import container_command, install_command, uninstall_command
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName, matching
@@ -39,7 +40,11 @@ def _complete_show(
 
 @click.group(cls=Verbs)
 def command() -> None:
-    """List, show and call services."""
+    """List, show and call services; install a launch file as a service of this machine."""
+
+
+for _of_systemd in (install_command, uninstall_command, container_command):
+    command.add_command(_of_systemd)
 
 
 @command.command("list", epilog="Example: tfbus service list -t")

@@ -72,7 +72,8 @@ def command(
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh: no recording needs it
+    # Zenoh: no recording needs it
+    from tfbus.discover.presence import ask_nodes, frames_in_other_namespaces
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -97,6 +98,14 @@ def command(
             frames_in_other_namespaces=elsewhere,
             advice=advice,
         )
+        nodes = ask_nodes(session).nodes
+        waiting = [
+            f"{node.name}: {each}"
+            for node in nodes
+            for each in node.filters
+            if each.frame == target and source in each.sources
+        ]
+        explanation = replace(explanation, filters=tuple(waiting))
         now_ns = heard.now_ns()
         if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
@@ -142,6 +151,9 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines += wrapped(it.failure, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
+    if it.filters:
+        lines.append(paint("Messages that wait for it:", "heading"))
+        lines += [line for each in it.filters for line in wrapped(each, "  - ")]
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
         lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
@@ -187,4 +199,5 @@ def _as_map(it: Explanation) -> dict[str, object]:
     }
     steps = [asdict(step) for step in it.steps]
     lookup = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
-    return {**lookup, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}
+    said = {"remedies": list(it.remedies), "filters": list(it.filters)}
+    return {**lookup, "failure": it.failure, "steps": steps, **said}

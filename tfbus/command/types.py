@@ -377,6 +377,40 @@ class ByteSize(click.ParamType[int]):
         return size
 
 
+class SpanOrSize(click.ParamType[tuple[float | None, int | None]]):
+    """A time with its unit, `15min`, or a size with its unit, `2GB`: one of seconds and bytes."""
+
+    name = "span|size"
+
+    def __init__(self, *, least_s: float, least_bytes: int):
+        self._least_s = least_s
+        self._least_bytes = least_bytes
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float | None, int | None]:
+        """The seconds or the bytes; a usage error for another text."""
+        text = str(value).strip()
+        size = None if text.isdecimal() else size_in(text)
+        if size is not None:
+            if size < self._least_bytes:
+                self.fail(
+                    f"must be at least {size_text(self._least_bytes)}, not {text}", param, ctx
+                )
+            return None, size
+        found = _NUMBER.fullmatch(text)
+        if found is None or found[1] or found[3] not in _NS_PER_UNIT:
+            self.fail(
+                f"{text!r} is no span and no size: write one with its unit, as in 15min, 2h or 2GB",
+                param,
+                ctx,
+            )
+        span_s = float(found[2]) * _NS_PER_UNIT[found[3]] / 1e9
+        if not self._least_s <= span_s <= 1e8:
+            self.fail(f"must be from {self._least_s:g} s to 3 years, not {text}", param, ctx)
+        return span_s, None
+
+
 class LogLevel(click.Choice[str]):
     """A level of LOG_LEVELS, also by the name that ROS gives it: `warn`."""
 

@@ -145,6 +145,8 @@ class Explanation:
     failure: str
     steps: tuple[Step, ...]
     remedies: tuple[str, ...]
+    # What subscriptions say whose messages wait for this lookup, of each its node and counts.
+    filters: tuple[str, ...] = ()
 
 
 def explain(

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import IO
 
+from tfbus.launch.service_manager import is_journal, journal_level
 from tfbus.wording import printable
 
 _LONGEST_LINE = 65536
@@ -151,24 +152,34 @@ class Console:
         self.output = output
         self.errors = errors
         in_colour = "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+        self._is_journal = {stream: is_journal(stream.descriptor) for stream in (output, errors)}
         self._coloured = {stream: stream.is_terminal and in_colour for stream in (output, errors)}
 
     def relay(self, name: str, source: IO[bytes], stream: OutputStream) -> None:
         """Copy the lines of an unbuffered pipe until it ends, and close the pipe."""
         prefix, styled = self._prefix(name, stream), self._coloured[stream]
+        says_level = self._is_journal[stream]
         lines = Lines()
+
+        def write(line: bytes) -> None:
+            level = journal_level(line) if says_level else b""
+            stream.write(level + prefix + safe_line(line, styled=styled))
+
         with source:
             while chunk := source.read(65536):
                 for line in lines.feed(chunk):
-                    stream.write(prefix + safe_line(line, styled=styled))
+                    write(line)
         for line in lines.end():
-            stream.write(prefix + safe_line(line, styled=styled))
+            write(line)
 
     def say(self, level: str, name: str, text: str) -> None:
         """Log an event to standard error, `[INFO] [sim]: text`; never waits."""
         prefix = self._prefix(name, self.errors).decode()
         line = f"[{level}] {prefix.strip()}: {printable(text, _LONGEST_LINE)}"
-        self.errors.write(line.encode(), wait=False)
+        encoded = line.encode()
+        if self._is_journal[self.errors]:
+            encoded = journal_level(encoded) + encoded
+        self.errors.write(encoded, wait=False)
 
     def close(self, timeout_s: float = 1.0) -> None:
         """Write the pending lines of both, within `timeout_s` each."""

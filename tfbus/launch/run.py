@@ -14,6 +14,7 @@ from pathlib import Path
 from tfbus.launch.child import LaunchProgram, Timeouts
 from tfbus.launch.console import Console, OutputStream
 from tfbus.launch.guard import GuardProcess
+from tfbus.launch.service_manager import ServiceManager
 from tfbus.launch.supervisor import Presence, Supervisor
 
 _REASONS = {
@@ -37,8 +38,9 @@ def run_programs(
     Returns the exit code. For the main thread of a process that does nothing else: it handles the
     signals, and leaves Ctrl-C and SIGTERM ignored, as nothing is left to stop.
     """
+    manager = ServiceManager()
     with adopting_orphans(), GuardProcess(timeouts.after_sigterm_s) as guard:
-        return asyncio.run(_run(programs, presence, timeouts, guard, longest_s))
+        return asyncio.run(_run(programs, presence, timeouts, guard, longest_s, manager))
 
 
 async def _run(
@@ -47,6 +49,7 @@ async def _run(
     timeouts: Timeouts,
     guard: GuardProcess,
     longest_s: float | None,
+    manager: ServiceManager,
 ) -> int:
     loop = asyncio.get_running_loop()
     console = Console(OutputStream(1), OutputStream(2))
@@ -62,15 +65,27 @@ async def _run(
     if longest_s is not None:
         reason = f"has run for {longest_s:g} s, as asked"
         loop.call_later(longest_s, partial(supervisor.stop, reason, level="INFO"))
+    telling = asyncio.create_task(_tell(manager, supervisor))
     try:
         return await supervisor.run()
     finally:
+        telling.cancel()
+        manager.tell("STOPPING=1")
         await orphans.end_all(timeouts.after_sigterm_s)
         console.close()
         for number in (signal.SIGCHLD, *_REASONS):
             loop.remove_signal_handler(number)
         for number in _REASONS:
             signal.signal(number, signal.SIG_IGN)
+
+
+async def _tell(manager: ServiceManager, supervisor: Supervisor) -> None:
+    """Tell the service manager once all programs have been started, and that this loop goes on."""
+    await supervisor.started()
+    manager.tell("READY=1", f"STATUS={supervisor.status}")
+    while manager.every_s is not None:
+        manager.tell("WATCHDOG=1", f"STATUS={supervisor.status}")
+        await asyncio.sleep(manager.every_s)
 
 
 def _take_signals(supervisor: Supervisor) -> None:

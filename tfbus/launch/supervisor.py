@@ -14,7 +14,7 @@ from typing import Protocol
 from tfbus.errors import TfbusError
 from tfbus.launch.child import Child, Escalation, LaunchProgram, Timeouts
 from tfbus.launch.console import Console
-from tfbus.wording import listed
+from tfbus.wording import counted, listed
 
 # There is no event for an empty process group.
 _GROUP_POLL_S = 0.02
@@ -59,6 +59,7 @@ class Supervisor:
         self._timeouts = timeouts or Timeouts()
         self._children: list[Child] = []  # in the order of their starts
         self._arrived: set[str] = set()  # full names of awaited nodes that came
+        self._begun: set[str] = set()  # full names of programs that were started
         self._over: set[str] = set()  # full names of programs that do not run again
         self._escalation = Escalation(self._children, console, self._timeouts, self._give_up)
         self._was_asked_to_stop = self._has_failed = False
@@ -88,6 +89,17 @@ class Supervisor:
             for child in self._children:
                 child.send(signal.SIGKILL)
         return 1 if self._has_failed or self._died else 0
+
+    @property
+    def status(self) -> str:
+        """How many processes run, as a sentence without its end."""
+        return f"{len(self.pids)} of {counted(len(self._programs), 'program')} running"
+
+    async def started(self) -> None:
+        """Wait until each program has been started, or will not be."""
+        names = {program.full_name for program in self._programs}
+        while not names <= self._begun | self._over:
+            await self._changed.wait()
 
     def stop(self, reason: str, *, level: str = "WARNING") -> None:
         """Begin to end all programs, unless that has begun."""
@@ -171,6 +183,8 @@ class Supervisor:
             self._fail(program.name, reason)
             return 1
         self._children.append(child)
+        self._begun.add(program.full_name)
+        self._wake()
         if self._guard:
             self._guard.watch(child.pid)
         self._say("INFO", program.name, f"process started with pid [{child.pid}]")

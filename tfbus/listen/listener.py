@@ -7,8 +7,6 @@ from typing import Any, Literal, get_args
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.graph import where_to_look
-from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.clock_offset import ClockOffsets
@@ -208,6 +206,10 @@ class TransformListener:
         if no frame has come, a bus here that this process does not get into; "" for neither. It
         asks all streams, and scouts, which takes a moment.
         """
+        # Slow to import, and only asked when a lookup fails.
+        from tfbus.discover.graph import where_to_look
+        from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
+
         session = self._node.session
         hint = "" if self._is_fleet else where_to_look(frames_in_other_namespaces(session), frame)
         return hint or ("" if self.buffer.frames() else bus_out_of_reach(session))

@@ -7,7 +7,9 @@ from typing import Any, Literal
 from tfbus.geometry.columns import Columns
 from tfbus.ros.definitions import Definition
 
-EventKind = Literal["stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped"]
+EventKind = Literal[
+    "stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped", "filled"
+]
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,9 @@ class EventItem:
     "stream": the stream `name` is there, or has another description, whose fields are `facts` (as
     in docs/reference/wire.md). "node": the same of a node. "stream gone", "node gone": its token
     was lost. "paused", "resumed": the recorder was. "dropped": `facts["messages"]` messages were
-    not recorded, as the disk or the machine was too slow.
+    not recorded, as the disk or the machine was too slow. "filled": the recorder `name`
+    was out of reach until `facts["until"]`, and `facts["messages"]` that it had kept were written
+    later; `facts["lost"]` are the streams and nodes that seemed to be gone then.
     """
 
     log_ns: int

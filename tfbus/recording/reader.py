@@ -347,7 +347,10 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         found.sort(key=lambda event: event.log_ns)
         state = BusState()
         events = []
+        filled = [event for event in found if event.kind == "filled"]
         for event in found:
+            if any(_covers(each, event) for each in filled):
+                continue
             if not state.says(event):
                 events.append(event)
             state.take(event)
@@ -430,6 +433,19 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     if last is None or last.log_ns <= item.log_ns:
                         found[item.topic] = item
         return list(found.values())
+
+
+def _covers(filled: EventItem, event: EventItem) -> bool:
+    """Whether a publisher was out of reach, not gone, since the gap was filled."""
+    if event.kind not in ("stream gone", "node gone") or event.facts:
+        return False
+    until_ns, lost = filled.facts.get("until"), filled.facts.get("lost")
+    return (
+        isinstance(lost, list)
+        and event.name in lost
+        and isinstance(until_ns, int)
+        and filled.log_ns <= event.log_ns <= until_ns
+    )
 
 
 def _log_ns(item: Item | UnreadItem) -> int:

@@ -2,7 +2,7 @@
 
 import errno
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
@@ -98,6 +98,8 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         return self._file.tell() + self._pending if not self._file.closed else self._size
 
     _size = 0
+    # The bytes of the last message that was written.
+    last_data = b""
 
     def write(self, item: Item) -> None:
         """Write an item. Raises OSError, and InvalidArgumentException, with nothing written, if
@@ -106,6 +108,35 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         check_log_time(item.log_ns)
         with self._failing():
             self._write(item)
+
+    def write_late(self, items: Iterable[Item]) -> Iterator[InvalidArgumentException]:
+        """Write items of a time before the last one, whose state they do not change, as a chunk of
+        their own; the errors of those that the file cannot hold. Raises OSError.
+        """
+        with self._failing():
+            self._end_chunk()
+        for item in items:
+            try:
+                check_log_time(item.log_ns)
+                with self._failing():
+                    if isinstance(item, EventItem):
+                        self._mcap.add_metadata(EVENT, event_metadata(item))
+                    elif isinstance(item, TopicItem):
+                        self._write_topic(item)
+                    else:
+                        channel = self._write_transforms(item)
+                        if item.static:
+                            self._index.add_change(channel, item.log_ns)
+            except InvalidArgumentException as error:
+                yield error
+        with self._failing():
+            self._end_chunk()
+
+    def data_of(self, item: TransformItem | TopicItem) -> bytes:
+        """The bytes of an item in the file."""
+        if isinstance(item, TransformItem):
+            return self._tf.write(item.rows)
+        return (item.encoded or self._encoded(item))[1]
 
     def add_about(self, about: Mapping[str, str]) -> None:
         """Say more of who recorded or wrote what, that was not known at the beginning."""
@@ -202,6 +233,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         return codec.definition, data
 
     def _add(self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int) -> None:
+        self.last_data = data
         self._mcap.add_message(channel, log_ns, data, max(0, publish_ns), sequence % _SEQUENCES)
         self._pending += len(data) + _MESSAGE_BYTES
 

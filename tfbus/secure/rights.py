@@ -466,7 +466,7 @@ def _asked(within: str) -> list[str]:
     """The keys at which any identity may ask."""
     return [
         *(f"{within}**/{kind}/**" for kind in (TRANSFORMS, STATIC_TRANSFORMS)),
-        *(f"{within}**/@tfbus/{kind}/**" for kind in ("stream", "node", "clock", "param")),
+        *(f"{within}**/@tfbus/{kind}/**" for kind in ("stream", "node", "clock", "kept", "param")),
         *(f"{within}{key}" for key in _EVERY_KEY if key.endswith(_RETAINED)),
     ]
 
@@ -483,9 +483,10 @@ def _reading(within: str) -> list[dict[str, Any]]:
 def _presence(within: str, nodes: Sequence[str]) -> list[dict[str, Any]]:
     alive = _keys(within, nodes, "@tfbus/node")
     clocks = _keys(within, nodes, "@tfbus/clock")
+    kept = _keys(within, nodes, "@tfbus/kept")
     parameters = [*_keys(within, nodes, "@tfbus/param"), *_keys(within, nodes, "@tfbus/set")]
-    served = [*alive, *clocks, *(f"{key}/**" for key in parameters)]
-    return [_rule([_ALIVE], alive), _rule(_SERVE, served)]
+    served = [*alive, *clocks, *kept, *(f"{key}/**" for key in parameters)]
+    return [_rule([_ALIVE], [*alive, *kept]), _rule(_SERVE, served)]
 
 
 def _streams(within: str, streams: Sequence[str]) -> list[dict[str, Any]]:

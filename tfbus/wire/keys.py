@@ -22,6 +22,8 @@ ALL_TRANSFORMS_EVERYWHERE = f"**/{ALL_TRANSFORMS}"
 ALL_STATIC_TRANSFORMS_EVERYWHERE = f"**/{ALL_STATIC_TRANSFORMS}"
 ALL_NODES = "@tfbus/node/*"
 ALL_NODES_EVERYWHERE = f"**/{ALL_NODES}"
+ALL_KEEPERS = "@tfbus/kept/*"
+ALL_KEEPERS_EVERYWHERE = f"**/{ALL_KEEPERS}"
 
 CLOCK_TOPIC = "clock"
 
@@ -121,6 +123,18 @@ def definitions_selector(key: str) -> str:
 def clock_key(node: str) -> str:
     """The key under which a node answers with the time of its system's clock."""
     return f"@tfbus/clock/{escape(node)}"
+
+
+def kept_key(node: str) -> str:
+    """The key of a recorder's token if it serves what it keeps, and of its answers."""
+    return f"@tfbus/kept/{escape(node)}"
+
+
+def kept_selector(key: str, from_s: float, until_s: float) -> str:
+    """The selector of what a recorder keeps at its `kept_key`: all that it recorded from `from_s`
+    to `until_s` seconds ago.
+    """
+    return f"{key}?last_s={from_s:.3f};until_s={until_s:.3f}"
 
 
 def parameter_key(node: str, parameter: str) -> str:

@@ -52,6 +52,7 @@ _EVENTS: dict[EventKind, str] = {
     "paused": "pause",
     "resumed": "end of a pause",
     "dropped": "loss while recording",
+    "filled": "gap filled later",
 }
 
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
@@ -365,6 +366,6 @@ def _event(event: EventItem, summary: Summary) -> str:
     frames = event.facts.get("frames")
     if event.kind == "stream" and isinstance(frames, (list, tuple)):
         told = f"({counted(len(frames), 'frame')})"
-    if event.kind == "dropped":
+    if event.kind in ("dropped", "filled"):
         told = f"({event.facts.get('messages')} messages)"
     return f"{at:>12}  {event.kind:<11}  {cut(printable(event.name), 40)}  {told}"

@@ -1,5 +1,6 @@
 """`tfbus bag record`: everything on the bus, or a part of it, into a file."""
 
+import os
 from typing import Any
 
 import click
@@ -8,12 +9,13 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.selecting import SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import Several, bus_options
-from tfbus.command.types import POSITIVE, ByteSize, Number, TopicName
+from tfbus.command.types import POSITIVE, ByteSize, Number, SpanOrSize, TopicName
 from tfbus.errors import TfbusError
 from tfbus.runtime.installation import install_command
 
 # A file begins with what is in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000
+_LEAST_KEPT_BYTES = 1_000_000
 _LEAST_CACHE_BYTES = 1_000_000
 _NO_CACHE = "messages are always written from memory, within 1 s; omit the option for 100MB"
 _NO_LIMIT = "omit the option for no limit"
@@ -108,6 +110,13 @@ _CALLED_IN_ROS = {
     help="Keep the last N files or snapshots, and delete older ones of this recording.",
 )
 @click.option(
+    "--keep",
+    type=SpanOrSize(least_s=10.0, least_bytes=_LEAST_KEPT_BYTES),
+    metavar="SPAN|SIZE",
+    help="Keep the last SPAN (15min) or SIZE (2GB) in a folder (-o), also over restarts, and serve "
+    "it: recorders that were out of reach fill their gaps from it.",
+)
+@click.option(
     "--compression",
     "--compression-format",
     type=click.Choice(("zstd", "lz4", "none")),
@@ -183,6 +192,7 @@ def command(
     max_bytes: int | None,
     max_s: float | None,
     most_files: int | None,
+    keep: tuple[float | None, int | None] | None,
     compression: Any,
     snapshot_s: float | None,
     conditions: tuple[str, ...],
@@ -200,6 +210,9 @@ def command(
     disk within a second, so a crash loses at most that second; with --history, what comes before
     the publishers have answered (at most 6 s) is written after that. Ctrl-C ends the recording.
 
+    What a recorder with --keep in a robot has recorded while the robot was out of reach is filled
+    in once it is back, behind what is sent then.
+
     In a terminal the space key pauses, s begins a new file (or writes the snapshot), q ends. The
     services recorder/pause, resume, split, snapshot and stop do the same.
     """
@@ -212,6 +225,14 @@ def command(
         raise click.UsageError(
             "--max-files keeps the last files: give --max-size, --max-duration or --snapshot"
         )
+    if keep is not None:
+        if max_bytes or max_s or most_files or snapshot_s is not None or with_history:
+            raise click.UsageError(
+                "--keep says which files stay: leave out --max-size, --max-duration, --max-files, "
+                "--snapshot and --history"
+            )
+        if output is None or not (output.endswith(os.sep) or os.path.isdir(output)):
+            raise click.UsageError("--keep has a folder of files: give -o FOLDER/")
     if snapshot_s is None and conditions:
         raise click.UsageError("--on writes a snapshot: give --snapshot SECONDS too")
     if snapshot_s is not None and (max_bytes or max_s):
@@ -226,8 +247,8 @@ def command(
             f"recordings need mcap, which is not installed: {install_command('bag')}"
         ) from error
     # numpy and Zenoh, which `--help` does not need.
-    from tfbus.bag.keeping import Splits
-    from tfbus.bag.recorder import Condition
+    from tfbus.bag.keeping import Keep, Splits
+    from tfbus.bag.recorder import SnapshotCondition
     from tfbus.cli.bag.record_run import RecordPlan, checked, free_path, pairs_of, record
 
     try:
@@ -237,15 +258,16 @@ def command(
         plan = RecordPlan(
             selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,
-            splits=Splits(max_bytes, max_s),
+            splits=Splits(max_bytes, max_s) if keep is None else Keep(*keep).splits(),
             compression=compression,
             cache_bytes=cache_bytes,
             snapshot_s=snapshot_s,
-            conditions=tuple(map(Condition.parse, conditions)),
+            conditions=tuple(map(SnapshotCondition.parse, conditions)),
             with_history=with_history,
             starts_paused=starts_paused,
             has_keys=not no_keys,
             most_files=most_files,
+            keep=None if keep is None else Keep(*keep),
             custom_data=pairs_of(custom_data),
             path=free_path(output),  # the last, as it may make a folder
         )

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.bag.capture import Capture
+from tfbus.bag.filling import Filling
 from tfbus.bag.keeping import (
+    Keep,
     PartsWritten,
     Splits,
     WrittenPart,
@@ -20,9 +22,10 @@ from tfbus.bag.keeping import (
     is_folder,
     path_of_recording,
 )
+from tfbus.bag.kept import KEPT, KeptFiles, kept_files
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers, unmatched
+from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
     Rating,
@@ -70,7 +73,8 @@ _SNAPSHOT_CACHE_BYTES = 500_000_000
 @dataclass(frozen=True)
 class RecordPlan:
     """The plan of a recording. `cache_bytes` is how much may wait to be written, or is held for a
-    snapshot; None is 100 MB, or 500 MB for a snapshot.
+    snapshot; None is 100 MB, or 500 MB for a snapshot. With `keep` it serves its files, and goes
+    on with those that are in its folder.
     """
 
     path: Path
@@ -80,11 +84,12 @@ class RecordPlan:
     compression: Compression
     cache_bytes: int | None
     snapshot_s: float | None
-    conditions: tuple[Condition, ...]
+    conditions: tuple[SnapshotCondition, ...]
     with_history: bool
     starts_paused: bool
     has_keys: bool
     most_files: int | None
+    keep: Keep | None
     custom_data: Mapping[str, str]
 
     @property
@@ -152,8 +157,11 @@ def record(settings: NodeSettings, plan: RecordPlan) -> str:
         plan.path,
         lambda path: _open_writer(path, settings, plan, token),
         most_files=plan.most_files,
+        keep=plan.keep,
+        older=kept_files(plan.path.parent) if plan.keep is not None else (),
     )
     recorder = capture = None
+    unfilled: list[str] = []
     with Node.from_settings(settings) as node, ExitStack() as stack:
         line = StatusLine()
         node.log.addFilter(line.clear)
@@ -163,7 +171,9 @@ def record(settings: NodeSettings, plan: RecordPlan) -> str:
                 recorder, capture = _recorder(node, plan, parts, stack)
                 if plan.starts_paused:
                     recorder.pause()
-                _go_on(node, plan, recorder, capture, parts, line)
+                filling = _filling(node, plan, recorder, capture, parts, stack)
+                stack.callback(lambda: unfilled.extend(filling.unfilled() if filling else ()))
+                _go_on(node, plan, recorder, capture, parts, line, filling)
         except OSError as error:
             if recorder is not None:
                 raise
@@ -174,6 +184,8 @@ def record(settings: NodeSettings, plan: RecordPlan) -> str:
     if recorder is None or capture is None:
         return ""  # Ctrl-C came before it began
     _print_end(recorder, parts, _lost(recorder, node))
+    for clause in unfilled:
+        warn(clause)
     for clause in _unmatched(plan, recorder, capture):
         warn(f"In the end {clause}")
     if not recorder.failure:
@@ -222,6 +234,32 @@ def _recorder(
     return recorder, capture
 
 
+def _filling(
+    node: Node,
+    plan: RecordPlan,
+    recorder: Recorder,
+    capture: Capture,
+    parts: PartsWritten,
+    stack: ExitStack,
+) -> Filling | None:
+    """Serves what is kept; or fills gaps from who does, except of snapshots."""
+    if plan.keep is not None:
+        try:
+            kept = KeptFiles(node, lambda: [*parts.older, *parts.paths])
+        except RightsError as error:
+            node.log.warning("What is kept is not served: %s", error)
+        else:
+            stack.callback(kept.close)
+        return None
+    if plan.snapshot_s is not None:
+        return None
+    filling = Filling(
+        node.session, capture, recorder, plan.selection, everywhere=plan.everywhere, log=node.log
+    )
+    stack.callback(filling.close)
+    return filling
+
+
 def _news(path: Path, written: WrittenPart, why: str, *, is_snapshot: bool) -> str:
     of, length = f"Wrote {printable(str(written.path))}", length_text(written)
     if not is_snapshot:
@@ -236,6 +274,7 @@ def _open_writer(
         # Between snapshots nothing is recorded: each is a recording of its own.
         RECORDING: token if plan.snapshot_s is None else os.urandom(8).hex(),
         "host": socket.gethostname(),
+        **({KEPT: "true"} if plan.keep is not None else {}),
         "namespace": settings.namespace,
         "command": printable(shlex.join(["tfbus", *sys.argv[1:]]), 1000),
         "began": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
@@ -294,6 +333,7 @@ def _go_on(
     capture: Capture,
     parts: PartsWritten,
     line: StatusLine,
+    filling: Filling | None,
 ) -> None:
     """Show how it goes and follow keys, until Ctrl-C, `stop`, or a failure."""
     try:
@@ -320,7 +360,7 @@ def _go_on(
                     return
             elif not _follow(read_keys(), recorder, bool(plan.snapshot_s)):
                 return
-            look = _look(node, recorder, parts)
+            look = _look(node, recorder, parts, filling)
             rates = rating.add(look)
             if shows:
                 line.show(status_parts(look, rates, look.at_s - began_s), warns=look.lost > 0)
@@ -334,7 +374,9 @@ def _go_on(
                     node.log.warning("So far %s", clause)
 
 
-def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> RecordCounts:
+def _look(
+    node: Node, recorder: Recorder, parts: PartsWritten, filling: Filling | None
+) -> RecordCounts:
     counts, window = recorder.counts, recorder.window
     return RecordCounts(
         time.monotonic(),
@@ -346,6 +388,7 @@ def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> RecordCounts:
         recorder.is_paused,
         None if window is None else (window.bytes, window.kept_s),
         len(parts.paths),
+        () if filling is None else tuple(filling.progress()),
     )
 
 

@@ -39,6 +39,7 @@ class RecordCounts:
     is_paused: bool = False
     held: tuple[int, float] | None = None
     files: int = 1
+    filling: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def status_parts(look: RecordCounts, rates: Rates, running_s: float) -> list[str
         parts.append(f"last {held_s:.0f} s: {size_text(held_bytes)}")
         parts.append(counted(look.files, "snapshot"))
     free = ", ".join(_free_texts(look, rates))
-    return [*parts, f"free {free}", f"dropped {look.lost}"]
+    return [*parts, *look.filling[:1], f"free {free}", f"dropped {look.lost}"]
 
 
 def _free_texts(look: RecordCounts, rates: Rates) -> list[str]:
@@ -144,6 +145,8 @@ def log_text(look: RecordCounts, rates: Rates) -> str:
     free = " free for ".join(_free_texts(look, rates))
     free = free if " free" in free else f"{free} free"
     text = f"{rates.messages:.0f} messages/s, {of}, {free}, {look.lost} dropped"
+    if look.filling:
+        text += f"; {listed(look.filling, most=_NAMED)}"
     return f"Paused: {text}" if look.is_paused else text
 
 

@@ -1,0 +1,123 @@
+"""Recorders in robots keep what they record, and others fill their gaps from it."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.builders import at
+from tests.simulated_bus import Bus
+from tfbus import Node, NodeSettings, TransformBroadcaster
+from tfbus.messages import Vector3
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.testing.programs import Program
+
+
+class Robot:
+    """A robot on a host of its own, which sends a frame and a topic, and records itself."""
+
+    def __init__(self, bus: Bus, folder: Path) -> None:
+        self.bus = Bus(bus.network, "robot")
+        self.folder = folder
+        self.sent: list[int] = []
+        with bus.network.process("robot", "sim"):
+            self.node = Node(settings=NodeSettings("sim", namespace="robot7"))
+            broadcaster = TransformBroadcaster(self.node)
+            flags = self.node.create_publisher(Vector3, "flag")
+
+        def send() -> None:
+            self.sent.append(self.node.now_ns())
+            broadcaster.send_transform(at(len(self.sent), "base_link", self.sent[-1]))
+            if len(self.sent) % 5 == 0:
+                flags.publish(Vector3(1.0, 0.0, 0.0))
+
+        self.node.create_timer(0.2, send)
+        self.recorder = self.start()
+
+    def start(self) -> Program:
+        """Its recorder, which is started again after a power cut."""
+        started = self.bus.start(
+            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/", "--namespace", "robot7")
+        )
+        started.wait_for_line("Recording to")
+        return started
+
+
+@pytest.fixture
+def robot(bus: Bus, tmp_path: Path) -> Robot:
+    """A robot, and a link to it that is narrow."""
+    base, host = bus.network.host("base"), bus.network.host("robot", offset_s=7.0)
+    bus.network.path(host, base, delay_s=0.05, bytes_a_second=20_000.0)
+    return Robot(bus, tmp_path / "kept")
+
+
+def items_of(path: Path) -> list[Item]:
+    with RecordingReader(path) as reader:
+        return list(reader.items())
+
+
+def stamps_in(path: Path) -> list[int]:
+    return [
+        stamp
+        for item in items_of(path)
+        if isinstance(item, TransformItem) and not item.static
+        for stamp in item.rows.stamps_as_ints()
+    ]
+
+
+def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path: Path) -> None:
+    """After ten minutes without a link, and another cut while the gap is filled: all that the robot
+    recorded meanwhile is in the recording, once and in order, and no frame was gone.
+    """
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
+    process.wait_for_line("Recording to")
+    network.run(20.0)
+    begun = len(robot.sent)
+    for away_s in (600.0, 30.0):
+        network.partition("robot", "base")
+        network.run(away_s)
+        network.heal()
+        network.run(until=lambda: "out of reach" in process.stderr.rpartition("Filled")[2])
+        network.run(5.0)
+    for _ in range(60):
+        network.run(5.0)
+    assert process.stop() == 0
+    assert process.stderr.count("Filled the") == 2
+    came = stamps_in(path)
+    assert came == sorted(set(came))
+    whole = [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
+    assert came == whole and len(came) > begun + 3000
+    items = items_of(path)
+    flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
+    assert abs(len(flags) - len(came) // 5) <= 1
+    assert [item.log_ns for item in items] == sorted(item.log_ns for item in items)
+    events = [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
+    assert ("stream gone", "robot7/sim") not in events
+    assert events.count(("filled", "/robot7/recorder")) == 2
+
+
+def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
+    bus: Bus, robot: Robot, tmp_path: Path
+) -> None:
+    """A robot's recorder is killed while out of reach, and started again: of what it had recorded a
+    second is missing, and its second recording goes on in the same folder.
+    """
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
+    process.wait_for_line("Recording to")
+    network.run(20.0)
+    network.partition("robot", "base")
+    network.run(60.0)
+    network.kill(robot.recorder.process)
+    network.run(60.0)
+    robot.start()
+    network.run(60.0)
+    network.heal()
+    network.run(until=lambda: "Filled the" in process.stderr)
+    network.run(5.0)
+    assert process.stop() == 0
+    came = stamps_in(path)
+    missing = {stamp for stamp in robot.sent if came[0] < stamp < came[-1]} - {*came}
+    span_s = (max(missing) - min(missing)) / 1e9
+    assert 60.0 <= span_s < 62.5 and len(missing) == round(span_s * 5) + 1

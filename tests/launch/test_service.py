@@ -1,0 +1,117 @@
+"""A launch file as a service of systemd: its unit, and what launch tells the manager."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tests import needs
+from tfbus.cli import main
+from tfbus.launch.unit import Service, unit_text
+
+FILE = """
+arguments:
+  x: {default: "1"}
+nodes:
+  - node: static
+    arguments: [map, base_link, --x, "${x}"]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A launch file; units go into a folder beside it."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setattr("tfbus.cli.service_unit._SYSTEMD", tmp_path / "none")
+    path = tmp_path / "robot.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["service", *arguments])
+    return done.exit_code, done.output
+
+
+def test_a_unit_is_written_and_removed(file: Path, tmp_path: Path) -> None:
+    """It runs the file with its arguments and options; a unit of others is left alone."""
+    unit = tmp_path / "config" / "systemd" / "user" / "robot.service"
+    given = ["install", str(file), "x:=3", "--namespace", "robot7", "--user"]
+    code, output = run(*given)
+    assert code == 0 and f"Wrote {unit}" in output
+    assert f"-m tfbus launch {file} x:=3 --namespace robot7\n" in unit.read_text()
+    assert run(*given)[0] == 0
+    assert run("uninstall", "robot", "--user")[0] == 0
+    assert not unit.exists()
+    unit.write_text("[Unit]\n")
+    assert run(*given)[0] == 1
+    assert run("uninstall", "robot", "--user")[0] == 1
+    assert unit.read_text() == "[Unit]\n"
+
+
+def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
+    """An argument or option that is wrong would fail at each boot."""
+    for wrong in ("y:=3", "--no-such-option", "nothing"):
+        code, output = run("install", str(file), wrong, "--print")
+        assert code == 2 and wrong.partition(":")[0] in output
+
+
+@pytest.mark.real
+def test_systemd_takes_the_unit(tmp_path: Path) -> None:
+    """Also with letters that mean something in units."""
+    systemd_analyze = needs.program("systemd-analyze")
+    odd = 'a b%c$d"e\\f'
+    command = [sys.executable, "-m", "tfbus", "launch", f"{odd}.yaml"]
+    service = Service("robot7", command, tmp_path, {"TFBUS_CONNECT": odd})
+    unit = tmp_path / "robot7.service"
+    unit.write_text(unit_text(service, is_system=True))
+    done = subprocess.run(
+        [systemd_analyze, "verify", str(unit)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_image_runs_the_launch_file(file: Path) -> None:
+    """With its arguments, from the folder that it is in."""
+    code, text = run("container", str(file), "x:=3", "--network", "mobile")
+    assert code == 0
+    entry = '["tfbus", "launch", "/robot/robot.yaml", "x:=3", "--network", "mobile"]'
+    assert text.splitlines()[-1] == f"ENTRYPOINT {entry}"
+
+
+@pytest.mark.real
+def test_launch_tells_the_service_manager_how_it_goes(file: Path, tmp_path: Path) -> None:
+    """Ready when all are started, then alive, stopping at the end; its lines have levels."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(60.0)
+        read, write = os.pipe()
+        journal = os.fstat(write)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tfbus", "launch", str(file)],
+            stdout=write,
+            stderr=write,
+            env={
+                **os.environ,
+                "NOTIFY_SOCKET": str(tmp_path / "notify"),
+                "WATCHDOG_USEC": "300000",
+                "JOURNAL_STREAM": f"{journal.st_dev}:{journal.st_ino}",
+            },
+        )
+        os.close(write)
+        told = [manager.recv(1000).decode() for _ in range(3)]
+        process.send_signal(signal.SIGTERM)
+        while not told[-1].startswith("STOPPING"):
+            told.append(manager.recv(1000).decode())
+        assert process.wait(60.0) == 0
+    assert told[0] == "READY=1\nSTATUS=1 of 1 program running"
+    assert told[1].startswith("WATCHDOG=1\n") and told[2].startswith("WATCHDOG=1\n")
+    with os.fdopen(read) as output:
+        lines = output.read().splitlines()
+    assert "<4>[WARNING] [launch]: asked to end (SIGTERM)" in lines
+    assert any(line.startswith("<6>[INFO] [static]: process started") for line in lines)

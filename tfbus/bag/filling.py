@@ -1,0 +1,319 @@
+"""Fills the gaps of a recording from recorders elsewhere that keep what they record."""
+
+import logging
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from tfbus.bag.capture import Capture
+from tfbus.bag.keeping import Fill
+from tfbus.bag.kept import NODE, STREAM, wanted_of
+from tfbus.bag.raw_queue import EVENTS, Raw
+from tfbus.bag.recorder import Filled, Recorder
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.errors import DecodeError, TfbusError
+from tfbus.listen.queries import AskPages, PagesInTurn
+from tfbus.recording.items import EventItem, EventKind
+from tfbus.recording.selection import Selection
+from tfbus.runtime.executor import Executor
+from tfbus.wire.keys import (
+    ALL_KEEPERS,
+    ALL_KEEPERS_EVERYWHERE,
+    kept_selector,
+    last_name,
+    relative,
+)
+from tfbus.wire.pages import KeptMessage, Page
+from tfbus.wording import counted, duration, printable
+
+# A link is silent for this time, or less, before it is known to be lost; what came meanwhile all
+# the same is left out.
+_BEFORE_NS = 30_000_000_000
+
+# First comes what is sent now; and what is sent last has to be on the disk there.
+_AFTER_S = 4.0
+_OVERLAP_NS = 2_000_000_000
+
+# All that is lost with a link is noticed within this time.
+_NOTICED_WITHIN_NS = 5_000_000_000
+
+# Names come from the bus: of at most so many it is known when they were lost last.
+_MOST_LOST = 10_000
+
+# A keeper that does not answer is asked again after this time, as long as it is there.
+_AGAIN_S = 10.0
+
+# Tokens come from the bus: at most so many recorders are known.
+_MOST_KEEPERS = 1_000
+
+_WRITTEN_WITHIN_S = 60.0
+
+
+@dataclass(eq=False)
+class _Gap:
+    """A gap between two log times, and how much of it is filled.
+
+    `lost_ns` is when the token was lost. `place` is where its next page begins, `ahead_ns` how far
+    the keeper's clock is ahead of log times here.
+    """
+
+    from_ns: int
+    lost_ns: int
+    until_ns: int
+    place: str = ""
+    ahead_ns: int | None = None
+    fill: Fill | None = None
+    left_s: float = 0.0
+    messages: int = 0
+
+    @property
+    def noticed_ns(self) -> int:
+        """Before what was lost with the link was noticed."""
+        return max(self.from_ns, self.lost_ns - _NOTICED_WITHIN_NS)
+
+    @property
+    def share(self) -> float:
+        """How much of it is filled, from 0 to 1."""
+        whole_s = (self.until_ns - self.from_ns) / 1e9
+        return 1.0 - min(self.left_s / whole_s, 1.0) if self.place and whole_s > 0 else 0.0
+
+
+class _Keeper:
+    """A recorder elsewhere that serves what it keeps."""
+
+    def __init__(self, key: str, name: str) -> None:
+        self.key = key
+        self.name = name
+        self.is_there = False
+        self.lost_ns: int | None = None
+        self.gaps: list[_Gap] = []
+        self.asking: AskPages | None = None
+        self._prefix = name.rpartition("/")[0] + "/"
+
+    def has(self, name: str) -> bool:
+        """Whether a stream or node is in its namespace, or below."""
+        return f"/{name.removeprefix('/')}".startswith(self._prefix)
+
+
+class Filling:
+    """Watches the recorders that serve what they keep: once one was out of reach and is back, what
+    it recorded meanwhile is written, page by page, behind what is sent now. Until `close()`.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        capture: Capture,
+        recorder: Recorder,
+        selection: Selection,
+        *,
+        everywhere: bool,
+        log: logging.Logger,
+    ) -> None:
+        self._session = session
+        self._capture = capture
+        self._recorder = recorder
+        self._wanted = wanted_of(selection)
+        self._log = log
+        self._executor = Executor("filling", log)
+        self._turns = PagesInTurn(self._executor, most=4)
+        # By what is in front of their keys: a namespace needs one.
+        self._keepers: dict[str, _Keeper] = {}
+        # When streams and nodes were lost, and their full names.
+        self._lost: deque[tuple[int, str]] = deque(maxlen=_MOST_LOST)
+        self._began_ns = recorder.now_ns()
+        capture.on_lost = self._note_lost
+        key = ALL_KEEPERS_EVERYWHERE if everywhere else ALL_KEEPERS
+        self._tokens = session.watch_living(key, self._on_token)
+
+    def close(self) -> None:
+        """Fill nothing further. Twice is fine."""
+        self._tokens.close()
+        self._executor.close()
+        for keeper in self._keepers.values():
+            if keeper.asking is not None:
+                keeper.asking.close()
+
+    def progress(self) -> list[str]:
+        """A clause for each recorder whose gap is being filled: `filling /robot7/recorder 42 %`."""
+        return [
+            f"filling {keeper.name} {100 * keeper.gaps[0].share:.0f} %"
+            for keeper in list(self._keepers.values())
+            if keeper.gaps
+        ]
+
+    def unfilled(self) -> list[str]:
+        """A clause for each recorder with a gap that is not filled."""
+        found = []
+        for keeper in list(self._keepers.values()):
+            left_s = sum(
+                (gap.until_ns - gap.from_ns) / 1e9 * (1 - gap.share) for gap in keeper.gaps
+            )
+            if not keeper.is_there and keeper.lost_ns is not None:
+                left_s += (self._recorder.now_ns() - keeper.lost_ns) / 1e9
+            if left_s:
+                found.append(f"{duration(left_s)} of {keeper.name} are not filled")
+        return found
+
+    # On the executor's thread
+
+    def _note_lost(self, name: str) -> None:
+        now_ns = self._recorder.now_ns()
+        self._executor.submit("filling", lambda: self._lost.append((now_ns, name)))
+
+    def _on_token(self, key: str, alive: bool) -> None:
+        self._executor.submit("filling", lambda: self._take_token(key, alive))
+
+    def _take_token(self, key: str, alive: bool) -> None:
+        prefix = key.partition("@tfbus/")[0]
+        keeper = self._keepers.get(prefix)
+        if keeper is None:
+            if not alive or len(self._keepers) >= _MOST_KEEPERS:
+                return
+            name = self._capture.names.full(f"{prefix}{last_name(key)}")
+            keeper = self._keepers[prefix] = _Keeper(key, f"/{printable(name, 200)}")
+            self._note_received()
+        if keeper.key != key or keeper.is_there is alive:
+            return
+        keeper.is_there = alive
+        if not alive:
+            keeper.lost_ns = self._recorder.now_ns()
+            if keeper.asking is not None:
+                keeper.asking.close()
+        elif keeper.lost_ns is not None:
+            now_ns = self._recorder.now_ns()
+            keeper.gaps.append(
+                _Gap(
+                    max(keeper.lost_ns - _BEFORE_NS, self._began_ns),
+                    keeper.lost_ns,
+                    now_ns + _OVERLAP_NS,
+                )
+            )
+            self._log.info(
+                "%s was out of reach for %s: what it has kept of that is filled in",
+                keeper.name,
+                duration((now_ns - keeper.lost_ns) / 1e9),
+            )
+            keeper.lost_ns = None
+            self._executor.after(_AFTER_S, lambda: self._fill(keeper))
+        self._note_received()
+
+    def _note_received(self) -> None:
+        held = any(each.gaps or each.lost_ns is not None for each in self._keepers.values())
+        self._recorder.notice_received(held=held)
+
+    def _fill(self, keeper: _Keeper) -> None:
+        """Ask for the first gap, unless that is done already."""
+        if keeper.asking is not None or not keeper.gaps or not keeper.is_there:
+            return
+        gap = keeper.gaps[0]
+        written: list[Future[object]] = []
+
+        def selector() -> str:
+            # A page is asked for once the one before is written.
+            while written:
+                self._take_written(gap, written.pop())
+            now_ns = self._recorder.now_ns()
+            from_s, until_s = ((now_ns - each) / 1e9 for each in (gap.from_ns, gap.until_ns))
+            return kept_selector(keeper.key, from_s, max(until_s, 0.0))
+
+        def take(page: Page, _: str) -> None:
+            if gap.ahead_ns is None:
+                gap.ahead_ns = page.now_ns - self._recorder.now_ns() if page.now_ns else 0
+            gap.place, gap.left_s = page.next, page.left_s
+            raws = self._raws(page.messages, gap)
+            written.append(self._recorder.fill(raws, gap.fill, self._again_ns(keeper)))
+
+        def on_over() -> None:
+            self._executor.submit("filling", lambda: end())
+
+        def end() -> None:
+            while written:
+                self._take_written(gap, written.pop())
+            keeper.asking = None
+            if asking.is_complete:
+                keeper.gaps.remove(gap)
+                self._end_gap(keeper, gap)
+                self._fill(keeper)
+            elif keeper.is_there:
+                self._executor.after(_AGAIN_S, lambda: self._fill(keeper))
+
+        def no_page(_: Answer) -> None:
+            """Nothing but pages is answered."""
+
+        asking = keeper.asking = AskPages(
+            self._session,
+            self._executor,
+            selector,
+            on_page=take,
+            on_message=no_page,
+            on_over=on_over,
+            turns=self._turns,
+            place=gap.place,
+            payload=self._wanted,
+        )
+        asking.start()
+
+    def _again_ns(self, keeper: _Keeper) -> int:
+        """From where on a later gap of a keeper begins, at the earliest."""
+        next_ns = self._recorder.now_ns() if keeper.lost_ns is None else keeper.lost_ns
+        return min([gap.from_ns for gap in keeper.gaps[1:]], default=next_ns - _BEFORE_NS)
+
+    def _take_written(self, gap: _Gap, written: "Future[object]") -> None:
+        with suppress(TfbusError, TimeoutError):
+            filled = written.result(_WRITTEN_WITHIN_S)
+            assert isinstance(filled, Filled)
+            gap.fill = filled.fill
+            for item in filled.items:
+                gap.messages += not isinstance(item, EventItem)
+
+    def _end_gap(self, keeper: _Keeper, gap: _Gap) -> None:
+        length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
+        self._log.info(
+            "Filled the %s without %s: %s", length, keeper.name, counted(gap.messages, "message")
+        )
+        facts = {
+            "until": gap.until_ns,
+            "messages": gap.messages,
+            "lost": sorted(
+                {
+                    name
+                    for lost_ns, name in self._lost
+                    if gap.noticed_ns <= lost_ns <= gap.until_ns and keeper.has(name)
+                }
+            ),
+        }
+        event = EventItem(0, "filled", keeper.name, facts)
+        self._recorder.fill([Raw(gap.noticed_ns, EVENTS, event)], gap.fill, gap.until_ns)
+        self._note_received()
+
+    def _raws(self, messages: Sequence[KeptMessage], gap: _Gap) -> list[Raw]:
+        """The messages of a page as a recorder takes them, without those that it does not."""
+        lost = {name for lost_ns, name in self._lost if lost_ns >= gap.noticed_ns}
+        found = []
+        for message in messages:
+            log_ns = max(message.log_ns - (gap.ahead_ns or 0), 0)
+            with suppress(DecodeError):
+                if (raw := self._raw(message, log_ns, lost)) is not None:
+                    found.append(raw)
+        return found
+
+    def _raw(self, message: KeptMessage, log_ns: int, lost: set[str]) -> Raw | None:
+        key, payload = message.key, message.payload
+        if key.startswith((STREAM, NODE)):
+            kind: Literal["stream", "node"] = "stream" if key.startswith(STREAM) else "node"
+            name = last_name(key)
+            if name not in lost and self._capture.knows(name):
+                return None  # it was there all the time
+            if not payload:
+                gone: EventKind = "stream gone" if kind == "stream" else "node gone"
+                return Raw(log_ns, EVENTS, EventItem(0, gone, name, {"filled": True}))
+            facts = self._capture.late_facts(kind, name, payload)
+            return Raw(log_ns, EVENTS, EventItem(0, kind, name, facts))
+        own = relative(f"/{key}", self._session.settings.namespace)
+        source = None if own.startswith("/") else self._capture.late_source(own)
+        return None if source is None else Raw(log_ns, source, payload)

@@ -1,0 +1,194 @@
+"""Recordings that a recorder keeps on its disk, and serves: others fill their gaps from them."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from tfbus.bus.query import Query
+from tfbus.errors import BusError, InvalidArgumentException, TfbusError
+from tfbus.node.node import Node
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import ALL, Selection
+from tfbus.runtime import scheduler
+from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.structs import Struct
+from tfbus.wire.codec import decode_message, encode_map, encode_message
+from tfbus.wire.keys import escape, kept_key
+from tfbus.wire.pages import KeptMessage, Page, encode_page
+from tfbus.wire.transforms import TransformMessage, encode_transforms
+
+# In what such a recorder says of itself in its files: the next one goes on with them.
+KEPT = "kept"
+
+_LARGEST_PAGE = 1_000_000
+
+# What has come is on the disk after this time; what comes later is not asked for.
+_WRITTEN_AFTER_S = 1.5
+
+# The spans of so many files are known.
+_MOST_FILES = 10_000
+
+STREAM, NODE = "@tfbus/stream/", "@tfbus/node/"
+
+
+class Wanted(Struct):
+    """The part that is wanted of what is kept, as in `Selection`; of all by default."""
+
+    topics: tuple[str, ...] = ()
+    streams: tuple[str, ...] = ()
+    frames: tuple[str, ...] = ()
+    exclude_topics: tuple[str, ...] = ()
+
+    def selection(self) -> Selection:
+        """The selection of it."""
+        return Selection(
+            topics=self.topics,
+            streams=self.streams,
+            frames=self.frames,
+            exclude_topics=self.exclude_topics,
+        )
+
+
+def wanted_of(selection: Selection) -> bytes | None:
+    """The payload that asks for a selection; its regular expressions are not sent."""
+    if selection == ALL:
+        return None
+    wanted = Wanted(selection.topics, selection.streams, selection.frames, selection.exclude_topics)
+    return encode_message(wanted)
+
+
+def kept_files(folder: Path) -> list[Path]:
+    """The files in a folder that such a recorder has written, the oldest first."""
+    found = []
+    for path in folder.glob("*.mcap"):
+        with suppress(TfbusError, OSError), RecordingReader(path) as reader:
+            if reader.about.get(KEPT):
+                found.append((reader.start_ns, path))
+    return [path for _, path in sorted(found)]
+
+
+class KeptFiles:
+    """Serves the items of recordings, page by page, until `close()`.
+
+    `paths()` are the files, of which the last one grows. A query asks for the items from `last_s`
+    to `until_s` seconds ago; its payload may name a part of them, as `Wanted`.
+    """
+
+    def __init__(self, node: Node, paths: Callable[[], Sequence[Path]]) -> None:
+        self._paths = paths
+        self._key = kept_key(node.name)
+        self._lock = scheduler.Lock()
+        # The first and last log times of files that are whole.
+        self._spans: Bounded[Path, tuple[int, int]] = Bounded(_MOST_FILES)
+        session = node.session
+        self._declared = [
+            session.queryable(self._key, self._on_query, long=True),
+            session.token(self._key),
+        ]
+
+    def close(self) -> None:
+        """Serve nothing from now on. Twice is fine."""
+        for each in reversed(self._declared):
+            each.close()
+
+    def _on_query(self, query: Query) -> None:
+        with suppress(BusError), query.answering("what is kept"):
+            now_ns = scheduler.time_ns()
+            begin_ns, end_ns = _span(query, now_ns)
+            selection = ALL
+            if query.payload:
+                selection = decode_message(Wanted, query.payload).selection()
+            most = min(int(_number(query, "page", _LARGEST_PAGE)), _LARGEST_PAGE)
+            page = self.page(begin_ns, end_ns, most, selection)
+            query.answer(self._key, encode_page(page._replace(now_ns=now_ns)), background=True)
+
+    def page(self, begin_ns: int, end_ns: int, most_bytes: int, selection: Selection = ALL) -> Page:
+        """The first items between two log times: of at most so many bytes, or those of the first
+        log time.
+        """
+        taken: list[KeptMessage] = []
+        size = 0
+        for item in self._items(begin_ns, end_ns, selection):
+            if not _was_sent(item):
+                continue
+            kept = message_of(item)
+            size += len(kept.payload)
+            # Those of one log time come together: the next page begins with a later one.
+            if taken and size > most_bytes and item.log_ns > taken[-1].log_ns:
+                left_s = (end_ns - item.log_ns) / 1e9
+                return Page(taken, f"{item.log_ns}.{end_ns}", left_s)
+            taken.append(kept)
+        return Page(taken)
+
+    def _items(self, begin_ns: int, end_ns: int, selection: Selection) -> Iterator[Item]:
+        paths = [path for path in self._paths() if self._has_some(path, begin_ns, end_ns)]
+        if paths:
+            with RecordingReader(*paths, on_damage=lambda part, damage: None) as reader:
+                yield from reader.items(begin_ns, end_ns, selection)
+
+    def _has_some(self, path: Path, begin_ns: int, end_ns: int) -> bool:
+        with self._lock:
+            span = self._spans.get(path)
+        if span is None:
+            try:
+                with RecordingReader(path) as reader:
+                    span = reader.start_ns, reader.end_ns
+                    if reader.is_complete:
+                        with self._lock:
+                            self._spans[path] = span
+            except (TfbusError, OSError):
+                return False  # it was deleted, or has only begun
+        return span[0] <= end_ns and span[1] >= begin_ns
+
+
+def _was_sent(item: Item) -> bool:
+    if isinstance(item, EventItem):
+        return item.kind in ("stream", "stream gone", "node", "node gone")
+    return not (isinstance(item, TopicItem) and item.repeated)
+
+
+def message_of(item: Item) -> KeptMessage:
+    """An item as it was sent on the bus, at its full key: as a session without a namespace has it.
+
+    That a stream or node is there, or gone, is at `@tfbus/stream/` or `@tfbus/node/` and its full
+    name, escaped: its description, or nothing.
+    """
+    if isinstance(item, TransformItem):
+        stream = item.stream
+        prefix = f"{stream.namespace}/" if stream.namespace else ""
+        key = f"{prefix}{'tf_static' if item.static else 'tf'}/"
+        key += escape(stream.name.removeprefix(prefix))
+        if stream.split and not item.static:
+            key += f"/{escape(min(item.rows.children(), default=''))}"
+        message = TransformMessage(item.rows, stream.epoch_ns, item.seq)
+        return KeptMessage(key, item.log_ns, encode_transforms(message))
+    if isinstance(item, EventItem):
+        kind = STREAM if item.kind.startswith("stream") else NODE
+        facts = item.facts if item.kind in ("stream", "node") else {}
+        payload = encode_map(facts) if facts else b""
+        return KeptMessage(f"{kind}{escape(item.name)}", item.log_ns, payload)
+    return KeptMessage(item.topic, item.log_ns, encode_map(item.values))
+
+
+def _span(query: Query, now_ns: int) -> tuple[int, int]:
+    """The log times that a query asks for, both included."""
+    if place := query.parameter("from"):
+        begin, _, end = place.partition(".")
+        if begin.isdecimal() and end.isdecimal() and len(place) < 50:
+            return int(begin), int(end)
+        raise InvalidArgumentException(f"{place!r:.60} is no place in what is kept")
+    begin_s, end_s = _number(query, "last_s", math.inf), _number(query, "until_s", 0.0)
+    begin_ns = now_ns - int(min(begin_s, now_ns / 1e9) * 1e9)
+    return begin_ns, now_ns - int(max(end_s, _WRITTEN_AFTER_S) * 1e9)
+
+
+def _number(query: Query, name: str, default: float) -> float:
+    text = query.parameter(name)
+    if text is None:
+        return default
+    with suppress(ValueError):
+        if 0.0 <= (number := float(text)) <= 1e10:
+            return number
+    raise InvalidArgumentException(f"{name} must be a number, 0 or more, not {text!r:.40}")

@@ -102,7 +102,7 @@ def measure(link: Link, network: str) -> Row:
 
 def table(kept: dict[str, dict[str, Any]]) -> Table:
     """The table of the rows that are kept: a link a row, with its network beside `lan`."""
-    headings = ["link, each way", "`lan`", "better", "age p50 / p99", "known 0.5 s ago"]
+    headings = ["link, each way", "`lan`", "with", "age p50 / p99", "known 0.5 s ago"]
     headings += ["statics after", "false *gone*", "longest send"]
     rows = []
     for link, network in ROWS:

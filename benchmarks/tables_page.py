@@ -5,9 +5,8 @@ from benchmarks.parts import Part, Table, kept
 _PAGE = """\
 # How it was measured
 
-[How fast tfbus is](performance.md) has the results; this page says how each came about.
-`benchmarks/measured` has every row. If the load is not far below one, other processes used the
-cores, and CPU and ratios say more than times.
+How [the results](performance.md) came about; `benchmarks/measured` has every row. If the load is
+not far below one, other processes used the cores, and CPU and ratios say more than times.
 
 {0}
 
@@ -27,17 +26,16 @@ _BUFFER = """\
 
 By `make bench`, on the machine and with the versions named [there](performance.md).
 
-All have the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps of
-today. A lookup goes from end to end of a chain and interpolates on every edge, at stamps scattered
-over the last tenth of a second unless the row says 10 s. Each peer is a warmed-up process;
-those of a row take turns, and a number is the median of their runs.
+All have the same chains of frames: 100 Hz, 1,000 samples an edge. A lookup interpolates on every
+edge of a chain, at stamps in the last tenth of a second unless the row says 10 s. Peers are
+warmed-up processes that take turns; a number is the median of their runs.
 
 - tf2 from C++ has its strings made in advance. transform-tree has one writer an edge, and refuses
   samples out of order; its latest is by a plan compiled in advance.
 - schiebung's latest is the newest of each edge, which need not be of one time.
 - pytransform3d takes whole series, so it has no insert; it interpolates along screws.
-- Inserts take messages or arrays made in advance, 5,000 at a time. tf2 and transform-tree have no
-  columns of 50 edges: that is 50 calls.
+- Inserts take messages or arrays made in advance; of 50 edges, tf2 and transform-tree take 50
+  calls.
 - Memory is the growth of the process, with a million samples over 100 edges.
 {left_out}
 """
@@ -49,19 +47,17 @@ By `make bench ARGS="--only bus"`, between processes on loopback. {place}
 
 {measures}
 
-- **From the bus**: one process sends messages made in advance as fast as the link takes them;
-  another has a `TransformListener` and a buffer of 0.1 s. CPU is of all its threads, Zenoh's too.
+- **From the bus**: messages made in advance, as fast as the link takes them, into a buffer of 0.1
+  s. CPU is of all threads, Zenoh's too.
 - **tf2_ros** is Debian's `tf2_ros.TransformListener` under rospy, with messages of the same 50
   transforms at 200 Hz.{tf2_ros}
-- **Latency** is from before `send_transform` until a lookup in the other process has answered with
-  that transform, in the thread that delivers it, at 1,000 sends a second. Bare Zenoh: from `put`
-  until a callback has the payload, of the same size and priority. The pairs take turns of {turn}
-  messages; {count} of each came. The ratio is ours over bare Zenoh's.
+- **Latency** is from before `send_transform` until a lookup elsewhere has answered with that
+  transform, at 1,000 sends a second. Bare Zenoh: from `put` until a callback has the payload, of
+  the same size and priority. The pairs take turns of {turn} messages; {count} of each came.
 - **By interest**: 200 publishers send 100,000 transforms a second; one process receives all,
-  another the path that it looks up twice a second. Both include an idle session.
-- **Joint states**: a driver publishes {joints} positions 1,000 times a second, `tfbus robot_state`
-  makes transforms of them, and a third process looks the whole chain up. On bare Zenoh it
-  sends a message of the same size.
+  another the path that it looks up twice a second.
+- **Joint states**: {joints} positions 1,000 times a second, by `tfbus robot_state` to a process
+  that looks the chain up; on bare Zenoh a message of the same size.
 - **The bridge**: `tfbus ros2 --via zenoh`; beside it a relay in Python.
 - **A message that comes alone**: {paced_rate} a second of one transform each, at an even pace.
 - **The first lookup** counts from the start of the process.
@@ -72,8 +68,8 @@ _VIEW = """\
 
 By `python -m benchmarks.view --write`. {place} {versions}.
 
-- All frames move at 30 Hz, each message has all of them, and `tfbus view` sends at most 30 updates
-  a second, to browsers that draw nothing. CPU is of all threads of the view.
+- All frames move at 30 Hz in one message, and browsers draw nothing. CPU is of all threads of the
+  view.
 - Pictures a second are those that a Chromium draws of the page, 1280 by 800{pictures}.
 """
 
@@ -93,8 +89,8 @@ Numbers are CPU of a process that did the same before; medians of runs that take
 
 - **Write**: tfbus makes CDR of columns; mcap has the bytes made in advance; rosbags serialises its
   own messages.
-- **Read**: all make one array of stamps and one of poses of the same file; rosbags and
-  mcap-ros2-support make objects in Python of each message.
+- **Read**: all make arrays of stamps and poses of the same file; rosbags and mcap-ros2-support by
+  objects.
 - **A lookup** goes over five edges, at stamps in no order, and reads the 2 s around its stamp.
   tf2's way is to play everything into a buffer, measured with tfbus's own reader and buffer.
 

@@ -39,7 +39,7 @@ class Robot:
         started = self.bus.start(
             *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/", "--namespace", "robot7")
         )
-        started.wait_for_line("Recording to")
+        started.wait_for_line("Keeping the last 60 min in")
         return started
 
 

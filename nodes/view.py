@@ -35,6 +35,7 @@ from tfbus.command import (
     bag_options,
     install_command,
     own_name,
+    roster_option,
     server_options,
 )
 from tfbus.frames import Listening as Bus
@@ -135,11 +136,13 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     help="The picture's width and height in pixels (default 1280x800).",
 )
 @bag_options("at", "begin", "end")
+@roster_option
 @fleet_options
 @node_options(_NAME)
 def main(
     settings: NodeSettings,
     fleet: "Fleet | None",
+    roster: tuple[str, ...],
     bag: BagChoice | None,
     listening: ServerOptions,
     read_only: bool | None,
@@ -159,6 +162,8 @@ def main(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {shlex.quote(settings.config)}"
         )
+    if roster and fleet is None:
+        raise click.UsageError("--expect names the robots of a fleet: give --fleet too")
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
@@ -181,6 +186,7 @@ def main(
         Access(public.token, public.tls) if public else None,
         read_only=listening.is_public if read_only is None else read_only,
         heeds_up_axis=heeds_up_axis,
+        roster=roster,
     )
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None

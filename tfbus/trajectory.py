@@ -10,22 +10,18 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, TypeAlias, overload
 
+from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.core.lazy_numpy import ArrayLike, NDArray
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.runtime.whole_file import replacing
 from tfbus.wording import counted, listed, printable, stamp_text
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 FilePath = str | os.PathLike[str]
 

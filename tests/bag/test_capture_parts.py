@@ -16,7 +16,7 @@ from tfbus.bag.raw_queue import (
     TopicSource,
     TransformSource,
 )
-from tfbus.bag.recorder import Condition, Triggers
+from tfbus.bag.recorder import SnapshotCondition, Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.items import EventItem, RecordedStream
 from tfbus.wire.codec import as_map, encode_map
@@ -169,7 +169,7 @@ def streams(name: str, *children: str) -> EventItem:
 class TestTriggers:
     def test_a_frame_that_is_gone_fulfils_its_condition(self) -> None:
         """The end of the stream that sends the frame counts, of another stream not."""
-        triggers = Triggers((Condition.parse("gone base_link"),))
+        triggers = Triggers((SnapshotCondition.parse("gone base_link"),))
         events = [
             streams("arm", "hand"),
             streams("base", "base_link", "wheel"),
@@ -185,7 +185,7 @@ class TestTriggers:
 
     def test_two_publishers_of_a_frame_fulfil_its_condition(self) -> None:
         """A second living stream with the frame counts."""
-        triggers = Triggers((Condition.parse("conflict"),))
+        triggers = Triggers((SnapshotCondition.parse("conflict"),))
         assert not triggers.fulfilled_by(streams("one", "base"))
         said = triggers.fulfilled_by(streams("two", "base"))
         assert "'one' and 'two'" in said and said.endswith("send base")
@@ -193,7 +193,7 @@ class TestTriggers:
     @pytest.mark.parametrize("name", ["base_link", "robot7/base_link", "fleet/robot7/base_link"])
     def test_frames_have_the_names_of_a_fleet_too(self, name: str) -> None:
         """`robot7/base_link` is the frame base_link of the robot in the namespace robot7 alone."""
-        triggers = Triggers((Condition.parse(f"gone {name}"),))
+        triggers = Triggers((SnapshotCondition.parse(f"gone {name}"),))
         for robot in ("robot7", "robot17"):
             triggers.fulfilled_by(streams(f"fleet/{robot}/sim", "base_link", "old_base_link"))
         other = triggers.fulfilled_by(EventItem(0, "stream gone", "fleet/robot17/sim"))
@@ -203,20 +203,20 @@ class TestTriggers:
 
     def test_two_robots_may_have_frames_of_one_name(self) -> None:
         """That is no conflict."""
-        triggers = Triggers((Condition.parse("conflict"),))
+        triggers = Triggers((SnapshotCondition.parse("conflict"),))
         assert not triggers.fulfilled_by(streams("robot7/sim", "base_link"))
         assert not triggers.fulfilled_by(streams("robot8/sim", "base_link"))
 
     def test_without_a_frame_any_counts(self) -> None:
         """`gone` holds for each stream with frames."""
-        triggers = Triggers((Condition("gone"),))
+        triggers = Triggers((SnapshotCondition("gone"),))
         triggers.fulfilled_by(streams("one", "a"))
         assert triggers.fulfilled_by(EventItem(0, "stream gone", "one"))
 
     def test_another_condition_is_refused(self) -> None:
         """The error says which there are."""
         with pytest.raises(InvalidArgumentException, match=r"gone FRAME' .*'conflict FRAME"):
-            Condition.parse("lost base_link")
+            SnapshotCondition.parse("lost base_link")
 
 
 class TestNames:

@@ -18,7 +18,7 @@ from tests.fakes import Lines
 from tfbus.bag.keeping import PartsWritten, Splits
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
-from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers
+from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers
 from tfbus.bus.query import Answer
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
@@ -328,7 +328,7 @@ class TestSplits:
 
 
 class TestSnapshots:
-    def snapshots(self, last_s: float = 60.0, *conditions: Condition) -> Snapshots:
+    def snapshots(self, last_s: float = 60.0, *conditions: SnapshotCondition) -> Snapshots:
         return Snapshots(last_s, 1_000_000, Triggers(conditions))
 
     def test_the_last_seconds_are_written_when_asked(self, tmp_path: Path) -> None:
@@ -389,7 +389,7 @@ class TestSnapshots:
         wrote: list[str] = []
         run = Run(
             tmp_path,
-            snapshots=self.snapshots(60.0, Condition("gone", "turtle1")),
+            snapshots=self.snapshots(60.0, SnapshotCondition("gone", "turtle1")),
             on_file=lambda path, written, why: wrote.append(why),
         )
         run.queue.put(EVENTS, THERE)

@@ -55,6 +55,48 @@ def test_a_link_that_joins_one_that_is_lost_is_half() -> None:
     assert links.poll().half == {NEW}
 
 
+TCP = LinkEnds("tcp/10.0.0.1:4000?rel=1", "tcp/10.0.0.2:7447?rel=1")
+AGAIN = LinkEnds("tcp/10.0.0.1:4001?rel=1", "tcp/10.0.0.2:7447?rel=1")
+DATAGRAMS = LinkEnds("udp/10.0.0.1:4000?rel=0", "udp/10.0.0.2:7447?rel=0")
+
+
+def test_datagrams_come_and_go() -> None:
+    """A link of datagrams beside another one carries nothing that must arrive: its loss is none."""
+    links = told(("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS), ("-", "a", DATAGRAMS))
+    changes = links.poll()
+    assert (changes.new, changes.half, changes.ended, changes.datagrams) == ({TCP}, *[set()] * 3)
+
+
+def test_datagrams_are_no_first_link() -> None:
+    """Of a connection that began by datagrams no link stays, and its host is not heard by them; of
+    one that was there before the order is not known.
+    """
+    links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
+    changes = links.poll()
+    assert (changes.half, changes.datagrams) == ({TCP}, {DATAGRAMS})
+    assert links.hosts_for_datagrams() == set()
+    links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
+    links.end_history()
+    assert links.poll().half == set()
+    assert links.hosts_for_datagrams() == {"10.0.0.2"}
+
+
+def test_datagrams_alone_are_half_a_connection() -> None:
+    """Where the other link is lost, what it carried is lost: the datagrams end, and so does a new
+    link that is added to them, however often one comes.
+    """
+    links = told(("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS))
+    links.poll()
+    tell(links, ("-", "a", TCP))
+    assert links.poll().datagrams == {DATAGRAMS}
+    tell(links, ("+", "a", AGAIN))
+    changes = links.poll()
+    assert (changes.half, changes.datagrams) == ({AGAIN}, {DATAGRAMS})
+    tell(links, ("-", "a", None), ("+", "a", None), ("+", "a", TCP), ("+", "a", DATAGRAMS))
+    changes = links.poll()
+    assert (changes.half, changes.datagrams) == (set(), set())
+
+
 def test_a_link_that_comes_after_the_last_was_lost_is_left_to_zenoh() -> None:
     """A link added to a connection that has lost its last one ends with it, and is not half."""
     links = told(("+", "a", None), ("+", "a", OLD))

@@ -5,14 +5,14 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.buses import DEADLINE_S
-from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets, with_sockets
+from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets, admit_datagrams, with_sockets
 
 pytestmark = pytest.mark.real
 
@@ -102,3 +102,26 @@ def test_sockets_of_the_program_are_not_taken_for_zenohs(closed_at_the_end: Exit
     ours, found = with_sockets(open_beside_others, MARKS)
     closed_at_the_end.enter_context(found.answering)
     assert ports(found) == ports(ours)
+
+
+def test_datagrams_are_heard_of_some_hosts_alone() -> None:
+    """A socket at a port hears the hosts that it is told, and no others, until it is told anew."""
+    with closing(socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)) as listening:
+        listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        listening.bind(("::", 0))
+        listening.settimeout(10.0)
+        port = listening.getsockname()[1]
+
+        def send(host: str) -> None:
+            with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sender:
+                sender.bind((host, 0))
+                sender.sendto(host.encode(), ("127.0.0.1", port))
+
+        admit_datagrams(port, ["127.0.0.3", "fe80::1"])
+        send("127.0.0.2")
+        send("127.0.0.3")
+        assert listening.recv(100) == b"127.0.0.3"
+        admit_datagrams(port, ["127.0.0.2", "127.0.0.4"])
+        send("127.0.0.3")
+        send("127.0.0.4")
+        assert listening.recv(100) == b"127.0.0.4"

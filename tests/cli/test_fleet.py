@@ -63,6 +63,26 @@ def test_the_doctor_measures_every_robot(robots: Bus) -> None:
     assert found["order"]["evidence"] == ["2 dynamic frames in 3.0 s"]
 
 
+@pytest.mark.parametrize(
+    ("frame", "roster", "advice"),
+    [
+        ("robot5/base_link", (), "start robot 'robot5', or check its link: no node of it is here"),
+        ("robot5/base_link", ("--expect", "robot[1-9]"), "its link: it is missing"),
+        ("robto3/base_link", ("--expect", "robot[1-9]"), "not in the roster; did you mean"),
+        ("robot3/base_lnk", ("--expect", "robot[1-9]"), "use 'robot3/base_link'"),
+    ],
+)
+def test_why_says_which_robot_is_not_there(
+    robots: Bus, frame: str, roster: tuple[str, ...], advice: str
+) -> None:
+    """An unknown frame of a robot that is not there is no unknown name; a roster says that the
+    robot is missing, or is called otherwise.
+    """
+    done = robots.run("why", "map", frame, *SHARED, *roster)
+    assert done.returncode == 1
+    assert advice in " ".join(done.stdout.split())
+
+
 def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
     """For a frame that only --fleet shows, the hint names --fleet and --namespace."""
     done = robots.run("why", "map", "base_link", "--json")
@@ -143,13 +163,15 @@ def test_why_never_advises_a_frame_of_another_robot(robots: Bus) -> None:
     assert "robot3/" not in said and "robot7/" not in said.replace("robot37/", "")
 
 
-def test_the_doctor_shortens_what_each_robot_may_have(bus: Bus) -> None:
-    """The evidence of a fleet is at most three sentences on a screen; as JSON it is all there."""
+def test_the_doctor_says_once_what_is_wrong_with_many_robots(bus: Bus) -> None:
+    """A trouble that robots have alike is one sentence, which names them; JSON has each."""
     for number in range(6):
         node = bus.node("mount", namespace=f"robot{number}")
         send_static(node, "map", "dock")
     options = ("doctor", "--fleet", "--only", "disconnected", "--for", "0.5")
-    assert robot_trees(bus.run(*options).stdout) == 3
+    text = " ".join(bus.run(*options).stdout.split())
+    assert robot_trees(text) == 1
+    assert "the same of 4 other robots: robot2, robot3, robot4, robot5" in text
     assert robot_trees(bus.run(*options, "--json").stdout) == 5
 
 

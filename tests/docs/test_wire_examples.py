@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 
 from tests import needs
@@ -26,6 +27,8 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.errors import DecodeError
+from tfbus.messages import PointCloud
+from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import read_description
 from tfbus.wire.transforms import decode_transforms
 
@@ -36,10 +39,10 @@ SANITIZED = "-fsanitize=address,undefined"
 POSE = (1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8)
 
 
-def compile_program(folder: Path, *flags: str) -> str | None:
-    """The C program, compiled; None where the compiler does not take these flags."""
-    program = folder / "tfbus_wire"
-    source = str(FOLDER / "tfbus_wire.c")
+def compile_program(folder: Path, *flags: str, name: str = "tfbus_wire") -> str | None:
+    """A C program, compiled; None where the compiler does not take these flags."""
+    program = folder / name
+    source = str(FOLDER / f"{name}.c")
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra"]
     command = [needs.program("cc"), *strict, *flags, "-o", str(program), source, "-lm"]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -274,9 +277,29 @@ def test_keys_of_others_are_skipped(wire: ModuleType) -> None:
         assert wire.stream_of(key) == ""
 
 
+@pytest.mark.parametrize("language", ["c", "js"])
+def test_the_points_of_a_cloud_are_read_where_they_lie(language: str, tmp_path: Path) -> None:
+    """By C and by JavaScript; a message that is cut is refused."""
+    xyz = np.arange(30_000, dtype=np.float32).reshape(-1, 3) / 64
+    cloud = PointCloud.from_xyz(7, "lidar", xyz, intensity=np.ones(10_000, np.float32))
+    if language == "c":
+        flags = ("-g", SANITIZED, "-fno-sanitize-recover=all")
+        command = [compile_program(tmp_path, *flags, name="points") or ""]
+        command[0] = command[0] or compile_program(tmp_path, name="points") or ""
+    else:
+        command = [needs.program("node"), str(FOLDER / "points.js")]
+    payload = encode_message(cloud)
+    done = subprocess.run(command, input=payload, capture_output=True, check=True)
+    count, *means = map(float, done.stdout.split())
+    assert count == 10_000
+    assert means == pytest.approx(xyz.astype(float).mean(axis=0).tolist(), rel=1e-5)
+    for size in (0, 1, 50, 200, len(payload) // 2):
+        assert subprocess.run(command, input=payload[:size], capture_output=True).returncode == 1
+
+
 def test_no_program_of_the_wire_imports_tfbus() -> None:
     """Nor is one without a line that says how to run it."""
-    for path in (*FOLDER.glob("*.py"), *FOLDER.glob("*.c")):
+    for path in (*FOLDER.glob("*.py"), *FOLDER.glob("*.c"), *FOLDER.glob("*.js")):
         text = path.read_text()
         assert f"examples/wire/{path.name}" in text[:700], path
         assert not re.search(r"^\s*(import|from) tfbus\b", text, re.M), path

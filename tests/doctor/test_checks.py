@@ -24,7 +24,12 @@ from tfbus.monitor.report import EdgeFlow
 from tfbus.monitor.windows import spread_of
 from tfbus.secure.folder import SecureFolder
 from tfbus.secure.rights import Identity, Rights
-from tfbus.wire.descriptions import BufferDescription, DelayDescription, NodeDescription
+from tfbus.wire.descriptions import (
+    BufferDescription,
+    DelayDescription,
+    FilterDescription,
+    NodeDescription,
+)
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS
@@ -55,6 +60,7 @@ SIM = NodeDescription(
     {},
     {},
     buffers=(BufferDescription(10.0),),
+    filters=(FilterDescription("scan", "odom", passed=7),),
 )
 CLOCK = replace(SIM, name="/clock", pid=9, streams=(), publishes={"clock": "Clock"})
 FOLLOWER = replace(SIM, subscribes={"clock": "Clock"})
@@ -306,6 +312,18 @@ TROUBLES = {
         "warn",
         "/sim keeps 2.0 s, but 12 lookups asked for older data, by up to 750 ms",
     ),
+    "filters": (
+        with_nodes(
+            replace(
+                SIM,
+                filters=(
+                    FilterDescription("scan", "odom", 1, 7, {"too old": 3}, sources=("laser",)),
+                ),
+            )
+        ),
+        "warn",
+        "/sim: topic scan into 'odom': 7 passed, 1 waiting, 3 dropped (3 too old)",
+    ),
     "dropped": (
         with_nodes(replace(SIM, buffers=(BufferDescription(10.0, dropped=3),))),
         "fail",
@@ -387,6 +405,7 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
         ("callbacks", with_nodes(), "no node was found"),
         ("buffers", with_nodes(), "no node has a buffer"),
         ("dropped", with_nodes(), "no node has a buffer"),
+        ("filters", with_nodes(), "no subscription waits for transforms"),
     ],
 )
 def test_what_cannot_be_seen_is_skipped(
@@ -399,7 +418,7 @@ def test_what_cannot_be_seen_is_skipped(
 
 def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
     """With no node but tools, checks of nodes and frames have nothing to look at."""
-    tool = replace(SIM, name="/_view_1", streams=(), buffers=())
+    tool = replace(SIM, name="/_view_1", streams=(), buffers=(), filters=())
     nothing = frame_tree(Buffer(), (), NOW_NS)
     empty = replace(at_moment(healthy, nodes=(tool,), tree=nothing), flows=(), largest={})
     verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}

@@ -1,10 +1,15 @@
-"""Rosters of robots, and their order."""
+"""Rosters of robots, their order, and the robots of a moment."""
 
 import pytest
 
+from tests.builders import S, moved
+from tfbus import Buffer
 from tfbus.errors import InvalidArgumentException, LookupException
-from tfbus.frames.fleet import RobotStatus, roster_of, worst_first
-from tfbus.frames.snapshot import Problem
+from tfbus.frames.fleet import FleetWatch, RobotStatus, worst_first
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import Problem, frame_tree
+from tfbus.listen.info import StreamInfo
+from tfbus.wire.fleet import roster_of
 from tfbus.wording import natural_order
 
 
@@ -70,3 +75,48 @@ def test_similar_names_are_of_the_same_robot(frame: str, nearest: tuple[str, ...
     error = LookupException("", frame=frame, known=["map", "robot27/base_link", "robot27/arm"])
     assert error.nearest[:1] == nearest[:1]
     assert nearest or "robot27" not in error.advice
+
+
+def moment(at_s: float, *streams: StreamInfo, buffer: Buffer | None = None) -> BusMoment:
+    """The bus at this second, with these streams, and the frames of a buffer if there is one."""
+    at_ns = round(at_s * S)
+    return BusMoment(at_ns=at_ns, tree=frame_tree(buffer or Buffer(), streams, at_ns))
+
+
+def wheels(heard_s: float, messages: int, size: int, *, alive: bool = True) -> StreamInfo:
+    """The stream of robot7, whose last message came at this second, 20 ms old."""
+    return StreamInfo(
+        "robot7/wheels",
+        node="/robot7/wheels",
+        alive=alive,
+        frames=(("map", "robot7/base", False),),
+        messages=messages,
+        bytes=size,
+        last_heard_ns=round(heard_s * S),
+        last_delay_s=0.02,
+    )
+
+
+def test_between_looks_at_all_frames_a_robot_has_the_problems_of_the_last() -> None:
+    """Of a moment without frames the age is that of the stream's last message, and the problems
+    are those that were there; one that is gone is gone at once.
+    """
+    buffer = Buffer()
+    buffer.set_transform(moved(round(999.0 * S), "map", "robot7/base"), authority="robot7/wheels")
+    watch = FleetWatch()
+    (robot,) = watch.robots(moment(1010.0, wheels(999.0, 10, 1000), buffer=buffer))
+    assert (robot.age_s, robot.frames, robot.stale) == (11.0, 1, 1)
+    (robot,) = watch.robots(moment(1011.0, wheels(1010.9, 20, 2000)), has_frames=False)
+    assert (robot.age_s, robot.frames, robot.stale) == (pytest.approx(0.12), 1, 1)
+    (robot,) = watch.robots(moment(1012.0, wheels(1010.9, 20, 2000, alive=False)), has_frames=False)
+    assert robot.state == "gone"
+
+
+def test_a_load_is_that_on_the_air() -> None:
+    """The network adds to each message, and to each packet of a large one."""
+    watch = FleetWatch()
+    watch.robots(moment(1000.0, wheels(1000.0, 0, 0)))
+    (robot,) = watch.robots(moment(1002.0, wheels(1002.0, 20, 20 * 228)))
+    assert robot.messages_hz == 10.0
+    # 6.8 kB/s at 20 Hz, as benchmarks.bus.air counts them.
+    assert robot.bytes_per_s == pytest.approx(3340, rel=0.02)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.hosts.lossy_link import Conditions, LossyLink
+from tests.hosts.lossy_link import INTERFACE, Conditions, LossyLink
 from tests.live_bus import Bus, Process
 
 BRIDGE = "tfbr"
@@ -106,6 +106,17 @@ class Hosts:
         self._links.append(link)
         link.set(conditions)
         return link
+
+    def renumber_link(self, host: str, address: str) -> None:
+        """Give a host another address on its bad link."""
+        space = self._space[host]
+        _ip("-n", space, "addr", "flush", "dev", INTERFACE)
+        _ip("-n", space, "addr", "add", f"{address}/24", "dev", INTERFACE)
+        self.link_address[host] = address
+
+    def end_connections(self, host: str) -> None:
+        """End all connections of TCP that other hosts have to one."""
+        _ip("netns", "exec", self._space[host], "ss", "-K", "-t", "dst", "10.98.0.0/24")
 
     def set_deaf(self, host: str, *, deaf: bool) -> None:
         """Drop all that is sent to the host, or none of it."""

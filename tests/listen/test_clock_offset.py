@@ -202,3 +202,33 @@ def test_the_end_of_measuring_leaves_no_thread() -> None:
     assert session.is_asked.wait(DEADLINE_S)
     offsets.close()
     assert all(thread.name != "clock offsets" for thread in threading.enumerate())
+
+
+def test_many_clocks_are_asked_together(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten at a time: one after the other, a fleet would take longer than the time between."""
+    node = bus.node("listener")
+    open_questions, most = set[str](), 0
+    ask_later = node.session.ask_later
+
+    def noted(key: str, payload: Any, on_answer: Any, on_end: Any, **more: Any) -> None:
+        nonlocal most
+
+        def end() -> None:
+            open_questions.discard(key)
+            on_end()
+
+        open_questions.add(key)
+        most = max(most, len(open_questions))
+        ask_later(key, payload, on_answer, end, **more)
+
+    robots = [bus.node(f"robot{number}") for number in range(25)]
+    keys = [clock_key(robot.name) for robot in robots]
+    eventually(lambda: all(list(node.session.ask(key)) for key in keys))
+    monkeypatch.setattr(node.session, "ask_later", noted)
+    offsets = ClockOffsets(node.session, node.log)
+    for robot in robots:
+        description = StreamDescription(1, robot.full_name, 1, (), session=robot.session.id)
+        offsets.watch(robot.name, description)
+    eventually(lambda: all(offsets.last_of(robot.session.id) for robot in robots))
+    assert most == 10
+    offsets.close()

@@ -15,6 +15,7 @@ from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
     ConnectivityException,
+    Fleet,
     FrameInfo,
     InvalidArgumentException,
     LookupException,
@@ -317,6 +318,28 @@ def test_streams_of_lookups_that_are_not_repeated_are_left() -> None:
         assert waiting.result().child_frame_id == "d"
     interest.close()
     assert read.keys == set()
+
+
+def test_robots_are_asked_for_a_shared_frame_only_if_a_path_needs_it() -> None:
+    """Those whose frames are looked up are wanted at once; those that list a shared frame if half a
+    second later that is still needed, which it is not where it joins both frames.
+    """
+    buffer, read, clock = Buffer(), Read(), [0.0]
+    wanted: list[tuple[set[str], set[str]]] = []
+    interest = Interest(buffer, read.subscribe, read.forget, clock=lambda: clock[0])
+    interest.need("map", "robot7/arm/base")
+    interest.find(Fleet(("map", "hall")), lambda *more: wanted.append((set(more[0]), set(more[1]))))
+    eventually(lambda: wanted == [({"", "robot7", "robot7/arm"}, set())])
+    tell(interest, "robot7/wheels", ("map", "robot7/arm/base", False))
+    eventually(lambda: read.keys)
+    clock[0] = 1.0
+    interest.need("hall", "robot7/arm/base")
+    interest.need("map", "robot8/base")
+    eventually(lambda: wanted[1:] == [({"robot8"}, set())])
+    clock[0] = 1.6
+    interest.need("map", "robot9/base")
+    eventually(lambda: wanted[2:] == [({"robot9"}, {"map", "hall"})])
+    interest.close()
 
 
 def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> None:

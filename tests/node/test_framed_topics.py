@@ -211,3 +211,16 @@ def test_bounds_and_types_are_checked(bus: Bus) -> None:
         create(queue=0)
     with pytest.raises(ValueError, match="tolerance_s"):
         create(tolerance_s=-1.0)
+
+
+def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:
+    """`topic info`, `why` and the doctor, by the node, the topic and the reasons."""
+    it = Filtered(bus, queue=1)
+    it.publish(pose_at(1 * S, "lidar"), pose_at(2 * S, "lidar"))
+    counts = "topic poses into 'odom': 0 passed, 1 waiting, 1 dropped (1 queue full)"
+    info = bus.run("topic", "info", "poses")
+    assert f"/robot: {counts}" in info.stdout
+    why = bus.run("why", "odom", "lidar")
+    assert "Messages that wait for it:" in why.stdout and "poses" in why.stdout
+    doctor = " ".join(bus.run("doctor").stdout.split())
+    assert counts in doctor and "tfbus why odom lidar" in doctor

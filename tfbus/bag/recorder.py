@@ -42,14 +42,14 @@ _KINDS = ("gone", "conflict")
 
 
 @dataclass(frozen=True)
-class Condition:
+class SnapshotCondition:
     """A frame's publisher is gone, or two publishers send it; "" is any frame."""
 
     kind: str
     frame: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> "Condition":
+    def parse(cls, text: str) -> "SnapshotCondition":
         """The condition in `gone base_link`. Raises InvalidArgumentException."""
         kind, _, frame = text.strip().partition(" ")
         if kind not in _KINDS:
@@ -69,7 +69,7 @@ class Triggers:
     names of the robot, or those in a fleet: `base_link`, `robot7/base_link`.
     """
 
-    conditions: tuple[Condition, ...]
+    conditions: tuple[SnapshotCondition, ...]
     _claims: Claims = field(default_factory=lambda: Claims("latest"))
     # Of each stream its namespace and child frames, as they are called in a fleet.
     _frames: dict[str, tuple[FrameNames, list[str]]] = field(default_factory=dict)
@@ -113,7 +113,7 @@ class Triggers:
 
 def unmatched(
     selection: Selection,
-    conditions: Collection[Condition],
+    conditions: Collection[SnapshotCondition],
     described: Mapping[str, StreamDescription],
     received: Collection[str],
 ) -> Iterator[str]:

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import ArrayLike
+from tfbus.core.sampling import Sampling
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import check_text
 from tfbus.trajectory import Trajectory, of_checked, read_tables
 from tfbus.wording import duration
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike
-
-    from tfbus.core.sampling import Sampling
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 def samples(buffer: Buffer, frame: str, *, parent: str | None = None) -> Trajectory:

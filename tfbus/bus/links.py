@@ -119,13 +119,15 @@ class _Connection(Struct, frozen=False):
     has_had_first: bool = False
     added_s: float = float("-inf")
     is_half: bool = False
+    is_parted: bool = False
+    began_by_datagrams: bool = False
     dst: str = ""
 
 
 class LinkChanges(NamedTuple):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
-    are new, those that were lost, those of processes that are half linked, and the datagrams that
-    are left of a process without another link.
+    are new, those that were lost, those of processes that are half linked, and those of datagrams
+    that were left of a process when it had no other link.
     """
 
     lost: dict[str, str]
@@ -157,11 +159,25 @@ class Links:
         ends = LinkEnds(link.src, link.dst)
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
+    def end_history(self) -> None:
+        """What was noted so far was there before, in no order."""
+        events = sorted(
+            self._events, key=lambda each: bool(each.link and each.link.is_of_datagrams)
+        )
+        self._events = deque(events)
+
     def __contains__(self, zid: str) -> bool:
         return zid in self._connections
 
     def __bool__(self) -> bool:
         return bool(self._connections)
+
+    def hosts_for_datagrams(self) -> set[str]:
+        """The hosts of processes that have told all that they have declared, or are about to, on
+        another link: datagrams may be added to it.
+        """
+        whole = [each for each in self._connections.values() if each.has_had_first]
+        return {host_of(each.dst) for each in whole if not each.began_by_datagrams}
 
     def all(self) -> set[LinkEnds]:
         """The links that are open."""
@@ -185,8 +201,9 @@ class Links:
             if each.is_half:
                 half |= each.links
                 each.is_half = False
-            if each.has_had_first and not each.links:
+            if each.is_parted:
                 left |= each.datagrams
+                half |= each.links
         return LinkChanges(lost, self.all() - former, ended, half, left)
 
     def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
@@ -202,6 +219,9 @@ class Links:
             pass  # it has ended: events of links may come after that of their connection
         elif link.is_of_datagrams:
             (connection.datagrams.add if has_come else connection.datagrams.discard)(link)
+            if not connection.has_had_first:
+                # Zenoh has told the far end of its declarations by them, or what arrived of it.
+                connection.is_parted = connection.began_by_datagrams = True
         elif has_come:
             connection.links.add(link)
             connection.dst = link.dst
@@ -211,6 +231,8 @@ class Links:
         else:
             ended.add(link)
             connection.links.discard(link)
+            # For good: what was under way is lost, and a new link to it brings it no more.
+            connection.is_parted |= bool(connection.datagrams) and not connection.links
             connection.is_half |= (
                 bool(connection.links) and at_s - connection.added_s < self._same_loss_s
             )

@@ -33,6 +33,7 @@ from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
 from tfbus.bus.zenoh_sockets import (
     Ends,
     ZenohSockets,
+    admit_datagrams,
     end_datagrams,
     end_links,
     fit_to_losses,
@@ -53,6 +54,7 @@ class Neighbours:
 
     Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
     `lease_s` is the time after which a silent link is lost, and `network` the one between them.
+    `datagram_ports` are those at which the session takes datagrams beside other links.
     """
 
     def __init__(
@@ -62,6 +64,7 @@ class Neighbours:
         sockets: ZenohSockets,
         lease_s: float,
         network: Network,
+        datagram_ports: Iterable[int],
         log: logging.Logger | None,
         remedy: str,
     ) -> None:
@@ -75,6 +78,8 @@ class Neighbours:
         self._places = places_at_start() if not self._only else places(self._only)
         self._links = Links(lease_s)
         self._network = network
+        self._datagram_ports = tuple(datagram_ports)
+        self._admitted: set[str] | None = None
         self._scouts: Scouts | None = None
         self._answers: ScoutAnswers | None = None
         if scouting is not None:
@@ -115,6 +120,7 @@ class Neighbours:
         )
         each_link = info.declare_link_events_listener(noted(links.note_link), history=True)
         self._events = [Declaration(transports), Declaration(each_link)]
+        links.end_history()
 
     # The thread
 
@@ -197,6 +203,10 @@ class Neighbours:
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
+        if self._datagram_ports and (hosts := self._links.hosts_for_datagrams()) != self._admitted:
+            self._admitted = hosts
+            for port in self._datagram_ports:
+                admit_datagrams(port, hosts)
         # What was under way on the other link is lost, and so may be a declaration.
         if left:
             end_datagrams(_ends(left))

@@ -54,7 +54,7 @@ NETWORKS = {
         Network("lan"),
         Network(
             "wifi",
-            lease_s=3.0,
+            lease_s=4.0,
             gone_after_s=3.0,
             has_datagrams=True,
             message_bytes=_MESSAGE,

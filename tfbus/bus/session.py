@@ -24,7 +24,13 @@ from tfbus.bus.networks import network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import lease_s, listens_beyond_loopback, scouting_of, zenoh_config
+from tfbus.bus.zenoh_config import (
+    datagram_ports,
+    lease_s,
+    listens_beyond_loopback,
+    scouting_of,
+    zenoh_config,
+)
 from tfbus.bus.zenoh_library import (
     bus_errors,
     is_router_missing,
@@ -141,7 +147,14 @@ class Session(NetworkSession):
         lease = lease_s(self._config)
         try:
             self._neighbours = Neighbours(
-                self.zenoh, self._scouting, self._sockets, lease, self.network, log, remedy
+                self.zenoh,
+                self._scouting,
+                self._sockets,
+                lease,
+                self.network,
+                datagram_ports(self._config),
+                log,
+                remedy,
             )
         except BaseException:
             # Such as too many open files: nobody could close the session that is open.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from tfbus.bus.interfaces import scouted
+from tfbus.bus.links import split_endpoint
 from tfbus.bus.networks import Network, network_of
 from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import NodeSettings
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 # Zenoh sends so many keep-alives in a lease; on links that lose packets twice as many, since four
 # in a row may be lost.
 _KEEP_ALIVES = 4
+
+# At the end of an endpoint of datagrams beside another one.
+_DATAGRAMS = "?rel=0"
 
 # A try to open a link of datagrams that fails half leaves the other end with a link until its lease
 # is over: of each process so many are taken, beside that of TCP.
@@ -145,7 +149,7 @@ def _with_datagrams(endpoints: Iterable[str]) -> list[str]:
     for each in endpoints:
         protocol, _, address = each.partition("/")
         if protocol == "tcp" and not {"?", "#"} & {*address}:
-            found += [f"{each}?rel=1", f"udp/{address}?rel=0"]
+            found += [f"{each}?rel=1", f"udp/{address}{_DATAGRAMS}"]
         else:
             found.append(each)
     return found
@@ -236,6 +240,12 @@ def scouting_of(config: zenoh.Config, settings: NodeSettings) -> Scouting | None
         answers=_for_mode(_value(config, "listen"), role) is not False,
         connects=role == "peer" and _for_mode(connects, role) not in ([], ""),
     )
+
+
+def datagram_ports(config: zenoh.Config) -> list[int]:
+    """The ports at which a session of this configuration takes datagrams beside other links."""
+    ends = [split_endpoint(each) for each in _listen(config) if _DATAGRAMS in each]
+    return [port for *_, port in ends if port]
 
 
 def lease_s(config: zenoh.Config) -> float:

@@ -1,10 +1,11 @@
 """Zenoh's own sockets: those that a session has opened, which Zenoh does not tell."""
 
+import ctypes
 import os
 import socket
 import stat
 import struct
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
@@ -22,6 +23,10 @@ _CLOSE_WITHIN_S = 1
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
 _THIN_LINEAR_TIMEOUTS = 16
+_LONGEST_PAUSE_MS = 44
+
+# From Linux's <asm-generic/socket.h>.
+_ATTACH_FILTER = 26
 
 # Zenoh's Close of a whole session, sent so often, since one may be lost.
 _CLOSE_SESSION = b"\x23\x00"
@@ -141,18 +146,69 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
             # The system counts twice as much, and takes half of it for its own.
             each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
             each.setsockopt(socket.IPPROTO_TCP, _THIN_LINEAR_TIMEOUTS, 1)
-        with suppress(OSError):  # the system has not got it
-            each.setsockopt(socket.IPPROTO_TCP, _CONGESTION, b"bbr")
+        for option, value in ((_CONGESTION, b"bbr"), (_LONGEST_PAUSE_MS, 1000)):
+            with suppress(OSError):  # the system has not got it: Linux 4.9, and 6.15
+                each.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
+    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4.
+
+    Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
+    each other by it what they have declared, and some of it would not arrive.
+    """
+    program = _only_from(hosts)
+    code = ctypes.create_string_buffer(program)
+    filter_of = struct.pack("HL", len(program) // _INSTRUCTION.size, ctypes.addressof(code))
+    for each in _of_type(socket.SOCK_DGRAM):
+        with each, suppress(OSError):
+            if each.getsockname()[1] == port and not _is_connected(each):
+                each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+
+
+# A program for the kernel, after <linux/filter.h>: a code, two jumps and a number.
+_INSTRUCTION = struct.Struct("HBBI")
+_LOAD_BYTE, _LOAD_WORD, _AND, _IS_EQUAL, _RETURN = 0x30, 0x20, 0x54, 0x15, 0x06
+# From the header of IP on.
+_IP = 0x100000000 - 0x100000
+_MOST_HOSTS = 2000
+
+
+def _only_from(hosts: Iterable[str]) -> bytes:
+    """The program that takes what comes from these hosts."""
+    steps = [(_LOAD_BYTE, 0, 0, _IP), (_AND, 0, 0, 0xF0), (_IS_EQUAL, 1, 0, 0x40)]
+    steps += [(_RETURN, 0, 0, 0), (_LOAD_WORD, 0, 0, _IP + 12)]
+    for host in sorted(hosts)[:_MOST_HOSTS]:
+        with suppress(OSError):  # one of IPv6
+            number = int.from_bytes(socket.inet_aton(host), "big")
+            steps += [(_IS_EQUAL, 0, 1, number), (_RETURN, 0, 0, 0xFFFF)]
+    steps.append((_RETURN, 0, 0, 0))
+    return b"".join(_INSTRUCTION.pack(*step) for step in steps)
+
+
+def _is_connected(one: socket.socket) -> bool:
+    with suppress(OSError):
+        return bool(one.getpeername())
+    return False
 
 
 def end_datagrams(links: Container[Ends]) -> None:
-    """End links of UDP that this process has opened: both sides close the session."""
+    """Have Zenoh close the sessions of links of UDP that this process has opened, at both ends."""
     for each in _of_type(socket.SOCK_DGRAM):
         with each, suppress(OSError):
             if _ends(each) in links:
                 for _ in range(_TIMES):
                     each.send(_CLOSE_SESSION)
-                each.shutdown(socket.SHUT_RDWR)
+                _close_here(each)
+
+
+def _close_here(one: socket.socket) -> None:
+    """Let Zenoh's connected socket, of which this is a copy, receive the end of its session."""
+    here = one.getsockname()
+    with socket.socket(one.family, socket.SOCK_DGRAM) as there:
+        there.bind((here[0], 0))
+        one.connect(there.getsockname())
+        there.sendto(_CLOSE_SESSION, here)
 
 
 def end_links(links: Container[Ends]) -> None:

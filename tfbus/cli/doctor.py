@@ -1,5 +1,6 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
+import re
 import textwrap
 import time
 from collections import Counter
@@ -25,15 +26,17 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
 from tfbus.doctor.examination import Finding, Verdict
-from tfbus.frames.moment import Ongoing
+from tfbus.frames.fleet import FleetWatch
+from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut, duration, near_names
+from tfbus.wording import counted, cut, duration, listed, natural_order, near_names
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
 # Of a fleet, where each robot may have the same trouble.
-_OF_FLEET, _LONGEST_REMEDY = 3, 300
+_OF_FLEET, _ROBOTS_NAMED, _LONGEST_REMEDY = 3, 5, 300
+_WORD, _DIGITS = re.compile(r"[\w.-]+"), re.compile(r"[\d.]+")
 
 
 class _CheckName(click.Choice[str]):
@@ -119,7 +122,7 @@ def command(
     if bag is not None:
         if watch:
             raise click.UsageError("--watch checks a bus; a recording does not change")
-        _print(_check_recording(settings, fleet, bag, names, as_json), as_json, fleet)
+        _check_recording(settings, fleet, bag, names, as_json)
         return
     from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
@@ -131,7 +134,9 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(findings, as_json, exit_on_fail, on_fail)
         else:
-            _print(examined(next(examinations), names), as_json, fleet)
+            seen = next(examinations)
+            by_robot = None if fleet is None else _ByRobot(seen.moment)
+            _print(examined(seen, names), as_json, by_robot)
 
 
 def _watched(names: tuple[str, ...]) -> list[str]:
@@ -198,17 +203,18 @@ def _check_recording(
     bag: BagChoice,
     names: tuple[str, ...],
     as_json: bool,
-) -> dict[str, Finding]:
+) -> None:
     from tfbus.doctor.recorded import examine_recorded
 
     with frames_in_span(bag, settings, fleet) as (frames, from_ns, to_ns):
         seen = examine_recorded(frames, settings, from_ns, to_ns)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))
-    return examined(seen, names)
+        by_robot = None if fleet is None else _ByRobot(seen.moment)
+        _print(examined(seen, names), as_json, by_robot)
 
 
-def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> None:
+def _print(findings: dict[str, Finding], as_json: bool, by_robot: "_ByRobot | None") -> None:
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
@@ -217,7 +223,9 @@ def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> 
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
             if alone or name not in left_out:
-                print_lines(_lines(name, finding if fleet is None else _shortened(finding)))
+                print_lines(
+                    _lines(name, finding if by_robot is None else by_robot.shortened(finding))
+                )
         if left_out and not alone:
             names = ", ".join(left_out)
             print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", "", ""))
@@ -227,12 +235,39 @@ def _print(findings: dict[str, Finding], as_json: bool, fleet: Fleet | None) -> 
         raise SystemExit(1)
 
 
-def _shortened(finding: Finding) -> Finding:
-    """A finding of a fleet for a screen: its first sentences, as each may be of another robot."""
-    evidence = finding.evidence[:_OF_FLEET]
-    if len(finding.evidence) > _OF_FLEET:
-        evidence = (*evidence, "and more: see --json, and tfbus fleet")
-    return replace(finding, evidence=evidence, remedy=cut(finding.remedy, _LONGEST_REMEDY))
+class _ByRobot:
+    """Findings of a fleet for a screen: what is wrong with many robots alike is one sentence."""
+
+    def __init__(self, moment: BusMoment) -> None:
+        robots = [each.name for each in FleetWatch().robots(moment, has_frames=False)]
+        self._robots = {chunk: robot for robot in robots for chunk in robot.split("/")}
+
+    def shortened(self, finding: Finding) -> Finding:
+        """Its first sentences, each with the robots of which the same is true."""
+        alike: dict[str, list[str]] = {}
+        for sentence in finding.evidence:
+            alike.setdefault(self._pattern(sentence), []).append(sentence)
+        evidence = [self._joined(sentences) for sentences in alike.values()][:_OF_FLEET]
+        if len(alike) > _OF_FLEET:
+            evidence.append("and more: see --json, and tfbus fleet")
+        remedy = cut(finding.remedy, _LONGEST_REMEDY)
+        return replace(finding, evidence=tuple(evidence), remedy=remedy)
+
+    def _joined(self, sentences: list[str]) -> str:
+        first = min(sentences, key=natural_order)
+        others = {robot for each in sentences for robot in self._named(each)} - self._named(first)
+        if not others:
+            return first
+        names = listed(sorted(others, key=natural_order), most=_ROBOTS_NAMED)
+        return f"{first}; the same of {counted(len(others), 'other robot')}: {names}"
+
+    def _pattern(self, sentence: str) -> str:
+        """A sentence without the names of robots and numbers."""
+        without = _WORD.sub(lambda word: "" if word[0] in self._robots else word[0], sentence)
+        return _DIGITS.sub("", without)
+
+    def _named(self, sentence: str) -> set[str]:
+        return {self._robots[word] for word in _WORD.findall(sentence) if word in self._robots}
 
 
 def _lines(name: str, finding: Finding) -> list[str]:

@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,15 +22,14 @@ from tfbus.cli.output import (
     screen,
     table,
 )
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
-from tfbus.errors import InvalidArgumentException
-from tfbus.frames.fleet import FleetWatch, RobotStatus, roster_of
+from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, duration, listed, natural_order
+from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
     from tfbus.discover.presence import NodeWatch
@@ -40,54 +38,22 @@ if TYPE_CHECKING:
 # Nodes describe themselves once; a restarted one may do so with another version.
 _ASK_NEW_EVERY_S, _ASK_EVERY_S = 2.0, 10.0
 
+# A watch looks at all frames as often as takes this share of the time, and at least so often; at
+# the robots' streams and nodes for each page.
+_MOST_FOR_FRAMES, _FRAMES_EVERY_S = 0.05, 10.0
+
 # How a page that is no terminal's is cut, and what stands on it besides robots.
 _LINES, _BESIDE_ROBOTS = 24, 4
 
 # Tools that list frames show robots instead, if a pipe would get more frames than this.
 _MOST_IN_PIPE = 200
 
-_FILE_ENDINGS = (".txt", ".list", ".lst", ".csv")
-
-
-class _RosterNames(click.ParamType[tuple[str, ...]]):
-    """Names of robots, with ranges, or a file with such a name a line."""
-
-    name = "robots"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """The names; a usage error for a mistake in one, and a file that cannot be read."""
-        path = Path(value)
-        names = [value]
-        if path.is_file() or path.suffix in _FILE_ENDINGS:
-            try:
-                lines = path.read_text(encoding="utf-8").splitlines()
-            except (OSError, UnicodeDecodeError) as error:
-                self.fail(f"the file {value!r} cannot be read: {error}", param, ctx)
-            names = [name for line in lines if (name := line.partition("#")[0].strip())]
-        try:
-            found = roster_of(names)
-        except InvalidArgumentException as error:
-            self.fail(str(error), param, ctx)
-        if not found:
-            self.fail(f"{value!r} names no robot", param, ctx)
-        return found
-
 
 @click.command(
     epilog="Examples: tfbus fleet; tfbus fleet --expect 'robot[1-30]' --watch; "
     "tfbus fleet --expect robots.txt --watch --on-gone 'notify-send $TFBUS_ROBOT'"
 )
-@click.option(
-    "--expect",
-    "expected",
-    type=_RosterNames(),
-    multiple=True,
-    metavar="ROBOTS",
-    help="The roster: names such as 'robot[1-30]', or a file with one a line; repeatable. Exits "
-    "with 1 if one of them is gone or missing.",
-)
+@roster_option
 @click.option("--all", "show_all", is_flag=True, help="Show each robot, also those that are well.")
 @click.option("-w", "--watch", is_flag=True, help="Refresh it in place until Ctrl-C.")
 @click.option(
@@ -113,7 +79,7 @@ def command(
     settings: NodeSettings,
     fleet: Fleet,
     bag: BagChoice | None,
-    expected: tuple[tuple[str, ...], ...],
+    roster: tuple[str, ...],
     show_all: bool,
     watch: bool,
     on_gone: str | None,
@@ -123,13 +89,13 @@ def command(
     """Show a fleet at a glance: which robots are there, gone, missing or in trouble.
 
     A robot is a namespace, as of nodes that run with --namespace robot7. The worst come first, and
-    robots without a problem are counted if a screen has no room for them.
+    robots without a problem are counted if a screen has no room for them. With --expect it exits
+    with 1 if one of these is gone or missing.
     """
     if on_gone and not watch:
         raise click.UsageError("--on-gone is for --watch")
     if watch and bag is not None:
         raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
-    roster = tuple(sorted({name for names in expected for name in names}, key=natural_order))
     robots = watch_of(fleet, roster)
     if bag is not None:
         with frames_at(bag, settings, fleet) as frames:
@@ -152,9 +118,9 @@ def command(
         _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
 
 
-def _moment(heard: "Listening", present: "NodeWatch") -> BusMoment:
+def _moment(heard: "Listening", present: "NodeWatch", *, has_frames: bool = True) -> BusMoment:
     """The bus now, with the nodes that are there now, described or not."""
-    moment, names = heard.moment(), present.names()
+    moment, names = heard.moment(has_frames=has_frames), present.names()
     nodes = tuple(each for each in moment.nodes if each.name in names)
     others = names.difference(each.name for each in nodes)
     return replace(moment, nodes=nodes, unanswered=tuple(sorted(others)))
@@ -189,12 +155,18 @@ def _watch(
     on_gone: str | None,
     as_json: bool,
 ) -> None:
-    asked_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
+    asked_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+    frames_due_s, states = asked_s, dict[str, str]()
     with suppress(KeyboardInterrupt), ExitStack() as stack:
         show = None if as_json else stack.enter_context(screen())
         while True:
-            moment = _moment(heard, present)
-            robots = watch.robots(moment)
+            began_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+            has_frames = began_s >= frames_due_s
+            moment = _moment(heard, present, has_frames=has_frames)
+            robots = watch.robots(moment, has_frames=has_frames)
+            if has_frames:
+                took_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 - began_s
+                frames_due_s = began_s + min(took_s / _MOST_FOR_FRAMES, _FRAMES_EVERY_S)
             news = [each for each in robots if states.get(each.name) != each.state]
             states = {each.name: each.state for each in robots}
             if show is None:

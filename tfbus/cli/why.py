@@ -9,10 +9,18 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
 from tfbus.command.types import FrameName, Moment, MomentType, own_name
-from tfbus.frames.why import Explanation, Step, explain, explain_recorded
+from tfbus.frames.fleet import FleetWatch
+from tfbus.frames.why import (
+    ON_THE_BUS,
+    Explanation,
+    FleetAdvice,
+    Step,
+    explain,
+    explain_recorded,
+)
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import age, stamp_text
@@ -38,6 +46,7 @@ _LONGEST_BACK_S = 3600.0
 @json_option("Print a JSON object.")
 @bag_option
 @statics_option
+@roster_option
 @listening_options(lambda: own_name("_why"))
 def command(
     settings: NodeSettings,
@@ -48,19 +57,23 @@ def command(
     as_json: bool,
     bags: tuple[Path, ...],
     statics: Statics | None,
+    roster: tuple[str, ...],
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
+    if roster and (fleet is None or bags):
+        raise click.UsageError("--expect names the robots of a living fleet: give --fleet")
     if bags:
         bag = BagChoice(bags, moment, statics=statics or "always")
         _explain_recorded(settings, fleet, target, source, bag, as_json)
         return
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
-    from tfbus.discover.presence import frames_in_other_namespaces  # Zenoh: no recording needs it
+    # Zenoh: no recording needs it
+    from tfbus.discover.presence import ask_nodes, frames_in_other_namespaces
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -69,15 +82,30 @@ def command(
         # It takes a while, in which samples come: the tree and the lookup are of after it.
         elsewhere = () if fleet else frames_in_other_namespaces(session)
         heard.ask_about_clocks()
+        if fleet is not None and not {target, source}.issubset(heard.buffer.frames()):
+            heard.ask_nodes()
+        moment_now, advice = heard.moment(), ON_THE_BUS
+        if fleet is not None:
+            robots = FleetWatch(roster).robots(moment_now, has_frames=False)
+            advice = FleetAdvice(robots, roster)
         explanation = explain(
-            heard.moment(),
+            moment_now,
             heard.buffer,
             target,
             source,
             moment.at(asked_ns) if moment else None,
             reads_only=settings.closed.identity.namespace if settings.closed else "",
             frames_in_other_namespaces=elsewhere,
+            advice=advice,
         )
+        nodes = ask_nodes(session).nodes
+        waiting = [
+            f"{node.name}: {each}"
+            for node in nodes
+            for each in node.filters
+            if each.frame == target and source in each.sources
+        ]
+        explanation = replace(explanation, filters=tuple(waiting))
         now_ns = heard.now_ns()
         if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
@@ -123,6 +151,9 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines += wrapped(it.failure, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
+    if it.filters:
+        lines.append(paint("Messages that wait for it:", "heading"))
+        lines += [line for each in it.filters for line in wrapped(each, "  - ")]
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
         lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
@@ -168,4 +199,5 @@ def _as_map(it: Explanation) -> dict[str, object]:
     }
     steps = [asdict(step) for step in it.steps]
     lookup = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
-    return {**lookup, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}
+    said = {"remedies": list(it.remedies), "filters": list(it.filters)}
+    return {**lookup, "failure": it.failure, "steps": steps, **said}

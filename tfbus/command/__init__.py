@@ -12,6 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
+    from tfbus.command.options import roster_option as roster_option
     from tfbus.command.parameters import Declared as Declared
     from tfbus.command.parameters import NodeCommand as NodeCommand
     from tfbus.command.recordings import BagChoice as BagChoice
@@ -51,6 +52,7 @@ _MODULE_OF = {
     "YamlFileError": "tfbus.runtime.yaml_file",
     "frame_mistake": "tfbus.command.types",
     "max_gap_option": "tfbus.command.options",
+    "roster_option": "tfbus.command.options",
     "install_command": "tfbus.runtime.installation",
     "namespaces_serving": "tfbus.command.names",
     "own_name": "tfbus.command.types",

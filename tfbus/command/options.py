@@ -14,11 +14,11 @@ import click
 
 from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
-from tfbus.command.types import LogLevel, Number
+from tfbus.command.types import LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
-from tfbus.wording import printable
+from tfbus.wording import natural_order, printable
 
 # In the context of a help that shows all.
 SHOWS_ALL = "tfbus.help_all"
@@ -276,6 +276,25 @@ def _with_fleet(function: F, always_fleet: bool = False) -> F:
     for option in reversed(_FLEET_OPTIONS[1:] if always_fleet else _FLEET_OPTIONS):
         decorated = option(decorated)
     return cast(F, decorated)
+
+
+def roster_option(function: F) -> F:
+    """Add `--expect` to a click command; its argument `roster` has the names of robots, sorted."""
+
+    @functools.wraps(function)
+    def command(*args: Any, expected: tuple[tuple[str, ...], ...], **values: Any) -> Any:
+        names = {name for each in expected for name in each}
+        return function(*args, roster=tuple(sorted(names, key=natural_order)), **values)
+
+    option = click.option(
+        "--expect",
+        "expected",
+        type=RosterNames(),
+        multiple=True,
+        metavar="ROBOTS",
+        help="The roster: names such as 'robot[1-30]', or a file with one a line; repeatable.",
+    )
+    return cast(F, option(command))
 
 
 def max_gap_option(function: F) -> F:

@@ -485,3 +485,35 @@ def _recording_in(ctx: click.Context) -> list[Path]:
 def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
     """The values that start with the text, as candidates."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
+
+
+# A value that ends so is a file, though there is none.
+_ROSTER_FILES = (".txt", ".list", ".lst", ".csv")
+
+
+class RosterNames(click.ParamType[tuple[str, ...]]):
+    """Names of robots, with ranges, or a file with such a name a line: a tuple of names."""
+
+    name = "robots"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The names; a usage error for a mistake in one, and a file that cannot be read."""
+        from tfbus.wire.fleet import roster_of  # which `--help` does not need
+
+        path = Path(value)
+        names = [value]
+        if path.is_file() or path.suffix in _ROSTER_FILES:
+            try:
+                lines = path.read_text(encoding="utf-8").splitlines()
+            except (OSError, UnicodeDecodeError) as error:
+                self.fail(f"the file {value!r} cannot be read: {error}", param, ctx)
+            names = [name for line in lines if (name := line.partition("#")[0].strip())]
+        try:
+            found = roster_of(names)
+        except TfbusError as error:
+            self.fail(str(error), param, ctx)
+        if not found:
+            self.fail(f"{value!r} names no robot", param, ctx)
+        return found

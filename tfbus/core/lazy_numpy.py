@@ -14,6 +14,10 @@ class NDArray:
         return cls
 
 
+class ArrayLike:
+    """The type of what becomes an array, in annotations; to type checkers numpy's own."""
+
+
 def __getattr__(name: str) -> Any:
     if name.startswith("__"):
         # What the import system and inspect ask of any module.

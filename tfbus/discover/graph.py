@@ -29,6 +29,8 @@ class Endpoint:
     pid: int = 0
     # Of a publisher: whether its last message also reaches subscribers that join later.
     retained: bool = False
+    # Of a subscription whose messages wait for transforms: its counts, as a sentence.
+    filtered: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,15 @@ def graph_of(
                     namespace,
                 )
                 retained = kind == "publishes" and name in node.retained
-                end = Endpoint(node.name, type_, node.host, node.pid, retained)
+                filtered = [str(each) for each in node.filters if each.topic == name]
+                end = Endpoint(
+                    node.name,
+                    type_,
+                    node.host,
+                    node.pid,
+                    retained,
+                    "; ".join(filtered if kind == "subscribes" else ()),
+                )
                 ends[kind][full].append(end)
 
     def at(kind: str, name: str) -> tuple[Endpoint, ...]:

@@ -80,6 +80,7 @@ CHECKS: dict[str, Check] = {
     "messages": Check(flow_checks.check_messages, "bus"),
     "unread": Check(tree_checks.check_unread, "bus"),
     "buffers": Check(tree_checks.check_buffers, "bus"),
+    "filters": Check(tree_checks.check_filters, "bus"),
     "dropped": Check(tree_checks.check_dropped, "bus"),
     "ros": Check(host_checks.check_ros, "bus"),
 }

@@ -275,6 +275,23 @@ def check_buffers(seen: Examination) -> Finding:
     )
 
 
+def check_filters(seen: Examination) -> Finding:
+    """Messages that wait for their transform get it."""
+    filters = [(node, each) for node in seen.nodes for each in node.filters]
+    if not filters:
+        return skipped("no subscription waits for transforms")
+    dropped = [(node, each) for node, each in filters if each.dropped]
+    lookups = sorted(
+        f"tfbus why {each.frame} {source}" for _, each in dropped for source in each.sources
+    )
+    return found(
+        "warn",
+        first_of([f"{node.name}: {each}" for node, each in dropped]),
+        f"see why: {listed(lookups, most=3)}" if lookups else "see the log of the node",
+        counted(len(filters), "subscription"),
+    )
+
+
 def check_dropped(seen: Examination) -> Finding:
     """Listeners drop no messages."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]

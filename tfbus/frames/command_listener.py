@@ -32,6 +32,8 @@ _QUIET_S = 0.3
 
 _ASK_EVERY_S = 3.0
 
+_NO_FRAMES = Buffer()
+
 # Samples that are so old are of another time, or nothing comes.
 _ODD_BEHIND_S = 2.0
 
@@ -56,11 +58,12 @@ class Listening:
         """The time now, by the node's clock."""
         return self.node.now_ns()
 
-    def tree(self) -> FrameTree:
+    def tree(self, *, has_frames: bool = True) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
         simulated = simulated_time(self._asked.answers.nodes)
-        return frame_tree(self.buffer, streams, self.now_ns(), simulated)
+        buffer = self.buffer if has_frames else _NO_FRAMES
+        return frame_tree(buffer, streams, self.now_ns(), simulated)
 
     def ask_about_clocks(self) -> None:
         """Query the nodes, of which some follow a simulated time, if ages of frames look as if.
@@ -82,11 +85,13 @@ class Listening:
         """Take answers of nodes that were asked for."""
         self._asked.answers = answers
 
-    def moment(self) -> BusMoment:
-        """The bus now, with the nodes as they were when they were asked last."""
+    def moment(self, *, has_frames: bool = True) -> BusMoment:
+        """The bus now, with the nodes as they were when they were asked last. Of many frames it
+        takes long: without them it has the streams and nodes.
+        """
         return BusMoment(
             at_ns=SYSTEM_CLOCK.now_ns(),
-            tree=self.tree(),
+            tree=self.tree(has_frames=has_frames),
             nodes=self._asked.answers.nodes,
             unanswered=self._asked.answers.silent_nodes,
             rejected=dict(self.buffer.rejected),

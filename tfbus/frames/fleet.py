@@ -2,26 +2,26 @@
 that are expected.
 """
 
-import re
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from tfbus.errors import InvalidArgumentException, InvalidNameError
-from tfbus.frames.moment import BusMoment, FrameStatus
+from tfbus.buffer.info import FrameInfo
+from tfbus.frames.moment import BusMoment, faults
 from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
-from tfbus.wire.keys import check_namespace, namespace_of_node, relative
-from tfbus.wording import duration, natural_order, printable
+from tfbus.wire.keys import namespace_of_node, relative
+from tfbus.wording import duration, natural_order
 
 RobotState = Literal["gone", "missing", "there"]
 
 # Worst first: a robot that was there and is lost, one that never came, then those with problems.
 _RANKS: dict[RobotState, int] = {"gone": 0, "missing": 1, "there": 2}
 
-# A longer roster is a mistake in its range.
-_MOST_ROBOTS = 10_000
+# Zenoh, TCP, IP and Ethernet add this to a message that comes alone, as benchmarks.bus.air counts
+# it, and to each further packet of it the headers.
+_AROUND_MESSAGE, _HEADERS, _PACKET = 95, 66, 1448
 
 # Rates are those of this time.
 _RECENT_S = 5.0
@@ -29,8 +29,6 @@ _RECENT_S = 5.0
 # Trees apart from the others are a trouble only in a robot that has several, as each robot has its
 # own map unless they share one.
 _APART = ("disconnected", "orphan")
-
-_RANGES = re.compile(r"\[([^\[\]]*)\]")
 
 
 @dataclass(frozen=True)
@@ -40,9 +38,10 @@ class RobotStatus:
     `state` is "there", "gone" (its nodes and streams left, at `gone_ns`) or "missing" (of the
     roster, and never seen). `is_expected` is False for a robot outside of the roster. `age_s` is
     the age of its newest dynamic sample, `clock_offset_s` how far the clock that is farthest off is
-    ahead of ours; `messages_hz` and `bytes_per_s` are the transforms received from it, by their
-    payloads. All are None while not known. `versions` are those of tfbus in its nodes. `problems`
-    are those of its frames, `stale` counts frames that are silent.
+    ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
+    an estimate of what they take on the air: their payloads, and what the network adds to each. All
+    are None while not known. `versions` are those of tfbus in its nodes. `problems` are those of
+    its frames, `stale` counts frames that are silent.
     """
 
     name: str
@@ -92,55 +91,22 @@ def worst_first(robots: Iterable[RobotStatus]) -> list[RobotStatus]:
     return sorted(robots, key=lambda robot: robot._rank)
 
 
-def roster_of(names: Iterable[str]) -> tuple[str, ...]:
-    """The names of robots, in natural order: `robot[1-3]` are robot1, robot2 and robot3; `[a,c]`
-    lists, `[01-10]` keeps its zeros.
+@dataclass
+class _Frames:
+    """The frames of a robot: how many there are and are stale, the newest's age, and problems."""
 
-    Raises InvalidArgumentException for a range that is none, a name that cannot be a namespace, and
-    more than 10,000 robots.
-    """
-    found: set[str] = set()
-    for name in names:
-        for each in _expanded(name):
-            try:
-                found.add(check_namespace(each))
-            except InvalidNameError as error:
-                raise InvalidArgumentException(f"robot {printable(each, 60)!r}: {error}") from error
-            if len(found) > _MOST_ROBOTS:
-                raise InvalidArgumentException(f"at most {_MOST_ROBOTS:,} robots may be expected")
-    found.discard("")
-    return tuple(sorted(found, key=natural_order))
+    count: int = 0
+    stale: int = 0
+    age_s: float | None = None
+    problems: list[Problem] = field(default_factory=list)
 
-
-def _expanded(name: str) -> Iterator[str]:
-    """The names of a pattern: of its first range, then of the others."""
-    ranges = _RANGES.search(name)
-    if ranges is None:
-        yield name
-        return
-    before, after = name[: ranges.start()], name[ranges.end() :]
-    for part in ranges[1].split(","):
-        for each in _parts(part.strip(), name):
-            yield from _expanded(f"{before}{each}{after}")
-
-
-def _parts(part: str, name: str) -> Iterator[str]:
-    bounds = re.fullmatch(r"([0-9]{1,9})-([0-9]{1,9})", part)
-    if bounds is None:
-        if not part or "-" in part:
-            raise InvalidArgumentException(
-                f"{printable(name, 60)!r} is no range of robots: write robot[1-30], or robot[1,4,7]"
-            )
-        yield part
-        return
-    first, last = int(bounds[1]), int(bounds[2])
-    if not first <= last < first + _MOST_ROBOTS:
-        raise InvalidArgumentException(
-            f"{printable(name, 60)!r}: a range goes up, by at most {_MOST_ROBOTS:,} robots"
-        )
-    digits = len(bounds[1]) if bounds[1].startswith("0") else 0
-    for number in range(first, last + 1):
-        yield f"{number:0{digits}}"
+    def add(self, tree: FrameTree, frame: FrameInfo) -> None:
+        """Count one more."""
+        self.count += 1
+        self.stale += faults(tree, frame) == ("stale",)
+        age_s = tree.age_s(frame)
+        if age_s is not None and (self.age_s is None or abs(age_s) < abs(self.age_s)):
+            self.age_s = age_s
 
 
 @dataclass
@@ -149,8 +115,7 @@ class _Parts:
 
     nodes: list[str] = field(default_factory=list)
     streams: list[StreamInfo] = field(default_factory=list)
-    frames: list[FrameStatus] = field(default_factory=list)
-    problems: list[Problem] = field(default_factory=list)
+    frames: _Frames = field(default_factory=_Frames)
 
 
 class FleetWatch:
@@ -165,24 +130,32 @@ class FleetWatch:
         self._shares_frames = shares_frames
         self._gone_ns: dict[str, int | None] = {}  # of all robots seen so far
         self._versions: dict[str, tuple[str, ...]] = {}
+        self._frames: dict[str, _Frames] = {}
         self._counted: deque[tuple[int, Mapping[str, tuple[int, int]]]] = deque()
 
-    def robots(self, moment: BusMoment) -> list[RobotStatus]:
+    def robots(self, moment: BusMoment, *, has_frames: bool = True) -> list[RobotStatus]:
         """The robots at a moment, worst first. One before the last moment begins again, as of a
-        recording that is played once more.
+        recording that is played once more. Where the moment is one without frames, those that were
+        seen last count, and ages are by the streams.
         """
         if self._counted and moment.at_ns < self._counted[-1][0]:
-            for memory in (self._counted, self._gone_ns, self._versions):
+            for memory in (self._counted, self._gone_ns, self._versions, self._frames):
                 memory.clear()
-        parts = self._parts(moment)
+        parts = self._parts(moment, has_frames)
         loads = self._loads(moment, parts)
         known = {*self._roster, *parts, *self._gone_ns}
-        return worst_first(
+        statuses = (
             self._status(name, parts.get(name) or _Parts(), loads.get(name), moment)
             for name in known
         )
+        if not has_frames:
+            statuses = (
+                replace(each, age_s=_age_s(parts.get(each.name) or _Parts(), moment))
+                for each in statuses
+            )
+        return worst_first(statuses)
 
-    def _parts(self, moment: BusMoment) -> dict[str, _Parts]:
+    def _parts(self, moment: BusMoment, has_frames: bool) -> dict[str, _Parts]:
         nodes = {name: _below(namespace_of_node(name), moment) for name in moment.node_names}
         streams = {name: _of_stream(each, moment) for name, each in moment.streams.items()}
         robots = _robots({*nodes.values(), *streams.values(), *self._roster, *self._gone_ns})
@@ -194,14 +167,26 @@ class FleetWatch:
         for name, namespace in streams.items():
             if namespace:
                 parts.setdefault(robots[namespace], _Parts()).streams.append(moment.streams[name])
-        of_stream = {name: robots[each] for name, each in streams.items() if each}
-        for frame in moment.frames.values():
-            if frame.publisher in of_stream:
-                parts[of_stream[frame.publisher]].frames.append(frame)
+        if has_frames:
+            self._judge(
+                moment, {name: robots[each] for name, each in streams.items() if each}, parts
+            )
+        for name, part in parts.items():
+            part.frames = self._frames.get(name) or part.frames
+        return parts
+
+    def _judge(
+        self, moment: BusMoment, of_stream: Mapping[str, str], parts: Mapping[str, _Parts]
+    ) -> None:
+        """Look at all frames, and what is wrong with them."""
+        self._frames = {name: _Frames() for name in parts}
+        for frame in moment.tree.frames.values():
+            robot = of_stream.get(frame.authority)
+            if robot is not None:
+                self._frames[robot].add(moment.tree, frame)
         for problem in self._problems(moment.tree, moment.problems, parts):
             for name in _concerned(problem, moment.tree, of_stream, parts):
-                parts[name].problems.append(problem)
-        return parts
+                self._frames[name].problems.append(problem)
 
     def _problems(
         self, tree: FrameTree, problems: Iterable[Problem], parts: Mapping[str, _Parts]
@@ -237,6 +222,7 @@ class FleetWatch:
                     before = then.get(stream.name, (0, 0))
                     messages += max(stream.messages - before[0], 0)
                     size += max(stream.bytes - before[1], 0)
+            size += _AROUND_MESSAGE * messages + _HEADERS * size // _PACKET
             loads[robot] = messages / over_s, size / over_s
         return loads
 
@@ -258,7 +244,6 @@ class FleetWatch:
             # The listener may have known of it for longer than this watch.
             seen_before = name in self._gone_ns
             self._gone_ns[name] = moment.at_ns if seen_before else max(heard, default=None)
-        ages = [each.age_s for each in parts.frames if each.age_s is not None]
         offsets = [
             each.clock_offset_s
             for each in parts.streams
@@ -270,16 +255,26 @@ class FleetWatch:
             "there" if is_there else "gone",
             is_expected,
             None if is_there else self._gone_ns[name],
-            min(ages, key=abs, default=None),
+            parts.frames.age_s,
             max(offsets, key=abs, default=None),
             messages_hz,
             bytes_per_s,
             self._versions.get(name, ()),
             tuple(sorted(parts.nodes, key=natural_order)),
-            len(parts.frames),
-            sum(each.state == "stale" for each in parts.frames),
-            tuple(parts.problems),
+            parts.frames.count,
+            parts.frames.stale,
+            tuple(parts.frames.problems),
         )
+
+
+def _age_s(parts: _Parts, moment: BusMoment) -> float | None:
+    """The age of a robot's newest sample, by when the last message of its streams came."""
+    ages = [
+        (moment.at_ns - stream.last_heard_ns) / 1e9 + stream.last_delay_s
+        for stream in parts.streams
+        if stream.last_heard_ns is not None and stream.last_delay_s is not None
+    ]
+    return min(ages, key=abs, default=None)
 
 
 def _below(namespace: str, moment: BusMoment) -> str:

@@ -58,10 +58,14 @@ _MOST_KEPT_S, _LEAST_KEPT_S = 11.0, 1.0
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
     """The state of a frame."""
+    return _state(frame, faults(tree, frame))
+
+
+def _state(frame: FrameInfo, found: tuple[Fault, ...]) -> State:
     if frame.parent is None:
         return "root"
-    for fault in faults(tree, frame):
-        return fault
+    if found:
+        return found[0]
     return "static" if frame.static else "dynamic"
 
 
@@ -325,12 +329,12 @@ class BusView(Protocol):
 
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:
     """The status of a frame of this tree."""
-    publisher = tree.publisher(frame)
+    publisher, found = tree.publisher(frame), faults(tree, frame)
     return FrameStatus(
         frame.name,
         frame.parent,
-        state(tree, frame),
-        faults(tree, frame),
+        _state(frame, found),
+        found,
         frame.authority,
         tree.publishers(frame),
         publisher.node,

@@ -142,7 +142,7 @@ _DOTS_PER_INCH, _MOST_PIXELS = 150, 30_000
 
 
 @dataclass(frozen=True)
-class _Label:
+class _FrameLabel:
     """The text at a frame's place."""
 
     name: str
@@ -182,7 +182,9 @@ def write_picture(tree: FrameTree, path: Path) -> None:
     A failure leaves the file as it was.
     """
     labels = {
-        name: _Label(cut(name, _LONGEST_NAME), ", ".join(facts(tree, frame)), state(tree, frame))
+        name: _FrameLabel(
+            cut(name, _LONGEST_NAME), ", ".join(facts(tree, frame)), state(tree, frame)
+        )
         for name, frame in tree.frames.items()
     }
     sizes = {name: label.size for name, label in labels.items()}
@@ -222,7 +224,7 @@ def _draw_head(axes: Any, tree: FrameTree) -> None:
         _write(axes, 2.6 + 0.7 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
 
 
-def _draw_frame(axes: Any, place: FramePlace, label: _Label) -> None:
+def _draw_frame(axes: Any, place: FramePlace, label: _FrameLabel) -> None:
     colour = COLOURS[label.state]
     if place.line:
         *trunk, corner, end = place.line

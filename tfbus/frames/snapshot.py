@@ -153,7 +153,8 @@ class FrameTree:
 
     def is_of_another_time(self, frame: FrameInfo) -> bool:
         """Whether the stamps of a dynamic frame are of a simulated time that we do not follow."""
-        return not frame.static and self.publisher(frame).node in self.simulated.followers
+        followers = self.simulated.followers
+        return bool(followers) and not frame.static and self.publisher(frame).node in followers
 
     def is_ahead(self, frame: FrameInfo) -> bool:
         """Whether the newest stamp of a dynamic frame is in the future, by the clock that we follow
@@ -162,6 +163,8 @@ class FrameTree:
         if self.is_of_another_time(frame):
             return False
         age_s = self.age_s(frame)
+        if age_s is None or age_s >= 0.0:
+            return False
         return is_ahead(age_s, self.publisher(frame), is_simulated=self.is_simulated)
 
     def unit_of(self, frame: FrameInfo) -> str:

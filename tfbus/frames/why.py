@@ -1,6 +1,6 @@
 """Why a lookup fails, or would fail, on a bus or in a recording: its path, edge by edge."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,6 +14,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.frames.clocks import is_another_time
+from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment, facts, is_stale, silent_s
 from tfbus.frames.recorded import RecordedFrames, S
 from tfbus.frames.recorded_poses import transform_then
@@ -28,7 +29,7 @@ from tfbus.frames.snapshot import (
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, duration, natural_order
+from tfbus.wording import counted, duration, natural_order, near_names
 
 Verdict = Literal["ok", "warn", "fail"]
 
@@ -77,6 +78,41 @@ class Advice:
 ON_THE_BUS = Advice()
 
 
+class FleetAdvice(Advice):
+    """The remedies in a fleet, where an unknown frame may be of a robot that is not there.
+
+    `robots` are those that are there, gone or missing; a `roster` are those that are expected, ()
+    for any.
+    """
+
+    def __init__(self, robots: Iterable[RobotStatus], roster: Collection[str] = ()) -> None:
+        self._states = {robot.name: robot.state for robot in robots}
+        self._roster = roster
+
+    def on_unknown(self, frame: str) -> str:
+        robot = self._robot(frame)
+        state = self._states.get(robot)
+        if not robot or state == "there":
+            return super().on_unknown(frame)
+        if state == "gone":
+            return f"start robot {robot!r} again, or check its link: it is gone"
+        if state == "missing":
+            return f"start robot {robot!r}, or check its link: it is missing"
+        if self._roster:
+            near = near_names(robot, self._roster)
+            meant = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+            return f"check the name of robot {robot!r}, which is not in the roster{meant}"
+        return f"start robot {robot!r}, or check its link: no node of it is here (tfbus fleet)"
+
+    def _robot(self, frame: str) -> str:
+        """The robot of a frame by its name in the fleet; "" for a frame that robots share."""
+        above = frame
+        while above := above.rpartition("/")[0]:
+            if above in self._states:
+                return above
+        return frame.partition("/")[0] if "/" in frame else ""
+
+
 @dataclass(frozen=True)
 class Step:
     """An edge of the path: its facts, and what is wrong with it for this lookup.
@@ -109,6 +145,8 @@ class Explanation:
     failure: str
     steps: tuple[Step, ...]
     remedies: tuple[str, ...]
+    # What subscriptions say whose messages wait for this lookup, of each its node and counts.
+    filters: tuple[str, ...] = ()
 
 
 def explain(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import (
     Transform,
@@ -14,12 +16,6 @@ from tfbus.geometry.transform import (
     stamped_list,
 )
 from tfbus.runtime.structs import Struct
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 
 class TransformBatch(Struct, eq=False):

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.geometry.transform import take
 from tfbus.geometry.transform_array import TransformArray
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 
 # More poses than this make the estimate slower, not better.

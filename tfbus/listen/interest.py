@@ -130,8 +130,20 @@ class DescribedTree:
         or to the roots if nothing joins them. If streams disagree about the parent of a
         frame, only their transforms show which one counts: then all ways up are needed.
         """
-        needed = (edge for target, source in pairs for edge in self._between(target, source))
+        needed = (
+            edge
+            for target, source in pairs
+            for edges in self._between(target, source).values()
+            for edge in edges
+            if edge.stream
+        )
         return list(dict.fromkeys(needed))
+
+    def frames_needed(self, pairs: Iterable[Pair]) -> set[str]:
+        """The frames whose parents such lookups need: those of these edges, and all roots that
+        nothing joins.
+        """
+        return {frame for target, source in pairs for frame in self._between(target, source)}
 
     def frames_above(self, frames: Iterable[str]) -> set[str]:
         """These frames, and all on the ways up from them."""
@@ -145,13 +157,14 @@ class DescribedTree:
         """The topmost frames above a frame, sorted; one where streams agree."""
         return sorted(above for above, edges in self._ways_up(frame).items() if not edges)
 
-    def _between(self, target: str, source: str) -> list[DescribedEdge]:
+    def _between(self, target: str, source: str) -> dict[str, list[DescribedEdge]]:
+        """The frames between the two, each with the edges that lead further up."""
         from_target, from_source = self._ways_up(target), self._ways_up(source)
         ways = from_target | from_source
         if target != source and all(map(_agree, ways.values())):
             for frame in from_target.keys() & from_source.keys():
                 del ways[frame]
-        return [edge for edges in ways.values() for edge in edges if edge.stream]
+        return ways
 
     def _ways_up(self, frame: str) -> dict[str, list[DescribedEdge]]:
         """The frame and all above it, each with the edges that lead further up."""
@@ -184,6 +197,9 @@ KEPT_S = 60.0
 _ROUNDS = 4
 # A stream that is read for longer should have sent something.
 _SOON_S = 1.0
+
+# Each robot of a fleet is asked whether it lists a shared frame if that is needed for so long.
+_SOUGHT_AFTER_S = 0.5
 
 _log = library_log(__name__)
 
@@ -288,7 +304,10 @@ class Interest:
         self._subscriptions: dict[str, _Subscription] = {}
         self._fleet: Fleet | None = None
         self._want: Want = lambda namespaces, frames: None
-        self._wanted: tuple[set[str], set[str]] = set(), set()
+        # What is wanted, and since when a frame that any robot may have has been needed.
+        self._wanted: set[str] = set()
+        self._wanted_frames: set[str] = set()
+        self._needed_since: dict[str, float] = {}
         self._closed = False
         self._changed = scheduler.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
@@ -404,7 +423,11 @@ class Interest:
                 return  # the session is closed
             except Exception:
                 self._once.exception("failed", "Could not subscribe to what lookups need; retrying")
-            self._changed.wait(max(next_round - self._clock(), 0.0))
+            next_s = min(
+                (since_s + _SOUGHT_AFTER_S for since_s in self._needed_since.values()),
+                default=next_round,
+            )
+            self._changed.wait(max(min(next_s, next_round) - self._clock(), 0.0))
             self._changed.clear()
 
     def _forget_questions(self, now: float) -> None:
@@ -422,8 +445,9 @@ class Interest:
             pairs = [*self._needed, *self._asked]
             self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})
             needed = {edge.key: edge for edge in self._tree.edges_needed(pairs)}
+            frames = set() if self._fleet is None else self._tree.frames_needed(pairs)
         if self._fleet is not None:
-            self._find(self._fleet, self._decisive)
+            self._find(self._fleet, frames, now)
         for key, edge in needed.items():
             subscription = self._subscriptions.get(key)
             if subscription is None:
@@ -435,14 +459,25 @@ class Interest:
             if key not in needed:
                 self._leave_when_idle(key, subscription, now)
 
-    def _find(self, fleet: Fleet, frames: set[str]) -> None:
-        """Want the streams that may send these frames."""
-        shared = frames & fleet.shared_frames
+    def _find(self, fleet: Fleet, frames: set[str], now: float) -> None:
+        """Want the streams that may send these frames: by the robot of a frame at once, and those
+        that list a shared frame once that is still needed when the robots may have said theirs.
+        """
+        shared = (frames & fleet.shared_frames) - self._wanted_frames
+        self._needed_since = {frame: self._needed_since.get(frame, now) for frame in shared}
+        sought = {
+            frame
+            for frame, since_s in self._needed_since.items()
+            if now >= since_s + _SOUGHT_AFTER_S
+        }
         namespaces = {above for frame in frames for above in fleet.namespaces_of(frame)}
-        former = self._wanted
-        if not (namespaces <= former[0] and shared <= former[1]):
-            self._wanted = former[0] | namespaces, former[1] | shared
-            self._want(namespaces, shared)
+        namespaces -= self._wanted
+        for frame in sought:
+            del self._needed_since[frame]
+        if namespaces or sought:
+            self._wanted |= namespaces
+            self._wanted_frames |= sought
+            self._want(namespaces, sought)
 
     def _leave_when_idle(self, key: str, subscription: _Subscription, now: float) -> None:
         if subscription.idle_since is None:

@@ -7,8 +7,6 @@ from typing import Any, Literal, get_args
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.graph import where_to_look
-from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.clock_offset import ClockOffsets
@@ -208,6 +206,10 @@ class TransformListener:
         if no frame has come, a bus here that this process does not get into; "" for neither. It
         asks all streams, and scouts, which takes a moment.
         """
+        # Slow to import, and only asked when a lookup fails.
+        from tfbus.discover.graph import where_to_look
+        from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
+
         session = self._node.session
         hint = "" if self._is_fleet else where_to_look(frames_in_other_namespaces(session), frame)
         return hint or ("" if self.buffer.frames() else bus_out_of_reach(session))
@@ -395,7 +397,7 @@ class TransformListener:
         if state.alive and not former.alive:
             # By what it says of itself now: frames that a new process has not sent are not back.
             stream.reception.mark()
-        if state.alive and self._reads_statics(stream, state):
+        if state.alive and not state.silent and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
         self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
@@ -419,6 +421,7 @@ class TransformListener:
             self._warn_gone(state)
         elif state.silent and not former.silent:
             self._history.leave(self._reading.keys_of(state.key), state.name)
+            stream.reception.fall_silent()
             self._around.lines.info(
                 ("silent", state.name),
                 "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",

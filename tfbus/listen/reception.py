@@ -246,6 +246,11 @@ class StreamReception:
         """Mark its frames in the buffer as gone, or not."""
         self.marks.update()
 
+    def fall_silent(self) -> None:
+        """The publisher is out of reach: what it sends once may change meanwhile."""
+        with self.facts.lock:
+            self.facts.static_set.expire()
+
     def vanish(self) -> None:
         """The publisher is gone."""
         with self.facts.lock:

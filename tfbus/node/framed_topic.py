@@ -80,6 +80,9 @@ def into_frame(
     return InFrame(into, check_frame_id(frame, "in_frame"), tolerance_s, timeout_s, queue)
 
 
+# The description names no more frames.
+_MOST_SOURCES = 10
+
 # Large messages wait in it.
 _LONGEST_QUEUE = 10_000
 
@@ -117,6 +120,7 @@ class FramedSubscription(Subscription[M]):
         self.drops: Counter[str] = Counter()
         self.passed = 0
         self.last_drop = ""
+        self._dropped_of: tuple[str, ...] = ()
         self._executor = executor
         # Guards all below; a poll of a lookup may call any program's clock.
         self._order = scheduler.RLock()
@@ -159,8 +163,14 @@ class FramedSubscription(Subscription[M]):
             "passed": self.passed,
             "drops": {reason: self.drops[reason] for reason in REASONS if self.drops[reason]},
             "last": self.last_drop,
+            "sources": self._sources(),
         }
         return {"filters": [described]}
+
+    def _sources(self) -> list[str]:
+        """The frames of messages that wait, and of the last that was dropped; the first few."""
+        with self._order:
+            return sorted({*self._queues, *self._dropped_of})[:_MOST_SOURCES]
 
     def _take(self, message: Any) -> None:
         frame = message.frame_id
@@ -227,6 +237,7 @@ class FramedSubscription(Subscription[M]):
     def _drop(self, message: Any, reason: str, why: str) -> None:
         with self._lock:
             self.drops[reason] += 1
+            self._dropped_of = (message.frame_id,)
             self.last_drop = f"frame {message.frame_id!r}, {reason}: {why}"[:500]
         self._log_once.warning(
             reason,

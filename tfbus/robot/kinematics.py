@@ -14,9 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from math import cos, isfinite, sin
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import IDENTITY, Pose, compose, normalised
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.rotations import matrix_of, product
 from tfbus.geometry.transform import Transform, as_floats
@@ -25,12 +27,9 @@ from tfbus.robot.model import Joint, Vector
 from tfbus.wording import counted, did_you_mean
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 
 def local_pose(joint: Joint, origin: Pose, position: Any) -> Pose:

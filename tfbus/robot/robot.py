@@ -10,9 +10,11 @@ from itertools import accumulate
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import IDENTITY, compose, invert, normalised
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import Transform, make_transform
@@ -25,12 +27,9 @@ from tfbus.robot.xml import MOST_BYTES, decoded, read_xml
 from tfbus.wording import counted, did_you_mean, printable
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
 
 
 FilePath = str | os.PathLike[str]

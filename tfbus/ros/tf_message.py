@@ -10,20 +10,15 @@ import sys
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+from tfbus.core import lazy_numpy as np
 from tfbus.core import packed
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.ros.cdr import HEADER, HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.wording import printable, stamp_text
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.core import lazy_numpy as np
 
 _SECOND_NS = 1_000_000_000
 

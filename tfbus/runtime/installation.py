@@ -1,8 +1,6 @@
 """This installation of tfbus: its version, its clone, and whether it is complete and compiled."""
 
 import os
-import shlex
-import shutil
 import sys
 from contextlib import suppress
 from functools import cache
@@ -96,10 +94,12 @@ def compile_command(clone: Path = Path(__file__).parents[2]) -> str:
     """The command line that compiles this installation, once there is a C compiler: make's in the
     environment that it has made.
     """
+    from shlex import quote  # each node imports this module
+
     if _is_clone(clone):
         if (clone / "Makefile").exists() and Path(sys.prefix) == clone / ".venv":
-            return f"make -C {shlex.quote(str(clone))} kernel"
-        return f"{_pip()} install --force-reinstall --no-deps --editable {shlex.quote(str(clone))}"
+            return f"make -C {quote(str(clone))} kernel"
+        return f"{_pip()} install --force-reinstall --no-deps --editable {quote(str(clone))}"
     return f"{_pip()} install --force-reinstall --no-deps --no-cache-dir --no-binary tfbus tfbus"
 
 
@@ -111,11 +111,12 @@ def install_command(extra: str, clone: Path = Path(__file__).parents[2]) -> str:
     named by their folder.
     """
     from importlib import metadata
+    from shlex import quote
 
     try:
         metadata.distribution("tfbus")
     except metadata.PackageNotFoundError:
-        return f"{_pip()} install --editable {shlex.quote(f'{clone}[{extra}]')}"
+        return f"{_pip()} install --editable {quote(f'{clone}[{extra}]')}"
     return f"{_pip()} install 'tfbus[{extra}]'"
 
 
@@ -124,7 +125,9 @@ def _is_clone(folder: Path) -> bool:
 
 
 def _pip() -> str:
-    pip = shutil.which("pip")
+    from shutil import which  # imports bz2 and lzma
+
+    pip = which("pip")
     is_ours = pip is not None and Path(pip).parent == Path(sys.executable).parent
     return "pip" if is_ours else f"{sys.executable} -m pip"
 

@@ -76,7 +76,7 @@ class Serving:
     the browser's tab. With an `access` the page is encrypted, and needs its token. A page that is
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
-    meshes are turned by the up axis that they state.
+    meshes are turned by the up axis that they state. `roster` are the robots that are expected.
     """
 
     host: str = "127.0.0.1"
@@ -90,6 +90,7 @@ class Serving:
     read_only: bool = False
     is_framed: bool = False
     heeds_up_axis: bool = False
+    roster: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,7 @@ class Page:
             serving.title,
             self.robots,
             replay,
+            serving.roster,
         )
         self._scene = Scene(self.server.scene, self._select)
 

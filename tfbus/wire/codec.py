@@ -55,7 +55,9 @@ _LARGE = 16 * 1024
 
 
 def _packed(values: Mapping[str, Any]) -> bytes:
-    if not any(type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()):
+    if memoryview not in map(type, values.values()) or not any(
+        type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()
+    ):
         return cast(bytes, msgpack.packb(dict(values), default=_of_numpy))
     packer = msgpack.Packer(default=_of_numpy)
     parts: list[Any] = [packer.pack_map_header(len(values))]
@@ -148,9 +150,13 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     kind: type = message_type
-    in_place = not hasattr(kind, "__of_bus_map__") and _shape(kind).has_arrays
-    values = decode_map(data, in_place=in_place)
+    values = decode_map(data, in_place=_is_read_in_place(kind))
     return from_map(message_type, values, unknown_fields=unknown_fields)
+
+
+@cache
+def _is_read_in_place(message_type: type) -> bool:
+    return not hasattr(message_type, "__of_bus_map__") and _shape(message_type).has_arrays
 
 
 def as_map(message: Any) -> dict[str, Any]:

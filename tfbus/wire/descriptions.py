@@ -5,7 +5,7 @@ from typing import Any
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.codec import decode_message
-from tfbus.wording import counted, duration, printable
+from tfbus.wording import counted, duration, listed, printable
 
 
 class ParameterDescription(Struct):
@@ -59,13 +59,49 @@ class DelayDescription(Struct):
         return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
 
 
+class FilterDescription(Struct):
+    """A subscription of a node whose messages wait for their transform into a frame.
+
+    `waiting` messages of the `topic` wait now, `passed` came with their transform, and `drops` did
+    not, by reason; `last` says why the last one was dropped. `sources` are frames of these.
+    """
+
+    topic: str
+    frame: str
+    waiting: int = 0
+    passed: int = 0
+    drops: dict[str, int] = field(default_factory=dict)
+    last: str = ""
+    sources: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "topic", "frame", "sources")
+        drops = {_printable(reason): count for reason, count in self.drops.items()}
+        object.__setattr__(self, "drops", drops)
+        object.__setattr__(self, "last", printable(self.last, _LONGEST_TEXT))
+
+    @property
+    def dropped(self) -> int:
+        """How many messages were dropped."""
+        return sum(self.drops.values())
+
+    def __str__(self) -> str:
+        """The counts, as a sentence without its end."""
+        reasons = listed([f"{count} {reason}" for reason, count in self.drops.items()])
+        dropped = f", {self.dropped} dropped ({reasons})" if self.drops else ""
+        last = f"; the last: {self.last}" if self.last else ""
+        counts = f"{self.passed} passed, {self.waiting} waiting{dropped}"
+        return f"topic {self.topic} into {self.frame!r}: {counts}{last}"
+
+
 class NodeDescription(Struct):
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
     `retained` those of the topics that it publishes whose last message reaches late subscribers.
-    `delays` are its callbacks that held up others. All names come as they can be printed. On a
+    `delays` are its callbacks that held up others, and `filters` its subscriptions whose messages
+    wait for transforms. All names come as they can be printed. On a
     closed bus `identity` is that of the node, and `rights` a digest of the rights that it enforces.
     """
 
@@ -87,6 +123,7 @@ class NodeDescription(Struct):
     identity: str = ""
     rights: str = ""
     delays: tuple[DelayDescription, ...] = ()
+    filters: tuple[FilterDescription, ...] = ()
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")

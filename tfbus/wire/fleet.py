@@ -4,12 +4,15 @@ Each robot has a namespace; in it, frames have the same names as in all others: 
 fleet they are `robot7/base_link`, except frames that the robots share, such as `map`.
 """
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.errors import InvalidArgumentException, InvalidNameError
 from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import check_namespace
+from tfbus.wording import natural_order, printable
 
 # A stream repeats a few tables of names; after this many, or this many names, the cache starts
 # again.
@@ -98,3 +101,60 @@ def shared_name(first: str, second: str) -> str:
     """The shared name of `robot7/world` and `robot8/world`: `world`; "" if the names differ."""
     (a, _, name), (b, _, other) = first.rpartition("/"), second.rpartition("/")
     return name if a and b and a != b and name == other else ""
+
+
+# A longer roster is a mistake in its range.
+_MOST_ROBOTS = 10_000
+
+_RANGES = re.compile(r"\[([^\[\]]*)\]")
+
+
+def roster_of(names: Iterable[str]) -> tuple[str, ...]:
+    """The names of robots, in natural order: `robot[1-3]` are robot1, robot2 and robot3; `[a,c]`
+    lists, `[01-10]` keeps its zeros.
+
+    Raises InvalidArgumentException for a range that is none, a name that cannot be a namespace, and
+    more than 10,000 robots.
+    """
+    found: set[str] = set()
+    for name in names:
+        for each in _expanded(name):
+            try:
+                found.add(check_namespace(each))
+            except InvalidNameError as error:
+                raise InvalidArgumentException(f"robot {printable(each, 60)!r}: {error}") from error
+            if len(found) > _MOST_ROBOTS:
+                raise InvalidArgumentException(f"at most {_MOST_ROBOTS:,} robots may be expected")
+    found.discard("")
+    return tuple(sorted(found, key=natural_order))
+
+
+def _expanded(name: str) -> Iterator[str]:
+    """The names of a pattern: of its first range, then of the others."""
+    ranges = _RANGES.search(name)
+    if ranges is None:
+        yield name
+        return
+    before, after = name[: ranges.start()], name[ranges.end() :]
+    for part in ranges[1].split(","):
+        for each in _parts(part.strip(), name):
+            yield from _expanded(f"{before}{each}{after}")
+
+
+def _parts(part: str, name: str) -> Iterator[str]:
+    bounds = re.fullmatch(r"([0-9]{1,9})-([0-9]{1,9})", part)
+    if bounds is None:
+        if not part or "-" in part:
+            raise InvalidArgumentException(
+                f"{printable(name, 60)!r} is no range of robots: write robot[1-30], or robot[1,4,7]"
+            )
+        yield part
+        return
+    first, last = int(bounds[1]), int(bounds[2])
+    if not first <= last < first + _MOST_ROBOTS:
+        raise InvalidArgumentException(
+            f"{printable(name, 60)!r}: a range goes up, by at most {_MOST_ROBOTS:,} robots"
+        )
+    digits = len(bounds[1]) if bounds[1].startswith("0") else 0
+    for number in range(first, last + 1):
+        yield f"{number:0{digits}}"

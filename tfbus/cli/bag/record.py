@@ -248,7 +248,7 @@ def command(
         ) from error
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Keep, Splits
-    from tfbus.bag.recorder import Condition
+    from tfbus.bag.recorder import SnapshotCondition
     from tfbus.cli.bag.record_run import RecordPlan, checked, free_path, pairs_of, record
 
     try:
@@ -262,7 +262,7 @@ def command(
             compression=compression,
             cache_bytes=cache_bytes,
             snapshot_s=snapshot_s,
-            conditions=tuple(map(Condition.parse, conditions)),
+            conditions=tuple(map(SnapshotCondition.parse, conditions)),
             with_history=with_history,
             starts_paused=starts_paused,
             has_keys=not no_keys,

@@ -25,7 +25,7 @@ from tfbus.bag.keeping import (
 from tfbus.bag.kept import KEPT, KeptFiles, kept_files
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
-from tfbus.bag.recorder import Condition, Recorder, Snapshots, Triggers, unmatched
+from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
     Rating,
@@ -85,7 +85,7 @@ class RecordPlan:
     compression: Compression
     cache_bytes: int | None
     snapshot_s: float | None
-    conditions: tuple[Condition, ...]
+    conditions: tuple[SnapshotCondition, ...]
     with_history: bool
     starts_paused: bool
     has_keys: bool

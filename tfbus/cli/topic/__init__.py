@@ -178,6 +178,8 @@ def info_command(
         print_text(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
+        else:
+            print_lines(f"  {end.node}: {end.filtered}" for end in ends or () if end.filtered)
 
 
 def _complete_show(

@@ -76,7 +76,8 @@ class Panel:
 
     Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
     scene that plays it. Without a `path` for settings, browsers can neither save them nor send
-    anything to the bus. `newest_ns` is the latest time at which all dynamic frames can be placed.
+    anything to the bus. `roster` are the robots of a fleet that are expected. `newest_ns` is
+    the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Panel:
         title: str,
         robots: RobotScenes,
         replay: Replay | None = None,
+        roster: tuple[str, ...] = (),
     ) -> None:
         self._server = server
         self._view = view
@@ -120,7 +122,7 @@ class Panel:
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
-        self.fleet = FleetTab(gui, tabs)
+        self.fleet = FleetTab(gui, tabs, roster)
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
@@ -282,14 +284,16 @@ _EVERY_NS = 1_000_000_000
 
 
 class FleetTab:
-    """A tab that is there once two robots have been."""
+    """A tab that is there once two robots have been, or are expected."""
 
     title = "Fleet"
 
-    def __init__(self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle, roster: tuple[str, ...] = ()
+    ) -> None:
         self._gui = gui
         self._tabs = tabs
-        self._watch = FleetWatch()
+        self._watch = FleetWatch(roster)
         self._page: Html | None = None
         self._at_ns: int | None = None
 

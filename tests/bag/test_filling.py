@@ -1,5 +1,7 @@
 """Recorders in robots keep what they record, and others fill their gaps from it."""
 
+import os
+import random
 from pathlib import Path
 
 import pytest
@@ -7,9 +9,11 @@ import pytest
 from tests.builders import at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
+from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.messages import Vector3
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
+from tfbus.recording.writer import RecordingWriter
 from tfbus.testing.programs import Program
 
 
@@ -39,7 +43,7 @@ class Robot:
         started = self.bus.start(
             *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/", "--namespace", "robot7")
         )
-        started.wait_for_line("Recording to")
+        started.wait_for_line("Keeping the last 60 min in")
         return started
 
 
@@ -121,3 +125,28 @@ def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     missing = {stamp for stamp in robot.sent if came[0] < stamp < came[-1]} - {*came}
     span_s = (max(missing) - min(missing)) / 1e9
     assert 60.0 <= span_s < 62.5 and len(missing) == round(span_s * 5) + 1
+
+
+def test_what_is_kept_has_bounds(tmp_path: Path) -> None:
+    """Of files beyond a size or a time the oldest go, those of an earlier recording first; the one
+    that grows stays.
+    """
+    older = tmp_path / "older.mcap"
+    older.write_bytes(bytes(50_000))
+    for keep, left in ((Keep(most_bytes=45_000), 2), (Keep(most_bytes=10**9), 4)):
+        older.write_bytes(bytes(50_000))
+        first = tmp_path / f"{keep.most_bytes}.mcap"
+        parts = PartsWritten(first, RecordingWriter, keep=keep, older=[older])
+        for _ in range(3):
+            parts.open()
+            for number in range(200):
+                noise = random.randbytes(100).hex()
+                parts.write(TopicItem(number, "noise", "", {"text": noise}))
+        parts.close()
+        assert older.exists() is (left == 4)
+        assert sum(path.exists() for path in [older, *parts.paths]) == left
+    os.utime(older, (1.0, 1.0))
+    parts = PartsWritten(tmp_path / "new.mcap", RecordingWriter, keep=Keep(60.0), older=[older])
+    parts.open()
+    parts.close()
+    assert not older.exists()

@@ -150,9 +150,11 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     kind: type = message_type
-    in_place = len(data) > HARMLESS_SIZE and _is_read_in_place(kind)
-    values = decode_map(data, in_place=in_place)
-    return from_map(message_type, values, unknown_fields=unknown_fields)
+    if len(data) > HARMLESS_SIZE and _is_read_in_place(kind):
+        values = decode_map(data, in_place=True)
+    else:
+        values = decode_map(data)
+    return cast(M, _read_fields(message_type, values, "", unknown_fields))
 
 
 @cache
@@ -291,7 +293,11 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
     shape = _shape(message.__class__)
     if as_in_ros is None:
         as_in_ros = shape.is_as_in_ros
-    values = {name: _plain(getattr(message, name), as_in_ros, in_bytes) for name in shape.fields}
+    values = {}
+    for name in shape.fields:
+        value = getattr(message, name)
+        is_plain = value.__class__ in _AS_THEY_ARE  # most are: no call for these
+        values[name] = value if is_plain else _plain(value, as_in_ros, in_bytes)
     if in_bytes and shape.has_arrays:
         for name, each in shape.fields.items():
             if each.array is not None:

@@ -151,9 +151,11 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     kind: type = message_type
-    in_place = len(data) > HARMLESS_SIZE and _is_read_in_place(kind)
-    values = decode_map(data, in_place=in_place)
-    return from_map(message_type, values, unknown_fields=unknown_fields)
+    if len(data) > HARMLESS_SIZE and _is_read_in_place(kind):
+        values = decode_map(data, in_place=True)
+    else:
+        values = decode_map(data)
+    return cast(M, _read_fields(message_type, values, "", unknown_fields))
 
 
 @cache

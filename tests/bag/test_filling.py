@@ -2,6 +2,7 @@
 
 import os
 import random
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,26 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     events = [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
     assert ("stream gone", "robot7/sim") not in events
     assert events.count(("filled", "/robot7/recorder")) == 2
+
+
+def test_of_a_part_that_part_is_filled(bus: Bus, robot: Robot, tmp_path: Path) -> None:
+    """A recording of one topic queries no more of what is kept."""
+    network, path = bus.network, tmp_path / "base.mcap"
+    options = ("--fleet", "--topics", "robot7/flag", "-o", str(path))
+    process = Bus(network, "base").start("bag", "record", *options)
+    process.wait_for_line("Recording to")
+    network.run(10.0)
+    network.partition("robot", "base")
+    network.run(60.0)
+    network.heal()
+    network.run(until=lambda: "Filled the" in process.stderr)
+    network.run(5.0)
+    assert process.stop() == 0
+    items = items_of(path)
+    assert not any(isinstance(item, TransformItem) for item in items)
+    times = [item.log_ns for item in items if isinstance(item, TopicItem)]
+    assert len(times) > 70
+    assert max(later - former for former, later in pairwise(times)) < 1.3e9
 
 
 def test_what_was_kept_before_a_power_cut_fills_the_gap_too(

@@ -295,7 +295,8 @@ def _shared(value: type) -> list[str]:
 
 def _members(value: type) -> list[Member]:
     """The methods and properties with a docstring, each as its most derived class says it; without
-    those of a base that has an entry of its own.
+    those of a base that has an entry of its own, and properties that the text of the class has,
+    unless they can be set.
     """
     found: dict[str, Member] = {}
     inherited: dict[str, Member] = {}
@@ -310,9 +311,26 @@ def _members(value: type) -> list[Member]:
             ):
                 into = found if body.name == value.__name__ else inherited
                 into.setdefault(node.name, _function(node, value.__name__))
-    said = [each for name, each in found.items() if each.text or name not in inherited]
+    head, settable = _docstring(value), _settable(value)
+    said = [
+        each
+        for name, each in found.items()
+        if (each.text or name not in inherited)
+        and (name in settable or "(" in each.signature or f"`{name}`" not in head)
+    ]
     listed = {name for base in value.__bases__ if base in _public() for name in dir(base)}
     return [*said, *(inherited[name] for name in inherited if name not in {*found, *listed})]
+
+
+def _settable(value: type) -> set[str]:
+    """The names of the properties that can be set."""
+    return {
+        node.name
+        for body in _bodies(value)
+        for node in body.body
+        if isinstance(node, ast.FunctionDef)
+        and any(ast.unparse(each) == f"{node.name}.setter" for each in node.decorator_list)
+    }
 
 
 def _is_public(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:

@@ -134,7 +134,7 @@ def _retry(network: Network) -> dict[str, int]:
 
 
 def _of_bad_network(network: Network) -> dict[str, Any]:
-    """What is set beside on a network that loses packets, or delays them."""
+    """Further settings for a network that loses or delays packets."""
     return {
         "transport/link/tx/keep_alive": 2 * _KEEP_ALIVES,
         "transport/link/tx/batch_size": network.packet_bytes,

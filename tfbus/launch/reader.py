@@ -222,16 +222,16 @@ class _Document:
             raise whole.place.mistake("starts nothing; list something under 'nodes' or 'includes'")
 
     def has_sim_time(self, scope: Scope) -> bool:
-        """Whether its nodes, and those it includes, follow the topic clock."""
+        """Whether its nodes, and included ones, follow the topic clock."""
         value = self._sim_time
         return value is not None and truth(scope.expand(value.text(), value.place), value.place)
 
     def identity(self, scope: Scope) -> str:
-        """The folder of the identity of its nodes, and those it includes; "" without one."""
+        """The folder of the identity of its nodes, and of included ones; "" without one."""
         return identity_folder(LaunchFields(self._whole, _FILE_KEYS, scope), self.path.parent)
 
     def network(self, scope: Scope) -> str:
-        """The network of its nodes, and those it includes; "" if it names none."""
+        """The network of its nodes, and of included ones; "" if it names none."""
         fields = LaunchFields(self._whole, _FILE_KEYS, scope)
         return fields.text("network", check_network)
 

@@ -9,8 +9,9 @@ import argparse
 import json
 import os
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks import machine
 from benchmarks.bus.links import Heard
@@ -99,37 +100,38 @@ def measure(link: Link, network: str) -> Row:
         return Row(heard, longest_s, carried / took_s)
 
 
-def _cells(link: str, network: str, row: Row) -> list[str]:
-    heard = row.heard
-
-    def seconds(value: float | None) -> str:
-        return "never" if value is None else f"{value:.1f} s"
-
-    return [
-        LINKS[link].text,
-        f"`{network}`",
-        f"{heard.age_p50_s:.2f} / {heard.age_p99_s:.2f} s",
-        f"{100 * heard.answered:.0f} %",
-        seconds(heard.statics_s),
-        f"{heard.gone}",
-        f"{1e3 * row.longest_send_s:.0f} ms",
-        f"{row.bytes_a_second / 1e3:.0f} kB/s",
-    ]
-
-
-def table(kept: dict[str, list[str]]) -> Table:
-    """The table of the rows that are kept."""
-    headings = ["link, each way", "`--network`", "age p50 / p99", f"{_PAST} ago", "statics after"]
-    headings += ["false *gone*", "longest send", "on the link"]
-    rows = [kept[f"{link}/{network}"] for link, network in ROWS if f"{link}/{network}" in kept]
-    return Table(headings, rows, words=2)
-
-
-_PAST = "known 0.5 s"
+def table(kept: dict[str, dict[str, Any]]) -> Table:
+    """The table of the rows that are kept: a link a row, with its network beside `lan`."""
+    headings = ["link, each way", "`lan`", "with", "age p50 / p99", "known 0.5 s ago"]
+    headings += ["statics after", "false *gone*", "longest send"]
+    rows = []
+    for link, network in ROWS:
+        if network == "lan" or f"{link}/{network}" not in kept:
+            continue
+        row, lan = kept[f"{link}/{network}"], kept.get(f"{link}/lan")
+        heard = row["heard"]
+        statics_s = heard["statics_s"]
+        rows.append(
+            [
+                LINKS[link].text,
+                "" if lan is None else _age(lan),
+                f"`{network}`",
+                _age(row),
+                f"{100 * heard['answered']:.0f} %",
+                "never" if statics_s is None else f"{statics_s:.1f} s",
+                f"{heard['gone']}",
+                f"{1e3 * row['longest_send_s']:.0f} ms",
+            ]
+        )
+    return Table(headings, rows)
 
 
-def _write(kept: dict[str, list[str]]) -> None:
-    _KEPT.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+def _age(row: dict[str, Any]) -> str:
+    return f"{row['heard']['age_p50_s']:.2f} / {row['heard']['age_p99_s']:.2f} s"
+
+
+def _write(kept: dict[str, dict[str, Any]]) -> None:
+    _KEPT.write_text(json.dumps(kept, indent=1) + "\n")
     before, _, rest = _PAGE.read_text().partition(_BEGIN)
     after = rest.partition(_END)[2]
     _PAGE.write_text(f"{before}{_BEGIN}\n{table(kept).as_markdown()}\n\n{_END}{after}")
@@ -140,19 +142,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.links", description=__doc__)
     parser.add_argument("names", nargs="*", help="links, such as lte or lte/mobile; all")
     parser.add_argument("--print", action="store_true", help="write nothing")
-    parser.add_argument("--conditions", help="further conditions of the links, in JSON")
     given = parser.parse_args()
     kept = json.loads(_KEPT.read_text()) if _KEPT.exists() else {}
     print(machine.describe())
-    for link, network in given_rows(given.names):
-        cells = _cells(link, network, measure(LINKS[link], network))
-        print("  ".join(cells), f"(load {os.getloadavg()[0]:.0f})", flush=True)
-        kept[f"{link}/{network}"] = cells
-    if not given.print:
-        _write(kept)
+    for link, network in _chosen(given.names):
+        row = asdict(measure(LINKS[link], network))
+        print(link, network, row, f"load {os.getloadavg()[0]:.0f}", flush=True)
+        kept[f"{link}/{network}"] = row
+        if not given.print:
+            _write(kept)
 
 
-def given_rows(names: list[str]) -> list[tuple[str, str]]:
+def _chosen(names: list[str]) -> list[tuple[str, str]]:
     """The rows that names choose: a link, or a link with a network."""
     chosen = []
     for name in names:

@@ -156,6 +156,20 @@ def test_messages_are_small_on_a_network_that_loses_packets() -> None:
     assert children == [each.child_frame_id for each in rows]
 
 
+def test_messages_of_a_send_take_turns_on_a_network_that_loses_packets() -> None:
+    """Each goes first in its turn: a link that is too narrow takes the first ones."""
+    sent = Sent("mobile")
+    rows = Columns.of_transforms([at(child=f"part{number}") for number in range(40)])
+    sender = sent.sender()
+    sender.send(rows)
+    count = len(sent.messages)
+    for _ in range(count):
+        sender.send(rows)
+    first = [message.rows.frames for _, message in sent.messages[::count]]
+    assert count > 1 and len({*first[:-1]}) == count and first[-1] == first[0]
+    assert [message.seq for _, message in sent.messages] == [*range(len(sent.messages))]
+
+
 def test_a_split_stream_has_a_key_a_frame() -> None:
     """In a split stream each frame has its own key, and one message a send with its rows."""
     sent = Sent()

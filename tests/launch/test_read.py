@@ -39,6 +39,23 @@ def read(folder: Path, text: str, **given: str) -> tuple[DescribedProcess, ...]:
 # -- what a file means
 
 
+def test_nodes_have_the_network_of_the_file_or_their_own(tmp_path: Path) -> None:
+    """`network` is that of all nodes, also of included files, unless one names its own; any other
+    name is a mistake at its place.
+    """
+    write(tmp_path, "nodes: [{node: simulator}]", "inner.yaml")
+    text = (
+        "network: {0}\nincludes: [{{file: inner.yaml}}]\nnodes: [{{node: a.py, network: mobile}}]"
+    )
+    (tmp_path / "a.py").touch()
+    processes = read(tmp_path, text.format("wifi"))
+    assert [each.network for each in processes] == ["wifi", "mobile"]
+    argv = program_of(processes[1], NodeSettings("launch")).argv
+    assert argv[argv.index("--network") + 1] == "mobile"
+    with pytest.raises(TfbusError, match=r":1:.*network 'radio' is not one of lan, wifi, "):
+        read(tmp_path, text.format("radio"))
+
+
 def test_a_node_needs_no_more_than_its_kind(tmp_path: Path) -> None:
     """`- node: simulator` is a process called `simulator` in no namespace."""
     [process] = read(tmp_path, "nodes:\n  - node: simulator\n")

@@ -6,7 +6,7 @@ import pytest
 
 from tests.simulation.actor import Actor
 from tfbus.testing import Network, Process
-from tfbus.testing.links import Lane, Path
+from tfbus.testing.links import LinkLane, LinkPath
 
 # Linux 6 between two hosts with a delay of 20 ms, 15 s each: the median and the 90th percentile of
 # the times in which 100 bytes arrived, by the share of lost packets and messages a second.
@@ -21,7 +21,7 @@ MEASURED_S = {
 @pytest.mark.parametrize(("loss", "rate_hz"), MEASURED_S)
 def test_lost_packets_delay_as_by_linux(network: Network, loss: float, rate_hz: int) -> None:
     """Half and nine in ten of the messages arrive about as late as was measured, each in order."""
-    lane = Lane(network.tasks, Path(0.02, 0.0, loss))
+    lane = LinkLane(network.tasks, LinkPath(0.02, 0.0, loss))
     sent_ns: list[int] = []
     late_s: list[float] = []
 

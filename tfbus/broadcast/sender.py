@@ -340,7 +340,8 @@ _AS_ON_THE_WIRE = sys.byteorder == "little"
 class _Table:
     """The part that sends of the same frames and edges share.
 
-    `noted` is the announcer's count of `reparented` when these edges were last noted.
+    `noted` is the announcer's count of `reparented` when these edges were last noted, `turn` the
+    part that goes first next, on a bad network.
     """
 
     frames: tuple[str, ...]
@@ -350,6 +351,7 @@ class _Table:
     stamp_rows: Rows
     first_stamp_row: int
     parts: Sequence[RowsOfKey]
+    turn: int = 0
 
 
 @dataclass(slots=True, eq=False)
@@ -400,6 +402,7 @@ class TransformSender:
         self._edges_remembered = 0
         self._history = SentHistory(options.history_s) if options.history_s else None
         self._key = transforms_key(stream)
+        self._takes_turns = session.network.is_bad
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(self._key, session)
         self._queryable = (
             None
@@ -493,7 +496,12 @@ class TransformSender:
         if not self._singles.keys().isdisjoint(table.by_child.keys()):
             for child in table.by_child:
                 self._singles.pop(child, None)
-        for part in table.parts:
+        parts = table.parts
+        if self._takes_turns and len(parts) > 1:
+            # A link that is too narrow takes the first ones.
+            parts = [*parts[table.turn :], *parts[: table.turn]]
+            table.turn = (table.turn + 1) % len(parts)
+        for part in parts:
             payload = part.encode(columns)
             part.key.publisher.put(payload)
             if self._history is not None:

@@ -196,19 +196,21 @@ def _mb(processes: Sequence[Process]) -> str:
 
 def write(text: str, table: Table) -> str:
     """The text of a page with the rows of a table in that of the same headings, in the order of
-    their first numbers, and in place of those with the same.
+    their first numbers, and in place of those with the same first cell.
     """
     lines, heading = text.splitlines(), table.as_markdown().splitlines()[0]
     begin = lines.index(heading) + 2
     end = next(at for at in range(begin, len(lines) + 1) if lines[at : at + 1] in ([], [""]))
-    rows = {_number(line): line for line in lines[begin:end]}
-    rows |= {_number(line): line for line in table.as_markdown().splitlines()[2:]}
-    lines[begin:end] = [rows[number] for number in sorted(rows)]
+    rows = {_fleet_of(line): line for line in lines[begin:end]}
+    rows |= {_fleet_of(line): line for line in table.as_markdown().splitlines()[2:]}
+    lines[begin:end] = [rows[each] for each in sorted(rows)]
     return "\n".join(lines) + "\n"
 
 
-def _number(line: str) -> int:
-    return int(line.strip("| ").partition(" ")[0].replace(",", ""))
+def _fleet_of(row: str) -> tuple[int, str]:
+    """The number of robots in the first cell, and the cell."""
+    cell = row.split("|")[1].strip()
+    return int(cell.partition(" ")[0].replace(",", "")), cell
 
 
 def main() -> None:

@@ -34,10 +34,10 @@ def test_a_row_is_found_by_its_words() -> None:
 
 
 def test_a_fleet_is_written_among_others() -> None:
-    """In place of a row of the same number of robots, else in the order of these numbers."""
+    """In place of a row of the same fleet, else in the order of the numbers of robots."""
     page = "# Fleets\n\n| robots | MB |\n|---|---:|\n| 20 (1) | 5 |\n| 1,000 (1) | 7 |\n\nEnd.\n"
-    for row in (["100 (10)", "6"], ["20 (10)", "4"]):
+    for row in (["100 (10)", "6"], ["20 (1)", "4"]):
         page = fleet.write(page, Table(["robots", "MB"], [row]))
     rows = [line for line in page.splitlines() if line[:2] == "| "]
-    assert rows == ["| robots | MB |", "| 20 (10) | 4 |", "| 100 (10) | 6 |", "| 1,000 (1) | 7 |"]
+    assert rows == ["| robots | MB |", "| 20 (1) | 4 |", "| 100 (10) | 6 |", "| 1,000 (1) | 7 |"]
     assert page.endswith("| 1,000 (1) | 7 |\n\nEnd.\n")

@@ -11,9 +11,10 @@ import os
 import signal
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from benchmarks import machine
 from benchmarks.bus.air import HEADERS
@@ -23,6 +24,8 @@ from benchmarks.parts import Table
 
 A_SITE = 25
 SOME = 20
+# After this silence a link is lost, as tfbus sets it.
+LEASE_S = 1.5
 PAGE = ROOT / "docs" / "guide" / "scaling.md"
 _TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -48,22 +51,36 @@ CHANGES = (
 class Fleet:
     """A fleet whose processes end with `stack`."""
 
-    def __init__(self, at: Place, stack: ExitStack, robots: int, hz: float) -> None:
+    def __init__(self, at: Place, stack: ExitStack, robots: int, hz: float, lease_s: float) -> None:
         self._at, self._stack, self.robots, self._hz = at, stack, robots, hz
+        self._lease_s = lease_s
         self.hub_at = f"tcp/127.0.0.1:{free_port()}"
-        self.hub = self._open(_router(at, self.hub_at, ""))
+        self.hub = self._open(self.hub_at, "")
         self.sites: list[Process] = []
         self._sites_at: list[str] = []
         self.senders: list[Process] = []
         for first in range(0, robots, A_SITE):
             self._sites_at.append(f"tcp/127.0.0.1:{free_port()}")
-            self.sites.append(self._open(_router(at, self._sites_at[-1], self.hub_at)))
+            self.sites.append(self._open(self._sites_at[-1], self.hub_at))
             self.senders.append(self.publish(first, min(A_SITE, robots - first)))
         for sender in self.senders:
             sender.hear()
 
-    def _open(self, router: AbstractContextManager[Process]) -> Process:
-        return self._stack.enter_context(router)
+    def _open(self, listen: str, connect: str) -> Process:
+        """A router, which others take for silent after the lease."""
+        config = self._at.folder / "router.json5"
+        lease = f"transport: {{link: {{tx: {{lease: {self._lease_s * 1e3:.0f}}}}}}}"
+        config.write_text(Path(self._at.env["TFBUS_CONFIG"]).read_text()[:-1] + f", {lease}}}")
+        env = {
+            **self._at.env,
+            "TFBUS_CONFIG": str(config),
+            "TFBUS_MODE": "router",
+            "TFBUS_LISTEN": listen,
+            "TFBUS_CONNECT": connect,
+        }
+        router = self._stack.enter_context(Process(self._at, "interest:route", env))
+        router.hear()
+        return router
 
     def publish(self, first: int, count: int) -> Process:
         """A process of robots at the last site."""
@@ -74,27 +91,27 @@ class Fleet:
     def listen(self, wanted: int, reads: str) -> tuple[Process, Joined]:
         """A listener at the hub, and how it joined."""
         env = _client(self._at, self.hub_at)
-        given = {"robots": self.robots, "wanted": wanted, "reads": reads}
+        given: dict[str, Any] = {"robots": self.robots, "wanted": wanted, "reads": reads}
         process = self._stack.enter_context(Process(self._at, "fleet:listen", env, **given))
         return process, Joined(**process.hear())
 
     def restart_hub(self) -> None:
         """Kill the hub, and start it again."""
         self.hub.signal(signal.SIGKILL)
-        self.hub = self._open(_router(self._at, self.hub_at, ""))
+        self.hub = self._open(self.hub_at, "")
 
     def restart_site(self) -> None:
         """Kill the router of the first site, and start it again."""
         self.sites[0].signal(signal.SIGKILL)
-        self.sites[0] = self._open(_router(self._at, self._sites_at[0], self.hub_at))
+        self.sites[0] = self._open(self._sites_at[0], self.hub_at)
 
 
-def measure(robots: int, hz: float) -> tuple[Table, Table]:
+def measure(robots: int, hz: float, lease_s: float = LEASE_S) -> tuple[Table, Table]:
     """The row of one fleet: what it costs, and how soon its changes are known."""
     with place() as at, ExitStack() as stack:
-        fleet = Fleet(at, stack, robots, hz)
+        fleet = Fleet(at, stack, robots, hz, lease_s)
         time.sleep(SETTLE_S)
-        name = f"{robots:,} ({hz:g})"
+        name = f"{robots:,} ({hz:g}{'' if lease_s == LEASE_S else f'; {lease_s:g} s'})"
         alone = _alone(fleet)
         some, joined_some = fleet.listen(min(SOME, robots), "needed")
         every, joined_every = fleet.listen(robots, "everything")
@@ -132,9 +149,9 @@ def _counts(senders: Sequence[Process]) -> list[int]:
 
 
 def _joined(joined: Joined) -> str:
-    after = f"{joined.join_s:.2f} s"
-    if joined.join_s is None:
-        after = f"{joined.read} of {joined.wanted} in {WITHIN_S:.0f} s"
+    after = f"{joined.read} of {joined.wanted} in {WITHIN_S:.0f} s"
+    if joined.join_s is not None:
+        after = f"{joined.join_s:.2f} s"
     cost = f"{joined.cpu_percent:.1f} %, {joined.memory_mb:.0f} MB"
     return f"{after} ({joined.join_cpu_s:.2f} s), {cost}"
 
@@ -168,14 +185,6 @@ def _client(at: Place, router: str) -> dict[str, str]:
     return {**at.env, "TFBUS_MODE": "client", "TFBUS_CONNECT": router}
 
 
-@contextmanager
-def _router(at: Place, listen: str, connect: str) -> Iterator[Process]:
-    env = {**at.env, "TFBUS_MODE": "router", "TFBUS_LISTEN": listen, "TFBUS_CONNECT": connect}
-    with Process(at, "interest:route", env) as router:
-        router.hear()
-        yield router
-
-
 def _cpu_s(process: Process) -> float:
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS
@@ -207,10 +216,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.fleet", description=__doc__)
     parser.add_argument("--robots", type=int, default=100, help="how many; 100")
     parser.add_argument("--hz", type=float, default=10.0, help="messages of each a second; 10")
+    parser.add_argument("--lease", type=float, default=LEASE_S, help="of routers, in s; 1.5")
     parser.add_argument("--write", action="store_true", help=f"write the rows into {PAGE.name}")
     given = parser.parse_args()
     print(f"{given.robots} robots at {given.hz:g} Hz. {machine.describe()}")
-    for table in measure(given.robots, given.hz):
+    for table in measure(given.robots, given.hz, given.lease):
         print(f"\n{table.as_markdown()}")
         if given.write:
             PAGE.write_text(write(PAGE.read_text(), table))

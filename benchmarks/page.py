@@ -29,14 +29,11 @@ transform-tree and pytransform3d answer with matrices; transform-tree has a fixe
 ## The bus
 
 Between processes on loopback. A message that comes alone costs most, to wake threads and to take
-Python's lock, as with bare Zenoh. Of a path only what it needs is received, here of two hundred
-publishers of 100,000 transforms a second in all. [All
-measures](performance-tables.md#the-bus) stand on the other page.
+Python's lock, as with bare Zenoh; [more measures](performance-tables.md#the-bus).
 
 ![The CPU of a listener, by publishers and by frames](performance-bus.svg)
 
-[Scaling](../guide/scaling.md) says what follows; [an hour of faults](soak.md) has memory, files and
-threads of listeners while others are killed.
+[Scaling](../guide/scaling.md) says what follows, [an hour of faults](soak.md) what stays.
 
 ## Recordings
 

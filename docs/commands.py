@@ -1,6 +1,6 @@
 """Writes docs/reference/commands.md, the reference of the command line: `make docs-api`.
 
-All of it comes from the commands themselves, as `--help` prints it.
+All of it comes from the commands themselves; of their texts the page has the first paragraph.
 """
 
 import re
@@ -22,7 +22,7 @@ _HEAD = """\
 # Commands
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
-`tfbus COMMAND --help` prints the same with examples, `--help-all` the options of every node. It
+`tfbus COMMAND --help` says more, with examples, `--help-all` has the options of every node. It
 exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. Commands that [join
 the bus](#options-of-every-command-that-joins-the-bus) have `[NODE_OPTIONS]`; after *Also*
 stand options that [several commands share](#options-that-several-commands-share).
@@ -107,7 +107,7 @@ def _sections(
     own = [row for row in rows if row[0] not in names_of_nodes and row not in shared]
     is_node = any(names in names_of_nodes for names, _ in rows)
     yield f"{'##' if parent.parent is None else '###'} {context.command_path}\n"
-    yield f"{_paragraphs(command.help or '')}\n"
+    yield f"{_summary(command.help or '')}\n"
     usage = [each for each in _usage(command, context, is_node) if each != "[OPTIONS]"]
     if usage and not isinstance(command, click.Group):
         yield f"`{' '.join(usage)}`\n"
@@ -147,16 +147,9 @@ def _cell(text: str) -> str:
     return " ".join(text.split())
 
 
-def _paragraphs(text: str) -> str:
-    """Help as Markdown: blocks that click keeps as they are stay so."""
-    found = []
-    for paragraph in re.split(r"\n\s*\n", text.strip()):
-        if paragraph.startswith("\b"):
-            body = paragraph.removeprefix("\b").strip("\n")
-            found.append(f"```text\n{body}\n```")
-        else:
-            found.append(_shown(" ".join(paragraph.split())))
-    return "\n\n".join(found)
+def _summary(text: str) -> str:
+    """The first paragraph of a help, as Markdown."""
+    return _shown(_cell(re.split(r"\n\s*\n", text.strip())[0]))
 
 
 if __name__ == "__main__":

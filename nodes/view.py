@@ -135,6 +135,13 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     metavar="WxH",
     help="The picture's width and height in pixels (default 1280x800).",
 )
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="NAME",
+    help="Draw the messages of this topic from the start, such as scan; repeatable.",
+)
 @bag_options("at", "begin", "end")
 @roster_option
 @fleet_options
@@ -155,6 +162,7 @@ def main(
     screenshot: Path | None,
     after_s: float,
     size: tuple[int, int],
+    topics: tuple[str, ...],
 ) -> None:
     """Show all frames in a browser, of the bus or with --bag of a recording."""
     if settings.config and holds_settings(Path(settings.config)):
@@ -167,10 +175,16 @@ def main(
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
+    if topics and bag is not None:
+        raise click.UsageError("--topic draws topics of a bus: give no --bag")
+    for name in topics:
+        others = tuple(each for each in chosen.topics if each.topic != name)
+        shown = replace(chosen.of_topic(name), shown=True)
+        chosen = replace(chosen, topics=(*others, shown))
     if screenshot and listening.is_public:
         raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
     _require_viser()
-    from tfbus.view import Access, Page, RobotsOnBus, Screenshot, Serving, find_browser
+    from tfbus.view import Access, DataOnBus, Page, RobotsOnBus, Screenshot, Serving, find_browser
 
     # Of several tabs, each names its robot.
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
@@ -203,7 +217,9 @@ def main(
         buffer = Buffer(history_s)
         with TransformListener(buffer, node, fleet=fleet) as listener:
             robots = RobotsOnBus(node, fleet, package_path, robot)
-            page = Page(node, Bus(node, buffer, listener, fleet), serving, robots, _guests(node))
+            bus = Bus(node, buffer, listener, fleet)
+            data = DataOnBus(node)
+            page = Page(node, bus, serving, robots, _guests(node), data=data)
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)

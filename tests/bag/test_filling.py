@@ -1,5 +1,8 @@
 """Recorders in robots keep what they record, and others fill their gaps from it."""
 
+import os
+import random
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -7,9 +10,11 @@ import pytest
 from tests.builders import at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
+from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.messages import Vector3
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
+from tfbus.recording.writer import RecordingWriter
 from tfbus.testing.programs import Program
 
 
@@ -39,7 +44,7 @@ class Robot:
         started = self.bus.start(
             *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/", "--namespace", "robot7")
         )
-        started.wait_for_line("Recording to")
+        started.wait_for_line("Keeping the last 60 min in")
         return started
 
 
@@ -97,6 +102,26 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     assert events.count(("filled", "/robot7/recorder")) == 2
 
 
+def test_of_a_part_that_part_is_filled(bus: Bus, robot: Robot, tmp_path: Path) -> None:
+    """A recording of one topic queries no more of what is kept."""
+    network, path = bus.network, tmp_path / "base.mcap"
+    options = ("--fleet", "--topics", "robot7/flag", "-o", str(path))
+    process = Bus(network, "base").start("bag", "record", *options)
+    process.wait_for_line("Recording to")
+    network.run(10.0)
+    network.partition("robot", "base")
+    network.run(60.0)
+    network.heal()
+    network.run(until=lambda: "Filled the" in process.stderr)
+    network.run(5.0)
+    assert process.stop() == 0
+    items = items_of(path)
+    assert not any(isinstance(item, TransformItem) for item in items)
+    times = [item.log_ns for item in items if isinstance(item, TopicItem)]
+    assert len(times) > 70
+    assert max(later - former for former, later in pairwise(times)) < 1.3e9
+
+
 def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     bus: Bus, robot: Robot, tmp_path: Path
 ) -> None:
@@ -121,3 +146,28 @@ def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     missing = {stamp for stamp in robot.sent if came[0] < stamp < came[-1]} - {*came}
     span_s = (max(missing) - min(missing)) / 1e9
     assert 60.0 <= span_s < 62.5 and len(missing) == round(span_s * 5) + 1
+
+
+def test_what_is_kept_has_bounds(tmp_path: Path) -> None:
+    """Of files beyond a size or a time the oldest go, those of an earlier recording first; the one
+    that grows stays.
+    """
+    older = tmp_path / "older.mcap"
+    older.write_bytes(bytes(50_000))
+    for keep, left in ((Keep(most_bytes=45_000), 2), (Keep(most_bytes=10**9), 4)):
+        older.write_bytes(bytes(50_000))
+        first = tmp_path / f"{keep.most_bytes}.mcap"
+        parts = PartsWritten(first, RecordingWriter, keep=keep, older=[older])
+        for _ in range(3):
+            parts.open()
+            for number in range(200):
+                noise = random.randbytes(100).hex()
+                parts.write(TopicItem(number, "noise", "", {"text": noise}))
+        parts.close()
+        assert older.exists() is (left == 4)
+        assert sum(path.exists() for path in [older, *parts.paths]) == left
+    os.utime(older, (1.0, 1.0))
+    parts = PartsWritten(tmp_path / "new.mcap", RecordingWriter, keep=Keep(60.0), older=[older])
+    parts.open()
+    parts.close()
+    assert not older.exists()

@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 from tests.buses import eventually
@@ -14,7 +15,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.messages import Color, Pose
+from tfbus.messages import Color, LaserScan, Pose
 from tfbus.wire.codec import encode_map, encode_message
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
@@ -162,6 +163,20 @@ class TestEcho:
             "key: <3 bytes>",
         ]
         assert json.loads(run(bus, *echo, "--json")[1])["cells"] == [3.5, 3.25, 3.0]
+
+    def test_an_array_is_one_line(self, bus: Bus) -> None:
+        """Cut as lists are, or only its type and shape; JSON has all of it."""
+        node = bus.node("laser")
+        publisher = node.create_publisher(LaserScan, "scan")
+        ranges = np.arange(200, dtype=np.float32)
+        node.create_timer(0.02, lambda: publisher.publish(LaserScan(1, "laser", ranges=ranges)))
+        echo = ("echo", "scan", "--once")
+        _, out, _ = run(bus, *echo, "-l", "3")
+        assert out.splitlines()[-3:-1] == ["ranges: [0.0, 1.0, 2.0, '...']", "intensities: []"]
+        _, out, _ = run(bus, *echo, "--no-arr")
+        assert "ranges: <float32 array of 200>" in out.splitlines()
+        assert json.loads(run(bus, *echo, "--json")[1])["ranges"] == ranges.tolist()
+        assert run(bus, *echo, "--field", "ranges[7]")[1] == "7.0\n---\n"
 
     def test_transforms_are_printed(self, bus: Bus) -> None:
         """The transforms of a stream, or of all, are printed row by row; static ones at once."""

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from tests.buses import eventually
@@ -14,7 +15,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.messages import Color, Twist, Vector3
+from tfbus.messages import Color, PointCloud, Twist, Vector3
 from tfbus.testing.programs import Program
 
 
@@ -43,6 +44,17 @@ class TestMeasure:
         report = json.loads(out)
         assert report["mean_s"] == pytest.approx(node.now_ns() / 1e9 - 1.0, abs=60.0)
         assert (report["topic"], report["window"] > 1) == ("turtle1/pose", True)
+
+    def test_messages_with_a_header_of_ros_have_a_delay(self, bus: Bus) -> None:
+        """By its stamp; what they carry is not read."""
+        node = bus.node("lidar")
+        clouds = node.create_publisher(PointCloud, "points")
+        xyz = np.zeros((9_000, 3))
+        node.create_timer(
+            0.1, lambda: clouds.publish(PointCloud.from_xyz(node.now_ns() - 10**9, "lidar", xyz))
+        )
+        _, out, _ = run(bus, "delay", "points", "--once", "--json")
+        assert json.loads(out)["mean_s"] == pytest.approx(1.0, abs=0.1)
 
     def test_several_topics_are_a_table(self, bus: Bus) -> None:
         """Several topics are measured together, a line each, transforms too."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import pages, parts
+from benchmarks import fleet, pages, parts
 from benchmarks.parts import Part, Table
 
 
@@ -31,3 +31,13 @@ def test_a_row_is_found_by_its_words() -> None:
     assert table.row("arm", "fk")["tfbus"] == "2 us"
     with pytest.raises(KeyError, match="no row"):
         table.row("leg")
+
+
+def test_a_fleet_is_written_among_others() -> None:
+    """In place of a row of the same number of robots, else in the order of these numbers."""
+    page = "# Fleets\n\n| robots | MB |\n|---|---:|\n| 20 (1) | 5 |\n| 1,000 (1) | 7 |\n\nEnd.\n"
+    for row in (["100 (10)", "6"], ["20 (10)", "4"]):
+        page = fleet.write(page, Table(["robots", "MB"], [row]))
+    rows = [line for line in page.splitlines() if line[:2] == "| "]
+    assert rows == ["| robots | MB |", "| 20 (10) | 4 |", "| 100 (10) | 6 |", "| 1,000 (1) | 7 |"]
+    assert page.endswith("| 1,000 (1) | 7 |\n\nEnd.\n")

@@ -179,8 +179,9 @@ class Capture:
     It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
     all namespaces below. Streams and nodes become events as they come, change and go. Topics are
     those that nodes publish or receive, and those that the selection names.
-    `on_stream(state)` is called after each change of a stream that is taken, and `on_lost(name)`
-    for the full name of a node, or of a stream of another host, that is gone.
+    `on_stream(state)` is called after each change of a stream that is taken, and
+    `on_lost(name, is_here)` for the full name of a stream or node that is gone, and whether its
+    host has the name of this one.
     """
 
     def __init__(
@@ -197,7 +198,7 @@ class Capture:
         self.described: dict[str, StreamDescription] = {}
         self.types: dict[str, str] = {}
         self.codecs: dict[str, MessageCodec] = {}
-        self.on_lost: Callable[[str], object] = lambda name: None
+        self.on_lost: Callable[[str, bool], object] = lambda name, is_here: None
         self._nodes: set[str] = set()
         self._node = node
         self._queue = queue
@@ -373,8 +374,7 @@ class Capture:
                 self._note("stream", name, state.description)
         elif former.alive and former.description is not None:
             self._note("stream gone", name)
-            if former.description.host != socket.gethostname():
-                self.on_lost(name)
+            self.on_lost(name, former.description.host == socket.gethostname())
         self._on_stream(state)
 
     def _subscribe_stream(self, name: str, key: str) -> None:
@@ -416,7 +416,7 @@ class Capture:
         if description is None:
             self._note("node gone", name)
             self._nodes.discard(name)
-            self.on_lost(name)
+            self.on_lost(name, False)
             return
         self._nodes.add(name)
         self._note("node", name, description)

@@ -94,8 +94,12 @@ class _Keeper:
         self.asking: AskPages | None = None
         self._prefix = name.rpartition("/")[0] + "/"
 
-    def has(self, name: str) -> bool:
-        """Whether a stream or node is in its namespace, or below."""
+    def has(self, name: str, is_here: bool) -> bool:
+        """Whether a stream or node is in its namespace, or below; of one without a namespace those
+        of another host.
+        """
+        if self._prefix == "/":
+            return not is_here
         return f"/{name.removeprefix('/')}".startswith(self._prefix)
 
 
@@ -123,8 +127,8 @@ class Filling:
         self._turns = PagesInTurn(self._executor, most=4)
         # By what is in front of their keys: a namespace needs one.
         self._keepers: dict[str, _Keeper] = {}
-        # When streams and nodes were lost, and their full names.
-        self._lost: deque[tuple[int, str]] = deque(maxlen=_MOST_LOST)
+        # When streams and nodes were lost, their full names, and whether they may be of this host.
+        self._lost: deque[tuple[int, str, bool]] = deque(maxlen=_MOST_LOST)
         self._began_ns = recorder.now_ns()
         capture.on_lost = self._note_lost
         key = ALL_KEEPERS_EVERYWHERE if everywhere else ALL_KEEPERS
@@ -161,9 +165,9 @@ class Filling:
 
     # On the executor's thread
 
-    def _note_lost(self, name: str) -> None:
+    def _note_lost(self, name: str, is_here: bool) -> None:
         now_ns = self._recorder.now_ns()
-        self._executor.submit("filling", lambda: self._lost.append((now_ns, name)))
+        self._executor.submit("filling", lambda: self._lost.append((now_ns, name, is_here)))
 
     def _on_token(self, key: str, alive: bool) -> None:
         self._executor.submit("filling", lambda: self._take_token(key, alive))
@@ -282,8 +286,8 @@ class Filling:
             "lost": sorted(
                 {
                     name
-                    for lost_ns, name in self._lost
-                    if gap.noticed_ns <= lost_ns <= gap.until_ns and keeper.has(name)
+                    for lost_ns, name, is_here in self._lost
+                    if gap.noticed_ns <= lost_ns <= gap.until_ns and keeper.has(name, is_here)
                 }
             ),
         }
@@ -293,7 +297,7 @@ class Filling:
 
     def _raws(self, messages: Sequence[KeptMessage], gap: _Gap) -> list[Raw]:
         """The messages of a page as a recorder takes them, without those that it does not."""
-        lost = {name for lost_ns, name in self._lost if lost_ns >= gap.noticed_ns}
+        lost = {name for lost_ns, name, _ in self._lost if lost_ns >= gap.noticed_ns}
         found = []
         for message in messages:
             log_ns = max(message.log_ns - (gap.ahead_ns or 0), 0)

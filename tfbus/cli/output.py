@@ -243,11 +243,21 @@ def table(
     ]
 
 
+class OneLine(list[Any]):
+    """A list that YAML has in one line: `[1, 2, 3]`."""
+
+
 def yaml_text(value: object) -> str:
     """The value as YAML in block style, its keys painted; maps keep their order."""
     import yaml  # only if YAML is printed
 
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    class dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+        pass
+
+    def in_one_line(dumper: Any, items: OneLine) -> Any:
+        return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=True)
+
+    dumper.add_representer(OneLine, in_one_line)
 
     def dumped(*, allow_unicode: bool) -> str:
         return str(

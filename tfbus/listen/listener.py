@@ -74,7 +74,8 @@ class TransformListener:
     frames in advance with `need`.
 
     With a `fleet`, it also receives the robots in the namespaces below the node's, and prefixes
-    their frames with the namespace: `robot7/base_link`.
+    their frames with the namespace: `robot7/base_link`. Together with `reads="needed"`, it asks
+    only the robots that are looked up for their frames, and who lists a shared frame.
 
     Raises InvalidArgumentException for any other value of an argument.
     """

@@ -172,8 +172,10 @@ class FramedSubscription(Subscription[M]):
         with self._order:
             return sorted({*self._queues, *self._dropped_of})[:_MOST_SOURCES]
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: Any, count: int = 1) -> None:
         frame = message.frame_id
+        with self._lock:
+            self.received += count
         if not frame:
             self._drop(message, NO_FRAME, "it has no frame_id")
             return
@@ -222,7 +224,7 @@ class FramedSubscription(Subscription[M]):
             except TransformException as error:
                 self._drop(queue[0].message, _reason(error), str(error))
             else:
-                super()._take(queue[0].message)
+                super()._take(queue[0].message, 0)
             queue.popleft().lookup.close()
         del self._queues[frame]
 

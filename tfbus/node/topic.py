@@ -226,13 +226,12 @@ class Subscription(NodeEndpoint, Generic[M]):
                 return
             warn_rejected(self._log_once, self, error)
             return
-        with self._lock:
-            self.received += 1
         self._take(message)
 
-    def _take(self, message: M) -> None:
-        """Let the callback have a message."""
+    def _take(self, message: M, count: int = 1) -> None:
+        """Let the callback have a message, which counts as received."""
         with self._lock:
+            self.received += count
             full = len(self._pending) == PENDING_MESSAGES
             self.dropped += full
             self._pending.append(message)

@@ -10,6 +10,7 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.view.data.topics import DataOnBus as DataOnBus
     from tfbus.view.frames import Placed as Placed
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
@@ -40,6 +41,7 @@ _MODULE_OF = {
     "RobotSource": "tfbus.view.robots",
     "GivenRobots": "tfbus.view.robots",
     "Channel": "tfbus.view.panels.markup",
+    "DataOnBus": "tfbus.view.data.topics",
     "Guest": "tfbus.view.guest",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",

@@ -31,7 +31,15 @@ try:
     from tfbus.view.page import Page, Serving
     from tfbus.view.replay import Replay
     from tfbus.view.robots import GivenRobots, RecordedRobots, ShownRobot
-    from tfbus.view.scene.drawn import color_of, image_of, length_of, place_of, point_of, points_of
+    from tfbus.view.scene.drawn import (
+        color_of,
+        image_of,
+        length_of,
+        place_of,
+        point_of,
+        points_of,
+        scale_of_depth,
+    )
     from tfbus.view.server import Access
 except ImportError as error:  # `show` raises it
     _missing = error
@@ -315,7 +323,7 @@ class View:
                 path,
                 fov=fov,
                 aspect=width / height,
-                scale=depth * _scale_of_depth(fov, width / height),
+                scale=depth * scale_of_depth(fov, width / height),
                 color=colors,
                 image=picture,
                 thickness=0.02 * depth,
@@ -521,12 +529,6 @@ def _fov_y_rad(camera_matrix: ArrayLike, height_px: float) -> float:
             f"camera_matrix: expected shape (3, 3) with focal lengths above 0, got {matrix!r}"
         )
     return 2.0 * math.atan(height_px / 2.0 / float(matrix[1, 1]))
-
-
-def _scale_of_depth(fov_y_rad: float, aspect: float) -> float:
-    """viser's scale of a frustum that is 1 m deep: there frustums of one scale have one volume."""
-    half_height = math.tan(fov_y_rad / 2.0)
-    return math.cbrt(half_height * half_height * aspect / 3.0)
 
 
 def _opacity(opacity: float) -> float | None:

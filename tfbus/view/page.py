@@ -14,12 +14,14 @@ from tfbus.frames.moment import BusMoment
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
+from tfbus.view.data.topics import DataSource, NoData
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.guest import Guest, Region
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
+from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
@@ -120,6 +122,7 @@ class Page:
         robots: RobotSource | None = None,
         guests: Sequence[Guest] = (),
         replay: Replay | None = None,
+        data: DataSource | None = None,
     ) -> None:
         self._host = host
         self._bus = bus
@@ -150,6 +153,7 @@ class Page:
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self.server.scene)
+        self.data = DataScenes(self.server, data or NoData(), host.log)
         self.panel = Panel(
             self.server,
             self.view,
@@ -163,6 +167,7 @@ class Page:
             self.robots,
             replay,
             serving.roster,
+            None if data is None else self.data,
         )
         self._scene = Scene(self.server.scene, self._select)
 
@@ -242,6 +247,13 @@ class Page:
             self.frames = self._look(settings)
         if is_due or settings is not self.choice.settings:
             self.choice = self._choose(settings)
+            self.data.see(
+                self._buffer,
+                self.choice.fixed_frame,
+                settings,
+                is_held=not playback.follows,
+                is_watched=is_watched,
+            )
         if not is_watched and not is_due:
             return
         choice, stamp_ns = self.choice, playback.stamp_ns
@@ -270,6 +282,7 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self.robots.close()
+        self.data.close()
         stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
@@ -284,6 +297,7 @@ class Page:
         moment = self._bus.moment()
         self._now_ns = moment.now_ns
         self.panel.fleet.refresh(moment)
+        self.data.look(moment)
         return frames_of(moment, self._buffer, before)
 
     def _choose(self, settings: ViewSettings) -> Choice:

@@ -2,7 +2,7 @@
 
 import re
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -55,6 +55,25 @@ def _compiled(pattern: str) -> re.Pattern[str]:
 
 
 @dataclass(frozen=True)
+class TopicSettings:
+    """How the messages of a topic are drawn, while it is `shown`.
+
+    Points have the `color` of their "height" in the fixed frame, of a column, are all "flat", or by
+    "auto" of rgb, else intensity, else height; they are `size` cm wide, and stay for `decay_s`
+    seconds, or with 0 until the next message. With `locked` a message moves with its frame, instead
+    of staying where that was at its stamp. At most `rate_hz` messages are drawn a second.
+    """
+
+    topic: str
+    shown: bool = True
+    color: str = "auto"
+    size: float = 3.0
+    decay_s: float = 0.0
+    locked: bool = False
+    rate_hz: float = 15.0
+
+
+@dataclass(frozen=True)
 class ViewSettings:
     """The choices of the page.
 
@@ -63,7 +82,8 @@ class ViewSettings:
     the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
     `opacity` is that of axes and arrows, 0 to 1.
 
-    `shapes` of robots are "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
+    `topics` are those whose messages are drawn, each with its settings. `shapes` of robots are
+    "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
     are not drawn. The links of those that are drawn have axes, names and arrows with `link_axes`.
     """
 
@@ -87,6 +107,12 @@ class ViewSettings:
     robot_opacity: float = 1.0
     link_axes: bool = False
     hidden_robots: tuple[str, ...] = ()
+    topics: tuple[TopicSettings, ...] = ()
+
+    def of_topic(self, topic: str) -> TopicSettings:
+        """The settings of a topic; one that has none is not shown."""
+        chosen = (each for each in self.topics if each.topic == topic)
+        return next(chosen, TopicSettings(topic, shown=False))
 
     @cached_property
     def filter(self) -> NameFilter:
@@ -104,12 +130,19 @@ RANGES = {
     "opacity": (0.05, 1.0),
     "trail_s": (0.5, 60.0),
     "robot_opacity": (0.05, 1.0),
+    "size": (1.0, 20.0),
+    "decay_s": (0.0, 60.0),
+    "rate_hz": (0.1, 60.0),
 }
 
 # The shapes of robots to choose from.
 SHAPES = ("visual", "collision", "both")
 
 _FIELDS: dict[str, type] = {field.name: type(field.default) for field in fields(ViewSettings)}
+_OF_TOPIC = {
+    field.name: str if field.name == "topic" else type(field.default)
+    for field in fields(TopicSettings)
+}
 
 
 def load_settings(path: Path) -> ViewSettings:
@@ -159,11 +192,19 @@ def save_settings(settings: ViewSettings, path: Path) -> None:
         raise SettingsError(f"cannot write the settings {path}: {error}") from error
 
 
-def _read(name: object, value: Any) -> Any:
+def _read_topic(value: object) -> TopicSettings:
+    if not isinstance(value, dict) or "topic" not in value:
+        raise SettingsError(f"topics must be a list of maps with a topic, got {value!r}")
+    return TopicSettings(**{name: _read(name, each, _OF_TOPIC) for name, each in value.items()})
+
+
+def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
     """The value, as the type of this field. Raises SettingsError for a wrong name or value."""
-    if not isinstance(name, str) or name not in _FIELDS:
-        raise SettingsError(f"no setting {name!r}{did_you_mean(str(name), _FIELDS)}")
-    wanted = _FIELDS[name]
+    if not isinstance(name, str) or name not in known:
+        raise SettingsError(f"no setting {name!r}{did_you_mean(str(name), known)}")
+    wanted = known[name]
+    if name == "topics" and isinstance(value, list):
+        return tuple(map(_read_topic, value))
     if wanted is tuple:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):
             return tuple(value)
@@ -265,6 +306,13 @@ class ViewState:
             others = tuple(name for name in getattr(self.settings, field) if name != frame)
             chosen: dict[str, Any] = {field: (*others, frame) if is_in else others}
             self.settings = replace(self.settings, **chosen)
+
+    def change_topic(self, topic: str, **values: Any) -> None:
+        """Set some of the fields of the TopicSettings of a topic."""
+        with self._lock:
+            changed = replace(self.settings.of_topic(topic), **values)
+            others = tuple(each for each in self.settings.topics if each.topic != topic)
+            self.settings = replace(self.settings, topics=(*others, changed))
 
     def play(self, step: Callable[[Playback], Playback]) -> None:
         """Replace the playback by what `step` makes of it."""

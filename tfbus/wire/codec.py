@@ -38,7 +38,10 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
     lone surrogate: UTF-8 cannot hold it.
     """
     try:
-        return _packed(value)
+        if memoryview in map(type, value.values()):
+            return _packed(value)
+        values = value if value.__class__ is dict else dict(value)
+        return cast(bytes, msgpack.packb(values, default=_of_numpy))
     except UnicodeEncodeError as error:
         text = printable(str(error.object), 60)
         raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
@@ -55,9 +58,7 @@ _LARGE = 16 * 1024
 
 
 def _packed(values: Mapping[str, Any]) -> bytes:
-    if memoryview not in map(type, values.values()) or not any(
-        type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()
-    ):
+    if not any(type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()):
         return cast(bytes, msgpack.packb(dict(values), default=_of_numpy))
     packer = msgpack.Packer(default=_of_numpy)
     parts: list[Any] = [packer.pack_map_header(len(values))]
@@ -150,7 +151,8 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     kind: type = message_type
-    values = decode_map(data, in_place=_is_read_in_place(kind))
+    in_place = len(data) > HARMLESS_SIZE and _is_read_in_place(kind)
+    values = decode_map(data, in_place=in_place)
     return from_map(message_type, values, unknown_fields=unknown_fields)
 
 
@@ -204,9 +206,12 @@ def _is_array(hint: object) -> bool:
 
 
 class _Field(NamedTuple):
+    """A value whose class is `plain` is taken as it is, without `read`."""
+
     read: Reader
     required: bool
     array: _ArrayOf | None
+    plain: type | None
 
 
 class _Shape(NamedTuple):
@@ -235,6 +240,7 @@ def _shape(message_type: type) -> _Shape:
             _reader(hints[name]),
             required,
             hints[name] if _is_array(hints[name]) else None,
+            hints[name] if hints[name] in _AS_THEY_ARE else None,
         )
         for name, required in _fields_of(message_type).items()
     }
@@ -290,7 +296,12 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
     shape = _shape(message.__class__)
     if as_in_ros is None:
         as_in_ros = shape.is_as_in_ros
-    values = {name: _plain(getattr(message, name), as_in_ros, in_bytes) for name in shape.fields}
+    values = {
+        name: value
+        if (value := getattr(message, name)).__class__ in _AS_THEY_ARE
+        else _plain(value, as_in_ros, in_bytes)
+        for name in shape.fields
+    }
     if in_bytes and shape.has_arrays:
         for name, each in shape.fields.items():
             if each.array is not None:
@@ -301,10 +312,11 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
-    if value.__class__ in _AS_THEY_ARE:
-        return value
     if isinstance(value, list | tuple):
-        return [_plain(item, as_in_ros, in_bytes) for item in value]
+        return [
+            item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
+            for item in value
+        ]
     return _map_of(value, as_in_ros, in_bytes) if is_message_type(type(value)) else value
 
 
@@ -345,7 +357,8 @@ def _read_fields(
     read = {}
     for name, entry in fields.items():
         if name in values:
-            read[name] = entry.read(values[name], path + name)
+            value = values[name]
+            read[name] = value if value.__class__ is entry.plain else entry.read(value, path + name)
         elif entry.required:
             raise DecodeError(f"field {path + name!r} is missing")
     try:

@@ -226,10 +226,10 @@ def command(
             "--max-files keeps the last files: give --max-size, --max-duration or --snapshot"
         )
     if keep is not None:
-        if max_bytes or max_s or most_files or snapshot_s is not None or with_history:
+        if max_bytes or max_s or most_files or snapshot_s is not None:
             raise click.UsageError(
-                "--keep says which files stay: leave out --max-size, --max-duration, --max-files, "
-                "--snapshot and --history"
+                "--keep says which files stay: leave out --max-size, --max-duration, --max-files "
+                "and --snapshot"
             )
         if output is None or not (output.endswith(os.sep) or os.path.isdir(output)):
             raise click.UsageError("--keep has a folder of files: give -o FOLDER/")

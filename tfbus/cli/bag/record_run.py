@@ -51,7 +51,8 @@ from tfbus.recording.writer import Compression, RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import check_no_transforms
-from tfbus.wording import listed, printable
+from tfbus.wire.limits import size_text
+from tfbus.wording import duration, listed, printable
 
 _LOOK_EVERY_S = 0.5
 _LOG_EVERY_S = 10.0
@@ -341,11 +342,7 @@ def _go_on(
     except RightsError as error:
         # Who only reads may record all the same.
         node.log.info("No services pause or split this recording: %s", error)
-    what = (
-        f"Holding the last {plan.snapshot_s:g} s"
-        if plan.snapshot_s
-        else f"Recording to {plan.path}"
-    )
+    what = _purpose(plan)
     if lacks_statics(plan.selection):
         node.log.info("Static transforms are left out: --topics tf tf_static has them too")
     rating = Rating()
@@ -372,6 +369,17 @@ def _go_on(
                 _warn_of_silence(node, recorder, plan)
                 for clause in _unmatched(plan, recorder, capture):
                     node.log.warning("So far %s", clause)
+
+
+def _purpose(plan: RecordPlan) -> str:
+    """The work of a recorder, as a clause."""
+    if plan.snapshot_s:
+        return f"Holding the last {plan.snapshot_s:g} s"
+    if plan.keep is None:
+        return f"Recording to {plan.path}"
+    last_s, most_bytes = plan.keep.last_s, plan.keep.most_bytes
+    kept = duration(last_s) if most_bytes is None else size_text(most_bytes)
+    return f"Keeping the last {kept} in {plan.path.parent}, and serving them"
 
 
 def _look(

@@ -438,7 +438,7 @@ def _newest_stamp(payload: bytes) -> int:
 
 
 def _stamp(topic: str, payload: bytes) -> int:
-    stamp_ns = stamp_in(decode_map(payload))
+    stamp_ns = stamp_in(decode_map(payload, in_place=True))
     if stamp_ns is None:
         raise _no_stamp(topic)
     return stamp_ns

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tfbus.cli.output import as_text
+from tfbus.cli.output import OneLine, as_text
 from tfbus.wording import did_you_mean
 
 _PART = re.compile(r"[^.\[\]]+")
@@ -53,7 +53,7 @@ class Shortening:
             shape = " by ".join(map(str, array.shape))
             return f"<{array.dtype} array of {shape}>"
         kept = array[: self.longest].tolist()
-        return kept if len(kept) == len(array) else [*kept, "..."]
+        return OneLine(kept if len(kept) == len(array) else [*kept, "..."])
 
     def _mark(self, value: str | bytes) -> str:
         """The mark of a cut text."""

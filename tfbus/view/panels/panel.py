@@ -21,12 +21,14 @@ from tfbus.view.panels.controls import (
     MovesCameras,
     add_camera_commands,
 )
+from tfbus.view.panels.data import DataPanel
 from tfbus.view.panels.markup import Channel, Html, clock_time, sign
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.robots import RobotsPanel, progress_text
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
+from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.settings import Playback, Selections, ViewState
 from tfbus.wording import and_more, counted, duration, listed, printable
@@ -94,6 +96,7 @@ class Panel:
         robots: RobotScenes,
         replay: Replay | None = None,
         roster: tuple[str, ...] = (),
+        data: DataScenes | None = None,
     ) -> None:
         self._server = server
         self._view = view
@@ -123,6 +126,7 @@ class Panel:
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
         self.fleet = FleetTab(gui, tabs, roster)
+        self._data = DataPanel(gui, tabs, view, data) if data else None
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
@@ -156,6 +160,8 @@ class Panel:
         self._mistakes.show(mistake_lines(mistakes) if mistakes else "")
         self._measure.refresh(frames, buffer)
         self._refresh_robots(frames)
+        if self._data:
+            self._data.refresh()
         for guest in self._guests:
             self._refresh_guest(guest)
         self._display.refresh()

@@ -158,3 +158,9 @@ def place_of(pose: Transform | ArrayLike | None) -> dict[str, Any]:
         return {"position": point_of(pose, "pose")}
     x, y, z, w = pose.quat_xyzw
     return {"position": pose.xyz, "wxyz": (w, x, y, z)}
+
+
+def scale_of_depth(fov_y_rad: float, aspect: float) -> float:
+    """viser's scale of a frustum that is 1 m deep: there frustums of one scale have one volume."""
+    half_height = math.tan(fov_y_rad / 2.0)
+    return math.cbrt(half_height * half_height * aspect / 3.0)

@@ -1,0 +1,48 @@
+"""Pages of kept messages: what comes back is what was sent, and nothing bad does more harm."""
+
+import zlib
+from contextlib import suppress
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus.errors import DecodeError
+from tfbus.wire.pages import KeptMessage, Page, decode_page, encode_page, is_page
+
+MESSAGES = st.lists(
+    st.builds(KeptMessage, st.text(max_size=9), st.integers(0, 2**63 - 1), st.binary(max_size=99))
+)
+
+
+@given(MESSAGES, st.text(max_size=30), st.floats(0, 1e9), st.integers(0, 2**62))
+def test_a_page_comes_back(
+    messages: list[KeptMessage], after: str, left_s: float, now_ns: int
+) -> None:
+    """With all that it says."""
+    page = Page(messages, after, left_s, now_ns)
+    payload = encode_page(page)
+    assert is_page(payload) and decode_page(payload) == page
+
+
+@given(st.binary(max_size=30), st.integers(0, 200), st.integers(0, 255))
+def test_a_damaged_page_is_an_error(more: bytes, at: int, letter: int) -> None:
+    """It is read, or it raises DecodeError."""
+    payload = bytearray(encode_page(Page([KeptMessage("tf/sim", 1, b"abc")] * 3, "place")))
+    payload[at % len(payload)] = letter
+    with suppress(DecodeError):
+        decode_page(bytes(payload) + more)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [b"", b"no zlib", zlib.compress(b"\xc1"), zlib.compress(msgpack.packb([["tf/sim", -1]]))],
+)
+def test_messages_of_another_form_are_refused(rows: bytes) -> None:
+    """As is what would fill the memory."""
+    said = {"page": 1, "next": "", "messages": rows}
+    with pytest.raises(DecodeError):
+        decode_page(msgpack.packb(said))
+    with pytest.raises(DecodeError, match="64 MB"):
+        decode_page(msgpack.packb({**said, "messages": zlib.compress(bytes(70_000_000))}))

@@ -1,0 +1,310 @@
+"""The messages of one topic as they are drawn: which, where, and for how long."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tfbus import messages
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.messages import stamps_in
+from tfbus.errors import TransformException
+from tfbus.geometry.transform import Transform
+from tfbus.view.data.markers import item_of
+from tfbus.view.data.pictures import Picture, picture_of
+from tfbus.view.data.shapes import (
+    MOST_POINTS,
+    Frustum,
+    Item,
+    arrow_at,
+    columns_of,
+    ellipsoid,
+    items_of,
+    line_along,
+)
+from tfbus.view.data.topics import Waiting
+from tfbus.view.settings import TopicSettings
+from tfbus.wording import printable
+
+# A message whose transform is not known after so long is not drawn.
+_WAITS_S = 5.0
+# Of clouds that decay, as many messages, and points, are drawn; of markers as many.
+_MOST_DECAYING = 60
+_MOST_DECAYING_POINTS = 5 * MOST_POINTS
+_MOST_MARKERS = 2000
+_MOST_TRAIL = 2000
+_MOST_LINES = 100
+
+_POINTS = (messages.PointCloud, messages.LaserScan)
+_IMAGES = (messages.Image, messages.CompressedImage)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedItem:
+    """An item at a pose in the fixed frame, until the time `ends_s`."""
+
+    item: Item
+    pose: Transform
+    ends_s: float = math.inf
+
+
+class TopicLayer:
+    """What is drawn of one topic: `placed` items by key, a `picture`, or `lines` of a log.
+
+    `drawn` messages were, `dropped` were not, by reason; `trouble` says why the last was not.
+    `columns` are those that points can be coloured by.
+    """
+
+    def __init__(self, waiting: Waiting) -> None:
+        self.waiting = waiting
+        self.placed: dict[object, PlacedItem] = {}
+        self.picture: Picture | None = None
+        self.lines: deque[messages.Log] = deque(maxlen=_MOST_LINES)
+        self.columns: tuple[str, ...] = ()
+        self.drawn = 0
+        self.dropped: Counter[str] = Counter()
+        self.trouble = ""
+        self._unplaced: dict[object, tuple[Item, float]] = {}
+        self._fixed_frame = ""
+        self._settings: TopicSettings | None = None
+        self._last: Any = None
+        self._due_s = 0.0
+        self._waits_since_s: float | None = None
+        self._count = 0
+        self._trail: deque[tuple[float, float, float]] = deque(maxlen=_MOST_TRAIL)
+
+    def step(
+        self,
+        buffer: Buffer,
+        fixed_frame: str,
+        now_s: float,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None = None,
+    ) -> None:
+        """Take the messages that came, and place what is drawn; `now_s` is of a steady clock."""
+        if fixed_frame != self._fixed_frame:
+            self._fixed_frame = fixed_frame
+            for key, each in [*self.placed.items()]:
+                self._unplaced.setdefault(key, (each.item, now_s))
+        for key in [key for key, each in self.placed.items() if each.ends_s <= now_s]:
+            del self.placed[key]
+        if self._settings is not None and settings != self._settings and self._last is not None:
+            self._again(buffer, now_s, settings)
+        self._settings = settings
+        if now_s >= self._due_s:
+            if self.waiting.is_every:
+                self._take_every(now_s, settings)
+            else:
+                self._take_newest(buffer, now_s, settings, camera)
+        self._place(buffer, now_s)
+
+    def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
+        """Draw the last message by other settings."""
+        self.placed.clear()
+        self._unplaced.clear()
+        if not isinstance(self._last, _IMAGES):
+            self._try(buffer, self._last, now_s, settings, None)
+
+    # The newest message
+
+    def _take_newest(
+        self,
+        buffer: Buffer,
+        now_s: float,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None,
+    ) -> None:
+        taken = self.waiting.take()
+        if not taken:
+            return
+        for at in range(len(taken) - 1, -1, -1):
+            if self._try(buffer, taken[at], now_s, settings, camera):
+                self._due_s = now_s + 1.0 / settings.rate_hz
+                self._waits_since_s = None
+                self.waiting.put_back(taken[at + 1 :])
+                return
+        if self._waits_since_s is None:
+            self._waits_since_s = now_s
+        if now_s - self._waits_since_s < _WAITS_S:
+            self.waiting.put_back(taken)
+        else:
+            self.dropped["no transform"] += len(taken)
+            self._waits_since_s = None
+
+    def _try(
+        self,
+        buffer: Buffer,
+        message: Any,
+        now_s: float,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None,
+    ) -> bool:
+        """Draw a message; False if its transform is not known."""
+        try:
+            items = self._items(buffer, message, settings, camera)
+        except TransformException as error:
+            self.trouble = printable(str(error), 300)
+            return False
+        except (ValueError, ArithmeticError, IndexError, TypeError, MemoryError) as error:
+            self._refuse(error)
+            return True
+        self.trouble = ""
+        self._last = message
+        self.drawn += 1
+        for item in items:
+            if isinstance(message, _POINTS) and settings.decay_s:
+                self._count += 1
+                item = replace(item, key=self._count, lifetime_s=settings.decay_s)
+            self._add(item, now_s)
+        if isinstance(message, _POINTS):
+            self.columns = columns_of(message)
+            self._bound_points()
+        return True
+
+    def _items(
+        self,
+        buffer: Buffer,
+        message: Any,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None,
+    ) -> list[Item]:
+        if isinstance(message, _IMAGES):
+            self.picture = picture_of(message)
+            return _frustum(message, self.picture, camera, settings)
+        fixed_frame = self._fixed_frame
+        if not message.frame_id:
+            raise ValueError("it has no frame_id")
+        # A map is older than the buffer: it is drawn where its frame is.
+        if isinstance(message, messages.OccupancyGrid):
+            settings = replace(settings, locked=True)
+        if isinstance(message, _POINTS) and not settings.locked:
+            stamps = stamps_in(message)
+            if stamps is not None and len(stamps):
+                message = buffer.transform(message, fixed_frame)
+        stamp_ns = None if settings.locked else message.stamp_ns or None
+        found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
+        return items_of(message, settings, found.transform)
+
+    def _bound_points(self) -> None:
+        points = [
+            (key, sum(len(shape.xyz) for shape in each.item.shapes if hasattr(shape, "xyz")))
+            for key, each in self.placed.items()
+        ]
+        total = sum(count for _, count in points)
+        for key, count in points[:-1]:
+            if total <= _MOST_DECAYING_POINTS and len(self.placed) <= _MOST_DECAYING:
+                return
+            del self.placed[key]
+            total -= count
+
+    # Every message
+
+    def _take_every(self, now_s: float, settings: TopicSettings) -> None:
+        taken = self.waiting.take()
+        for message in taken:
+            try:
+                _TAKERS[type(message)](self, message, now_s)
+            except (ValueError, ArithmeticError, IndexError, TypeError, MemoryError) as error:
+                self._refuse(error)
+            else:
+                self.drawn += 1
+        if taken and isinstance(taken[-1], messages.Odometry):
+            self._due_s = now_s + 1.0 / settings.rate_hz
+            self._draw_odometry(taken[-1], now_s, settings)
+
+    def _take_log(self, line: messages.Log, now_s: float) -> None:
+        self.lines.append(line)
+
+    def _take_markers(self, array: messages.MarkerArray, now_s: float) -> None:
+        for marker in array.markers:
+            self._take_marker(marker, now_s)
+
+    def _take_marker(self, marker: messages.Marker, now_s: float) -> None:
+        key = (marker.ns, marker.id)
+        if marker.action == messages.Marker.DELETEALL:
+            for kept in [*self.placed, *self._unplaced]:
+                if not marker.ns or (isinstance(kept, tuple) and kept[0] == marker.ns):
+                    self._remove(kept)
+        elif marker.action == messages.Marker.DELETE:
+            self._remove(key)
+        elif len(self.placed) + len(self._unplaced) >= _MOST_MARKERS and key not in self.placed:
+            raise ValueError(f"more than {_MOST_MARKERS} markers are not drawn")
+        else:
+            self._add(item_of(marker), now_s)
+
+    def _take_odometry(self, odometry: messages.Odometry, now_s: float) -> None:
+        at = odometry.pose.pose.position
+        self._trail.append((at.x, at.y, at.z))
+
+    def _draw_odometry(
+        self, odometry: messages.Odometry, now_s: float, settings: TopicSettings
+    ) -> None:
+        trail = line_along(np.array(self._trail).reshape(-1, 3), (230, 120, 20))
+        shapes = (trail, arrow_at(odometry.pose.pose), *ellipsoid(odometry.pose))
+        stamp_ns = odometry.stamp_ns
+        self._add(Item("", odometry.frame_id, stamp_ns, shapes, is_locked=settings.locked), now_s)
+
+    # Places
+
+    def _add(self, item: Item, now_s: float) -> None:
+        self._unplaced[item.key] = item, now_s
+
+    def _remove(self, key: object) -> None:
+        self.placed.pop(key, None)
+        self._unplaced.pop(key, None)
+
+    def _place(self, buffer: Buffer, now_s: float) -> None:
+        for key, (item, since_s) in [*self._unplaced.items()]:
+            ends_s = since_s + item.lifetime_s if item.lifetime_s else math.inf
+            pose = self._pose(buffer, item)
+            if pose is not None:
+                # Those that decay are in their order.
+                self.placed.pop(key, None) if item.lifetime_s else None
+                self.placed[key] = PlacedItem(item, pose, ends_s)
+                del self._unplaced[key]
+            elif now_s - since_s >= _WAITS_S or now_s >= ends_s:
+                del self._unplaced[key]
+                self.placed.pop(key, None)
+                self.dropped["no transform"] += 1
+        for key, each in self.placed.items():
+            if each.item.is_locked and (pose := self._pose(buffer, each.item)):
+                if pose != each.pose:
+                    self.placed[key] = replace(each, pose=pose)
+
+    def _pose(self, buffer: Buffer, item: Item) -> Transform | None:
+        stamp_ns = None if item.is_locked else item.stamp_ns or None
+        try:
+            found = buffer.lookup_transform(self._fixed_frame, item.frame_id, stamp_ns)
+        except TransformException as error:
+            self.trouble = printable(str(error), 300)
+            return None
+        return found.transform @ item.pose
+
+    def _refuse(self, error: Exception) -> None:
+        self.dropped["cannot be drawn"] += 1
+        self.trouble = printable(str(error), 300)
+
+
+_TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
+    messages.Log: TopicLayer._take_log,
+    messages.Marker: TopicLayer._take_marker,
+    messages.MarkerArray: TopicLayer._take_markers,
+    messages.Odometry: TopicLayer._take_odometry,
+}
+
+
+def _frustum(
+    image: Any, picture: Picture, camera: messages.CameraInfo | None, settings: TopicSettings
+) -> list[Item]:
+    """The frustum of an image's camera; none without a calibration."""
+    if camera is None or not image.frame_id or camera.height < 1:
+        return []
+    focal = camera.k[4]
+    if not (math.isfinite(focal) and focal > 0.0):
+        return []
+    fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / focal)
+    shape = Frustum(min(max(fov_y_rad, 0.01), 3.0), picture)
+    return [Item("", image.frame_id, image.stamp_ns, (shape,), is_locked=settings.locked)]

@@ -1,0 +1,303 @@
+"""Messages as shapes to draw: points, lines, bodies, texts and textures, in bounded numbers."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus import messages
+from tfbus.geometry.transform import Transform
+from tfbus.geometry.transform_array import TransformArray
+from tfbus.view.data.colors import FLAT, colored, of_cells, unpacked
+from tfbus.view.settings import TopicSettings
+
+Floats = NDArray[np.float32]
+Rgb = NDArray[np.uint8]
+
+# More points of a message are thinned, evenly.
+MOST_POINTS = 100_000
+# Of lines, bodies and poses; and the sides of a map in cells.
+MOST_SHAPES = 20_000
+_MOST_CELLS = 2048
+# As for frames: browsers draw with 32 bits.
+_FARTHEST_M = 1e15
+_POSE_M = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for that of the settings."""
+
+    xyz: Floats
+    colors: Rgb
+    size_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines (N, 2, 3) in m with a colour for each end; `width_m` wide, 0 for 2 pixels."""
+
+    ends: Floats
+    colors: Rgb
+    width_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """N bodies of a kind, "cube", "sphere", "cylinder", "cone" or "arrow", 1 m long each way and
+    then scaled (N, 3): at `xyz` (N, 3), turned by quat_wxyz (N, 4). Arrows and cones are along x.
+    """
+
+    kind: str
+    xyz: Floats
+    quat_wxyz: Floats
+    scales: Floats
+    colors: Rgb
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Triangles: their corners (3 N, 3) in m, and a colour with opacity for each corner (3 N, 4)."""
+
+    corners: Floats
+    rgba: Rgb
+
+
+@dataclass(frozen=True, eq=False)
+class Text:
+    """A text that faces the browser, `height_m` high."""
+
+    text: str
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A picture with opacity (H, W, 4) in the plane of x and y, the first row at the smallest y."""
+
+    rgba: Rgb
+    width_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frustum:
+    """A camera's view, z ahead, with its picture (H, W, 3) `depth_m` ahead."""
+
+    fov_y_rad: float
+    picture: Rgb
+    depth_m: float = 1.0
+
+
+Shape = Points | Lines | Bodies | Triangles | Text | Texture | Frustum
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """Shapes at `pose` in a frame, as it was at stamp_ns, or if `is_locked` as it is.
+
+    An item replaces the one before of its key, and ends `lifetime_s` after it came; 0 is never.
+    """
+
+    key: object
+    frame_id: str
+    stamp_ns: int
+    shapes: tuple[Shape, ...]
+    pose: Transform = Transform()
+    is_locked: bool = False
+    lifetime_s: float = 0.0
+
+
+def items_of(message: Any, settings: TopicSettings, into_fixed: Transform) -> list[Item]:
+    """The items of a message of any type but images, markers, odometry and logs.
+
+    `into_fixed` is the pose of its frame in the fixed frame, by which heights are coloured. Raises
+    ValueError for what cannot be drawn.
+    """
+    shapes, pose = _SHAPES[type(message)](message, settings, into_fixed)
+    return [Item("", message.frame_id, message.stamp_ns, shapes, pose, settings.locked)]
+
+
+Made = tuple[tuple[Shape, ...], Transform]
+
+
+def columns_of(message: Any) -> tuple[str, ...]:
+    """The names that points of a message can be coloured by, besides "auto" and "flat"."""
+    if isinstance(message, messages.LaserScan):
+        return ("height", *(("intensity",) if len(message.intensities) else ()))
+    if not isinstance(message, messages.PointCloud):
+        return ()
+    names = [each.name[:40] for each in message.fields if each.count <= 1 and each.name]
+    return ("height", *dict.fromkeys(names))[:50]
+
+
+def _cloud(cloud: messages.PointCloud, settings: TopicSettings, into_fixed: Transform) -> Made:
+    missing = [name for name in "xyz" if name not in cloud]
+    if missing:
+        raise ValueError(f"the cloud lacks the columns {', '.join(missing)}")
+    step = max(1, -(-len(cloud) // MOST_POINTS))
+    xyz = cloud.xyz()[::step]
+    if xyz.ndim != 2:
+        raise ValueError("the columns x, y and z must be numbers")
+    return _points(xyz, lambda name: _column(cloud, name, step), settings, into_fixed)
+
+
+def _column(cloud: messages.PointCloud, name: str, step: int) -> NDArray[Any] | None:
+    column = cloud[name][::step] if name in cloud else None
+    return column if column is not None and column.ndim == 1 else None
+
+
+def _scan(scan: messages.LaserScan, settings: TopicSettings, into_fixed: Transform) -> Made:
+    step = max(1, -(-len(scan.ranges) // MOST_POINTS))
+    intensities = scan.intensities[::step] if len(scan.intensities) else None
+    column = {"intensity": intensities}
+    return _points(scan.xyz()[::step], column.get, settings, into_fixed)
+
+
+def _points(
+    xyz: NDArray[Any],
+    column: Callable[[str], NDArray[Any] | None],
+    settings: TopicSettings,
+    into_fixed: Transform,
+) -> Made:
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(xyz) <= _FARTHEST_M).all(axis=1)
+    kept = xyz[near].astype(np.float32)
+    name = settings.color
+    if name == "auto":
+        choices = ("rgb", "rgba", "intensity")
+        name = next((each for each in choices if column(each) is not None), "height")
+    by = column(name)
+    if name == "flat" or (by is None and name != "height"):
+        colors = np.broadcast_to(FLAT, (len(kept), 3))
+    elif by is None:
+        up = into_fixed.as_matrix()[2]
+        colors = colored(kept @ up[:3].astype(np.float32) + np.float32(up[3]))
+    elif name in ("rgb", "rgba") and by.dtype.itemsize == 4:
+        colors = unpacked(by[near])
+    else:
+        colors = colored(by[near])
+    return (Points(kept, np.ascontiguousarray(colors)),), Transform()
+
+
+def transform_of(pose: messages.Pose3D) -> Transform:
+    """The pose as a Transform."""
+    at, turn = pose.position, pose.orientation
+    return Transform((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w))
+
+
+def _path(path: messages.Path, settings: TopicSettings, into_fixed: Transform) -> Made:
+    along = [(p.position.x, p.position.y, p.position.z) for p in (each.pose for each in path.poses)]
+    step = max(1, -(-len(along) // MOST_SHAPES))
+    return (line_along(np.array(along[::step]).reshape(-1, 3), (40, 180, 60)),), Transform()
+
+
+def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
+    """A line along points (N, 3)."""
+    near = xyz[(np.abs(xyz) <= _FARTHEST_M).all(axis=1)].astype(np.float32)
+    ends = np.stack((near[:-1], near[1:]), axis=1) if len(near) else np.zeros((0, 2, 3), np.float32)
+    return Lines(ends, np.broadcast_to(np.array(color, np.uint8), ends.shape).copy())
+
+
+def _poses(poses: messages.PoseArray, settings: TopicSettings, into_fixed: Transform) -> Made:
+    step = max(1, -(-len(poses.poses) // MOST_SHAPES))
+    return (_arrows(poses.poses[::step], (200, 40, 90)),), Transform()
+
+
+def _arrows(poses: NDArray[Any], color: tuple[int, int, int]) -> Bodies:
+    count = len(poses)
+    arrays = TransformArray(poses[:, :3], poses[:, 3:])
+    return Bodies(
+        "arrow",
+        arrays.xyz.astype(np.float32),
+        arrays.quat_wxyz.astype(np.float32),
+        np.tile(np.array((_POSE_M, 0.06, 0.06), np.float32), (count, 1)),
+        np.tile(np.array(color, np.uint8), (count, 1)),
+    )
+
+
+def arrow_at(pose: messages.Pose3D, color: tuple[int, int, int] = (200, 40, 90)) -> Bodies:
+    """An arrow along x of a pose."""
+    return _arrows(np.array([transform_of(pose).as_pose()]), color)
+
+
+def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
+    return (arrow_at(stamped.pose),), Transform()
+
+
+def _pose_with_covariance(
+    stamped: messages.PoseWithCovarianceStamped, settings: TopicSettings, into_fixed: Transform
+) -> Made:
+    return (arrow_at(stamped.pose.pose), *ellipsoid(stamped.pose)), Transform()
+
+
+def ellipsoid(pose: messages.PoseWithCovariance) -> tuple[Bodies, ...]:
+    """The ellipsoid of two standard deviations of the position; none if that is not known."""
+    matrix = np.array(pose.covariance, np.float64).reshape(6, 6)[:3, :3]
+    if not matrix.any() or not np.isfinite(matrix).all() or np.abs(matrix).max() > _FARTHEST_M:
+        return ()
+    variances, axes = np.linalg.eigh((matrix + matrix.T) / 2.0)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    whole = np.eye(4)
+    whole[:3, :3] = axes
+    at = pose.pose.position
+    turn = Transform.from_matrix(whole).quat_xyzw
+    lengths = 4.0 * np.sqrt(np.clip(variances, 1e-8, None))
+    return (
+        Bodies(
+            "sphere",
+            np.array([(at.x, at.y, at.z)], np.float32),
+            np.array([(turn[3], *turn[:3])], np.float32),
+            lengths[None].astype(np.float32),
+            np.array([(150, 80, 200)], np.uint8),
+            0.35,
+        ),
+    )
+
+
+def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Transform) -> Made:
+    cells = grid.cells()
+    if not cells.size:
+        return (), Transform()
+    height, width = cells.shape
+    step = max(1, -(-max(height, width) // _MOST_CELLS))
+    cell_m = grid.info.resolution
+    width_m, height_m = width * cell_m, height * cell_m
+    if max(width_m, height_m) > _FARTHEST_M:
+        raise ValueError("the map is too large to be drawn")
+    texture = Texture(of_cells(cells[::step, ::step]), width_m, height_m)
+    return (texture,), transform_of(grid.info.origin)
+
+
+def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform) -> Made:
+    length = found.range if math.isfinite(found.range) else found.max_range
+    angle = min(max(found.field_of_view, 0.01), 3.0)
+    if not math.isfinite(length) or not 0.0 < length <= _FARTHEST_M:
+        return (), Transform()
+    wide = 2.0 * length * math.tan(angle / 2.0)
+    cone = Bodies(
+        "cone",
+        np.zeros((1, 3), np.float32),
+        np.array([(1.0, 0.0, 0.0, 0.0)], np.float32),
+        np.array([(length, wide, wide)], np.float32),
+        np.array([(230, 190, 40)], np.uint8),
+        0.4,
+    )
+    return (cone,), Transform()
+
+
+_SHAPES: Mapping[type, Callable[[Any, TopicSettings, Transform], Made]] = {
+    messages.PointCloud: _cloud,
+    messages.LaserScan: _scan,
+    messages.Path: _path,
+    messages.PoseArray: _poses,
+    messages.PoseStamped: _pose,
+    messages.PoseWithCovarianceStamped: _pose_with_covariance,
+    messages.OccupancyGrid: _grid,
+    messages.Range: _range,
+}

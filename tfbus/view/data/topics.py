@@ -1,0 +1,160 @@
+"""The topics whose messages the page can draw, and the subscriptions to those that are looked at."""
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from tfbus import messages
+from tfbus.discover.graph import TopicInfo
+from tfbus.errors import TfbusError
+from tfbus.node.node import Node
+from tfbus.node.topic import Subscription
+from tfbus.runtime.log import LogOnce
+from tfbus.wire.codec import type_name
+from tfbus.wording import printable
+
+# Of the others the newest message is all that is drawn.
+_EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)
+_DRAWN = (
+    *_EVERY,
+    messages.PointCloud,
+    messages.LaserScan,
+    messages.Image,
+    messages.CompressedImage,
+    messages.Path,
+    messages.PoseArray,
+    messages.PoseStamped,
+    messages.PoseWithCovarianceStamped,
+    messages.OccupancyGrid,
+    messages.Range,
+)
+TYPES: Mapping[str, type] = {type_name(each): each for each in _DRAWN}
+
+_INFO_TYPE = type_name(messages.CameraInfo)
+
+# Anyone on the bus can make topics: at most this many are offered, and messages kept of each.
+MOST_TOPICS = 100
+_MOST_KEPT = 1000
+# Those among which the newest is chosen that has a transform.
+_MOST_CHOICES = 5
+
+
+class DataSource(Protocol):
+    """The topics of a bus; safe from any thread."""
+
+    def want(self, topics: Mapping[str, TopicInfo]) -> None:
+        """Subscribe to these, and to no others."""
+
+    def waiting(self, topic: str) -> "Waiting | None":
+        """The messages of a topic that are to be drawn; None without a subscription."""
+
+
+class Waiting:
+    """The messages of a topic that are not drawn yet, of a type; the oldest are dropped."""
+
+    def __init__(self, message_type: type) -> None:
+        self.message_type = message_type
+        self.is_every = message_type in _EVERY
+        self._kept: deque[Any] = deque(maxlen=_MOST_KEPT if self.is_every else _MOST_CHOICES)
+        self.received = 0
+
+    def put(self, message: Any) -> None:
+        """Add the newest message."""
+        self.received += 1
+        self._kept.append(message)
+
+    def take(self) -> list[Any]:
+        """All messages, the oldest first; none is left."""
+        taken = []
+        while self._kept:
+            taken.append(self._kept.popleft())
+        return taken
+
+    def put_back(self, taken: list[Any]) -> None:
+        """Keep messages whose transform is not known yet, before those that came since."""
+        room = (self._kept.maxlen or 0) - len(self._kept)
+        if room > 0:
+            self._kept.extendleft(reversed(taken[-room:]))
+
+
+def drawn_type(topic: TopicInfo) -> type | None:
+    """The class of a topic's messages, by its publishers; None if they cannot be drawn."""
+    named = {end.type for end in topic.publishers}
+    return TYPES.get(named.pop()) if len(named) == 1 else None
+
+
+def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
+    """The topic of the CameraInfo beside that of an image, as in ROS: `camera_info` in the same
+    namespace, or in the one above; "" without one.
+    """
+    above = topic
+    for _ in range(2):
+        above = above.rpartition("/")[0]
+        beside = f"{above}/camera_info".lstrip("/")
+        info = topics.get(beside)
+        if info is not None and any(end.type == _INFO_TYPE for end in info.publishers):
+            return beside
+    return ""
+
+
+class NoData:
+    """No topics: those of a recording are not drawn, nor has a buffer any."""
+
+    def want(self, topics: Mapping[str, TopicInfo]) -> None:
+        """There are none."""
+
+    def waiting(self, topic: str) -> Waiting | None:
+        """None."""
+        return None
+
+
+class DataOnBus:
+    """The topics of a node's bus."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._log_once = LogOnce(node.log)
+        self._lock = threading.Lock()
+        self._subscriptions: dict[str, tuple[Subscription[Any], Waiting]] = {}
+
+    def want(self, topics: Mapping[str, TopicInfo]) -> None:
+        """Subscribe to these, and to no others."""
+        types = {
+            name: messages.CameraInfo
+            if info.types == (_INFO_TYPE,)
+            else drawn_type(info)
+            for name, info in topics.items()
+        }
+        with self._lock:
+            for name, (subscription, waiting) in list(self._subscriptions.items()):
+                if types.get(name) is not waiting.message_type:
+                    del self._subscriptions[name]
+                    subscription.close()
+            for name, message_type in types.items():
+                if message_type is not None and name not in self._subscriptions:
+                    retained = any(end.retained for end in topics[name].publishers)
+                    self._subscribe(name, message_type, retained)
+
+    def waiting(self, topic: str) -> Waiting | None:
+        """The messages of a topic that are to be drawn; None without a subscription."""
+        with self._lock:
+            found = self._subscriptions.get(topic)
+            return found[1] if found else None
+
+    def rejected(self, topic: str) -> int:
+        """How many messages could not be read."""
+        with self._lock:
+            found = self._subscriptions.get(topic)
+            return found[0].rejected if found else 0
+
+    def _subscribe(self, name: str, message_type: type, retained: bool) -> None:
+        waiting = Waiting(message_type)
+        try:
+            subscription = self._node.create_subscription(
+                message_type, name, waiting.put, retained=retained
+            )
+        except TfbusError as error:
+            self._log_once.warning(name, "Topic %s is not shown: %s", printable(name), error)
+            return
+        self._subscriptions[name] = subscription, waiting

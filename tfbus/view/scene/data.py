@@ -1,0 +1,364 @@
+"""Messages in three dimensions: the shapes of topics that browsers look at, drawn by a thread of
+their own, so that frames do not wait for clouds and images.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import count
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+from trimesh import creation
+
+from tfbus import messages
+from tfbus.buffer.buffer import Buffer
+from tfbus.discover.graph import TopicInfo
+from tfbus.frames.moment import BusMoment
+from tfbus.geometry.transform import Transform
+from tfbus.runtime.log import LogOnce
+from tfbus.view.data.layer import PlacedItem, TopicLayer
+from tfbus.view.data.shapes import (
+    Bodies,
+    Frustum,
+    Lines,
+    Points,
+    Shape,
+    Text,
+    Texture,
+    Triangles,
+)
+from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
+from tfbus.view.scene.drawn import place_of, scale_of_depth
+from tfbus.view.settings import TopicSettings, ViewSettings
+
+_PERIOD_S = 1.0 / 30.0
+# The pause after a drawing is so many times as long: data take two fifths of a core at most.
+_RESTS_PER_DRAWING = 1.5
+_LOOK_EVERY_S = 1.0
+_END_S = 5.0
+_JPEG_QUALITY = 75
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """The buffer, the fixed frame and the settings to draw by; while `is_held` nothing changes."""
+
+    buffer: Buffer
+    fixed_frame: str
+    settings: ViewSettings
+    is_held: bool
+
+
+@dataclass(eq=False)
+class _DrawnItem:
+    placed: PlacedItem
+    size: float
+    node: Any
+    handles: list[Any]
+
+
+class DataScenes:
+    """Draws the topics of a bus that have their box ticked, while a browser is there.
+
+    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. `pictures`
+    of the panel are set by this thread too: `show_picture[topic](picture)`.
+    """
+
+    def __init__(self, server: viser.ViserServer, source: DataSource, log: logging.Logger) -> None:
+        self._server = server
+        self._source = source
+        self._log_once = LogOnce(log)
+        self.topics: dict[str, TopicInfo] = {}
+        self.layers: dict[str, TopicLayer] = {}
+        self.show_picture: dict[str, Callable[[Any], object]] = {}
+        self._all: Mapping[str, TopicInfo] = {}
+        self._camera_of: dict[str, str] = {}
+        self._cameras: dict[str, messages.CameraInfo] = {}
+        self._shown_pictures: dict[str, int] = {}
+        self._drawn: dict[tuple[str, object], _DrawnItem] = {}
+        self._numbers = count(1)
+        self._looked_s = -_LOOK_EVERY_S
+        self._sight: _Sight | None = None
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    # On the page's thread
+
+    def look(self, moment: BusMoment) -> None:
+        """Note the topics that there are; at most once a second."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s < _LOOK_EVERY_S:
+            return
+        self._looked_s = now_s
+        self._all = moment.topics
+        drawn = {name: info for name, info in self._all.items() if drawn_type(info) is not None}
+        self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
+
+    def see(
+        self,
+        buffer: Buffer,
+        fixed_frame: str,
+        settings: ViewSettings,
+        *,
+        is_held: bool,
+        is_watched: bool,
+    ) -> None:
+        """Draw by these settings; subscribe only to what is looked at."""
+        shown = [each.topic for each in settings.topics if each.shown] if is_watched else []
+        wanted = {name: self.topics[name] for name in shown if name in self.topics}
+        cameras = {
+            name: camera_topic(name, self._all)
+            for name, info in wanted.items()
+            if drawn_type(info) in (messages.Image, messages.CompressedImage)
+        }
+        self._camera_of = {name: beside for name, beside in cameras.items() if beside}
+        beside = {name: self._all[name] for name in self._camera_of.values()}
+        self._source.want(wanted | beside)
+        self._sight = _Sight(buffer, fixed_frame, settings, is_held)
+        if wanted and self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="tfbus view data", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread. Twice is fine."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join(_END_S)
+
+    # On its own thread
+
+    def _run(self) -> None:
+        rest_s = 0.0
+        while not self._ended.wait(max(_PERIOD_S, rest_s)):
+            begin_s = time.monotonic()
+            try:
+                self.step(begin_s)
+            except Exception as error:
+                if self._ended.is_set():
+                    return
+                self._log_once.exception((type(error), str(error)), "Could not draw messages")
+            rest_s = _RESTS_PER_DRAWING * (time.monotonic() - begin_s)
+
+    def step(self, now_s: float) -> None:
+        """Take the messages that came, and draw them."""
+        sight = self._sight
+        if sight is None:
+            return
+        chosen = {each.topic: each for each in sight.settings.topics if each.shown}
+        layers: dict[str, TopicLayer] = {}
+        for topic in chosen:
+            waiting = self._source.waiting(topic)
+            if waiting is not None and topic in self.topics:
+                layer = self.layers.get(topic)
+                is_same = layer is not None and layer.waiting is waiting
+                layers[topic] = layer if layer and is_same else TopicLayer(waiting)
+        # A browser that comes back finds what it left.
+        kept = {name: each for name, each in self.layers.items() if name in chosen}
+        self.layers = kept | layers
+        for topic, layer in layers.items():
+            if sight.is_held:
+                break
+            camera = self._camera(topic)
+            layer.step(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera)
+        with self._server.atomic():
+            self._draw(chosen)
+        for topic, layer in layers.items():
+            self._show_picture(topic, layer)
+        self._server.flush()
+
+    def _camera(self, topic: str) -> messages.CameraInfo | None:
+        beside = self._camera_of.get(topic, "")
+        waiting = self._source.waiting(beside) if beside else None
+        if waiting is not None and (taken := waiting.take()):
+            self._cameras[topic] = taken[-1]
+        return self._cameras.get(topic) if beside else None
+
+    def _show_picture(self, topic: str, layer: TopicLayer) -> None:
+        show = self.show_picture.get(topic)
+        if show is None or layer.picture is None:
+            return
+        if self._shown_pictures.get(topic) != id(layer.picture):
+            self._shown_pictures[topic] = id(layer.picture)
+            show(layer.picture)
+
+    def _draw(self, chosen: Mapping[str, TopicSettings]) -> None:
+        items = {
+            (topic, key): placed
+            for topic, layer in self.layers.items()
+            for key, placed in layer.placed.items()
+        }
+        for gone in self._drawn.keys() - items.keys():
+            former = self._drawn.pop(gone)
+            for handle in (*former.handles, former.node):
+                handle.remove()
+        for at, placed in items.items():
+            size = chosen[at[0]].size
+            drawn = self._drawn.get(at)
+            if drawn is None:
+                node = self._scene.add_frame(
+                    f"/data/{next(self._numbers)}", show_axes=False, **_place(placed.pose)
+                )
+                handles = self._made(placed, node.name, size)
+                self._drawn[at] = _DrawnItem(placed, size, node, handles)
+                continue
+            if drawn.placed.pose != placed.pose:
+                put = _place(placed.pose)
+                drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
+            if drawn.placed.item is not placed.item or drawn.size != size:
+                former_handles = drawn.handles
+                drawn.handles = self._made(placed, drawn.node.name, size)
+                for handle in former_handles[len(drawn.handles) :]:
+                    handle.remove()
+                drawn.size = size
+            drawn.placed = placed
+
+    def _made(self, placed: PlacedItem, path: str, size: float) -> list[Any]:
+        """Add the shapes, in the place of those that are there already."""
+        made = []
+        for shape in placed.item.shapes:
+            if not _is_empty(shape):
+                make = _MAKERS[type(shape)]
+                made.append(make(self._scene, f"{path}/{len(made)}", shape, size))
+        return made
+
+    @property
+    def _scene(self) -> viser.SceneApi:
+        return self._server.scene
+
+
+def _place(pose: Transform) -> dict[str, Any]:
+    return place_of(pose)
+
+
+def _is_empty(shape: Shape) -> bool:
+    parts = {Points: "xyz", Lines: "ends", Bodies: "xyz", Triangles: "corners"}
+    name = parts.get(type(shape))
+    return bool(name) and not len(getattr(shape, name or ""))
+
+
+def _points(scene: viser.SceneApi, path: str, points: Points, size_cm: float) -> Any:
+    return scene.add_point_cloud(
+        path,
+        points.xyz,
+        points.colors,
+        point_size=points.size_m or size_cm / 100.0,
+        point_shape="circle",
+        precision="float32",
+    )
+
+
+def _lines(scene: viser.SceneApi, path: str, lines: Lines, size_cm: float) -> Any:
+    thick: dict[str, Any] = {"thickness": lines.width_m}
+    if not lines.width_m:
+        thick = {"thickness": 2.5, "thickness_units": "screen"}
+    return scene.add_line_segments(path, lines.ends, lines.colors, **thick)
+
+
+def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) -> Any:
+    vertices, faces = _unit(bodies.kind)
+    return scene.add_batched_meshes_simple(
+        path,
+        vertices,
+        faces,
+        bodies.quat_wxyz,
+        bodies.xyz,
+        batched_scales=bodies.scales,
+        batched_colors=bodies.colors,
+        opacity=None if bodies.opacity >= 1.0 else bodies.opacity,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
+
+
+@cache
+def _unit(kind: str) -> tuple[Any, Any]:
+    """The mesh of a body that is 1 m long each way; arrows and cones are along x."""
+    if kind == "cube":
+        mesh = creation.box()
+    elif kind == "sphere":
+        mesh = creation.icosphere(subdivisions=3, radius=0.5)
+    elif kind == "cylinder":
+        mesh = creation.cylinder(0.5, 1.0, sections=24)
+    elif kind == "cone":
+        # Its tip is at the origin.
+        mesh = creation.cone(0.5, 1.0, sections=24)
+        mesh.apply_translation((0.0, 0.0, -1.0))
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (0, 1, 0)))
+    else:
+        shaft = creation.cylinder(0.25, 0.77, sections=16)
+        shaft.apply_translation((0.0, 0.0, 0.385))
+        head = creation.cone(0.5, 0.23, sections=16)
+        head.apply_translation((0.0, 0.0, 0.77))
+        mesh = trimesh.util.concatenate([shaft, head])
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
+    return mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)
+
+
+def _triangles(scene: viser.SceneApi, path: str, triangles: Triangles, size_cm: float) -> Any:
+    faces = np.arange(len(triangles.corners)).reshape(-1, 3)
+    both = np.concatenate((faces, faces[:, ::-1]))
+    mesh = trimesh.Trimesh(
+        triangles.corners, both, vertex_colors=triangles.rgba, process=False, validate=False
+    )
+    return scene.add_mesh_trimesh(path, mesh, cast_shadow=False, receive_shadow=False)
+
+
+def _text(scene: viser.SceneApi, path: str, text: Text, size_cm: float) -> Any:
+    return scene.add_label(
+        path,
+        text.text,
+        font_size_mode="scene",
+        font_scene_height=text.height_m,
+        anchor="center-center",
+    )
+
+
+# viser's images have y down.
+_UPRIGHT = Transform.from_rpy(np.pi, 0.0, 0.0)
+
+
+def _texture(scene: viser.SceneApi, path: str, texture: Texture, size_cm: float) -> Any:
+    middle = Transform((texture.width_m / 2.0, texture.height_m / 2.0, 0.0)) @ _UPRIGHT
+    return scene.add_image(
+        path,
+        np.ascontiguousarray(texture.rgba[::-1]),
+        render_width=texture.width_m,
+        render_height=texture.height_m,
+        format="png",
+        cast_shadow=False,
+        receive_shadow=False,
+        **place_of(middle),
+    )
+
+
+def _frustum(scene: viser.SceneApi, path: str, frustum: Frustum, size_cm: float) -> Any:
+    aspect = frustum.picture.shape[1] / frustum.picture.shape[0]
+    return scene.add_camera_frustum(
+        path,
+        fov=frustum.fov_y_rad,
+        aspect=aspect,
+        scale=frustum.depth_m * scale_of_depth(frustum.fov_y_rad, aspect),
+        image=frustum.picture,
+        format="jpeg",
+        jpeg_quality=_JPEG_QUALITY,
+        thickness=0.01,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
+
+
+_MAKERS: Mapping[type, Callable[[viser.SceneApi, str, Any, float], Any]] = {
+    Points: _points,
+    Lines: _lines,
+    Bodies: _bodies,
+    Triangles: _triangles,
+    Text: _text,
+    Texture: _texture,
+    Frustum: _frustum,
+}

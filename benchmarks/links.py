@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import machine
-from benchmarks.bus.links import Heard
+from benchmarks.bus.links import SETTLE_S, Heard
 from benchmarks.bus.place import Process, place
 from benchmarks.parts import Table
 from tests.hosts.lossy_link import Conditions
@@ -96,7 +96,7 @@ def measure(link: Link, network: str) -> Row:
         robot.tell()
         longest_s = robot.hear()
         listener.tell()
-        took_s = SECONDS + 1.0 + (heard.joined_s or 0.0)
+        took_s = SECONDS + SETTLE_S + (heard.joined_s or 0.0)
         return Row(heard, longest_s, carried / took_s)
 
 

@@ -11,7 +11,8 @@ DYNAMIC, STATICS = 50, 20
 # The age of a lookup that is answered where frames come in time.
 PAST_S = 0.5
 JOIN_WITHIN_S = 20.0
-_SETTLE_S = 1.0
+# The link of datagrams opens after that of TCP, and some tries are lost.
+SETTLE_S = 6.0
 _LOOKS_A_SECOND = 50.0
 
 
@@ -89,7 +90,7 @@ def listen(seconds: float) -> None:
                 joined_s = time.monotonic() - began_s
                 break
             time.sleep(0.01)
-        time.sleep(_SETTLE_S)
+        time.sleep(SETTLE_S)
         ages, answered, asked, gone, were_gone = [], 0, 0, 0, False
         messages, since_s = _messages(listener), time.monotonic()
         moving = tuple({*moving} & {*buffer.frames()})

@@ -83,7 +83,7 @@ NETWORKS = {
             message_bytes=_MESSAGE,
             packet_bytes=_PACKET,
             urgent_batches=1,
-            open_s=3.0,
+            open_s=2.5,
             retry_s=0.25,
             tcp_bytes=32768,
         ),

@@ -19,7 +19,6 @@ from trimesh import creation
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo
-from tfbus.frames.moment import BusMoment
 from tfbus.geometry.transform import Transform
 from tfbus.runtime.log import LogOnce
 from tfbus.view.data.layer import PlacedItem, TopicLayer
@@ -34,13 +33,13 @@ from tfbus.view.data.shapes import (
     Triangles,
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
+from tfbus.view.frames import Floats
 from tfbus.view.scene.drawn import place_of, scale_of_depth
 from tfbus.view.settings import TopicSettings, ViewSettings
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
-_LOOK_EVERY_S = 1.0
 _END_S = 5.0
 _JPEG_QUALITY = 75
 
@@ -83,22 +82,11 @@ class DataScenes:
         self._shown_pictures: dict[str, int] = {}
         self._drawn: dict[tuple[str, object], _DrawnItem] = {}
         self._numbers = count(1)
-        self._looked_s = -_LOOK_EVERY_S
         self._sight: _Sight | None = None
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     # On the page's thread
-
-    def look(self, moment: BusMoment) -> None:
-        """Note the topics that there are; at most once a second."""
-        now_s = time.monotonic()
-        if now_s - self._looked_s < _LOOK_EVERY_S:
-            return
-        self._looked_s = now_s
-        self._all = moment.topics
-        drawn = {name: info for name, info in self._all.items() if drawn_type(info) is not None}
-        self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
 
     def see(
         self,
@@ -109,7 +97,11 @@ class DataScenes:
         is_held: bool,
         is_watched: bool,
     ) -> None:
-        """Draw by these settings; subscribe only to what is looked at."""
+        """Draw by these settings; ask for topics, and subscribe, only while somebody looks."""
+        if is_watched:
+            self._all = self._source.topics()
+            drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
+            self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
         shown = [each.topic for each in settings.topics if each.shown] if is_watched else []
         wanted = {name: self.topics[name] for name in shown if name in self.topics}
         cameras = {
@@ -125,9 +117,20 @@ class DataScenes:
             self._thread = threading.Thread(target=self._run, name="tfbus view data", daemon=True)
             self._thread.start()
 
+    def points(self) -> Floats:
+        """Some of the points of all that is drawn (N, 3), in the fixed frame."""
+        found = [
+            placed.pose.apply(_some_points(shape))
+            for layer in self.layers.copy().values()
+            for placed in layer.placed.copy().values()
+            for shape in placed.item.shapes
+        ]
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
     def close(self) -> None:
         """End the thread. Twice is fine."""
         self._ended.set()
+        self._source.close()
         if self._thread is not None:
             self._thread.join(_END_S)
 
@@ -234,6 +237,25 @@ class DataScenes:
 
 def _place(pose: Transform) -> dict[str, Any]:
     return place_of(pose)
+
+
+_MOST_POINTS = 200
+
+
+def _some_points(shape: Shape) -> Floats:
+    """Points of a shape (N, 3), at most 200."""
+    match shape:
+        case Points() | Bodies():
+            xyz = shape.xyz
+        case Lines():
+            xyz = shape.ends.reshape(-1, 3)
+        case Triangles():
+            xyz = shape.corners
+        case Texture():
+            xyz = np.array([(0.0, 0.0, 0.0), (shape.width_m, shape.height_m, 0.0)])
+        case _:
+            xyz = np.zeros((1, 3))
+    return xyz[:: max(1, len(xyz) // _MOST_POINTS)].astype(np.float64)
 
 
 def _is_empty(shape: Shape) -> bool:

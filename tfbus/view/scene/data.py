@@ -205,38 +205,49 @@ class DataScenes:
             drawn = self._drawn.get(at)
             if drawn is None:
                 node = self._scene.add_frame(
-                    f"/data/{next(self._numbers)}", show_axes=False, **_place(placed.pose)
+                    f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
                 )
                 handles = self._made(placed, node.name, size)
                 self._drawn[at] = _DrawnItem(placed, size, node, handles)
                 continue
             if drawn.placed.pose != placed.pose:
-                put = _place(placed.pose)
+                put = place_of(placed.pose)
                 drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
             if drawn.placed.item is not placed.item or drawn.size != size:
-                former_handles = drawn.handles
-                drawn.handles = self._made(placed, drawn.node.name, size)
+                former, former_handles = drawn.placed, drawn.handles
+                drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
                 for handle in former_handles[len(drawn.handles) :]:
                     handle.remove()
                 drawn.size = size
             drawn.placed = placed
 
-    def _made(self, placed: PlacedItem, path: str, size: float) -> list[Any]:
-        """Add the shapes, in the place of those that are there already."""
-        made = []
+    def _made(
+        self,
+        placed: PlacedItem,
+        path: str,
+        size: float,
+        former: PlacedItem | None = None,
+        handles: list[Any] | None = None,
+    ) -> list[Any]:
+        """Add the shapes, in the place of those of the `former` item, which have these handles."""
+        there = [shape for shape in former.item.shapes if not _is_empty(shape)] if former else []
+        made: list[Any] = []
         for shape in placed.item.shapes:
-            if not _is_empty(shape):
+            if _is_empty(shape):
+                continue
+            at = len(made)
+            before = there[at] if at < len(there) else None
+            if handles and isinstance(shape, Bodies) and _is_alike(shape, before):
+                _move(handles[at], shape)
+                made.append(handles[at])
+            else:
                 make = _MAKERS[type(shape)]
-                made.append(make(self._scene, f"{path}/{len(made)}", shape, size))
+                made.append(make(self._scene, f"{path}/{at}", shape, size))
         return made
 
     @property
     def _scene(self) -> viser.SceneApi:
         return self._server.scene
-
-
-def _place(pose: Transform) -> dict[str, Any]:
-    return place_of(pose)
 
 
 _MOST_POINTS = 200
@@ -292,10 +303,25 @@ def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) ->
         bodies.xyz,
         batched_scales=bodies.scales,
         batched_colors=bodies.colors,
+        lod="off",
         opacity=None if bodies.opacity >= 1.0 else bodies.opacity,
         cast_shadow=False,
         receive_shadow=False,
     )
+
+
+def _is_alike(bodies: Bodies, before: Shape | None) -> bool:
+    if not isinstance(before, Bodies):
+        return False
+    return (bodies.kind, bodies.opacity) == (before.kind, before.opacity)
+
+
+def _move(handle: Any, bodies: Bodies) -> None:
+    """Change bodies that are there: browsers take long to make others of their kind."""
+    handle.batched_positions = bodies.xyz
+    handle.batched_wxyzs = bodies.quat_wxyz
+    handle.batched_scales = bodies.scales
+    handle.batched_colors = bodies.colors
 
 
 @cache

@@ -7,7 +7,13 @@ import math
 
 import numpy as np
 
-from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
+from tfbus import (
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
 from tfbus.messages import CameraInfo, Image, LaserScan, PointCloud
 
 ROOM_M = 5.0

@@ -173,5 +173,3 @@ def _arrows(
         rgb[kept],
         opacity,
     )
-
-

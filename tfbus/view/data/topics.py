@@ -153,9 +153,7 @@ class DataOnBus:
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
         types = {
-            name: messages.CameraInfo
-            if info.types == (_INFO_TYPE,)
-            else drawn_type(info)
+            name: messages.CameraInfo if info.types == (_INFO_TYPE,) else drawn_type(info)
             for name, info in topics.items()
         }
         with self._lock:

@@ -14,7 +14,7 @@ from tfbus.frames.moment import BusMoment
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
-from tfbus.view.data.topics import DataSource, NoData
+from tfbus.view.data.topics import DataSource
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.guest import Guest, Region
 from tfbus.view.panels.panel import Panel
@@ -153,7 +153,7 @@ class Page:
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self.server.scene)
-        self.data = DataScenes(self.server, data or NoData(), host.log)
+        self.data = DataScenes(self.server, data, host.log) if data else None
         self.panel = Panel(
             self.server,
             self.view,
@@ -167,7 +167,7 @@ class Page:
             self.robots,
             replay,
             serving.roster,
-            None if data is None else self.data,
+            self.data,
         )
         self._scene = Scene(self.server.scene, self._select)
 
@@ -247,13 +247,14 @@ class Page:
             self.frames = self._look(settings)
         if is_due or settings is not self.choice.settings:
             self.choice = self._choose(settings)
-            self.data.see(
-                self._buffer,
-                self.choice.fixed_frame,
-                settings,
-                is_held=not playback.follows,
-                is_watched=is_watched,
-            )
+            if self.data:
+                self.data.see(
+                    self._buffer,
+                    self.choice.fixed_frame,
+                    settings,
+                    is_held=not playback.follows,
+                    is_watched=is_watched,
+                )
         if not is_watched and not is_due:
             return
         choice, stamp_ns = self.choice, playback.stamp_ns
@@ -282,7 +283,8 @@ class Page:
     def close(self) -> None:
         """Stop serving. Twice is fine."""
         self.robots.close()
-        self.data.close()
+        if self.data:
+            self.data.close()
         stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
@@ -297,7 +299,6 @@ class Page:
         moment = self._bus.moment()
         self._now_ns = moment.now_ns
         self.panel.fleet.refresh(moment)
-        self.data.look(moment)
         return frames_of(moment, self._buffer, before)
 
     def _choose(self, settings: ViewSettings) -> Choice:
@@ -401,15 +402,18 @@ class Page:
             self.cameras.refit(self._region_of_all())
 
     def show_all(self, client: int) -> None:
-        """Let a browser see all that is drawn: frames, robots, and shapes of guests."""
+        """Let a browser see all that is drawn: frames, robots, messages, and shapes of guests."""
         self.cameras.show(client, self._region_of_all())
 
     def _region_of_all(self) -> Region:
         region = self._guests_region()
         if region is not None and not (self._placed.names or self.robots.robots):
             return region
-        frames = self._region_with_robots(self._placed, self.whole) or region_of(self._placed)
-        return around(frames, region) if region else frames
+        found = self._region_with_robots(self._placed, self.whole) or region_of(self._placed)
+        data = self.data.points() if self.data else None
+        if data is not None and len(data):
+            found = around(found, region_of_points(data))
+        return around(found, region) if region else found
 
     def focus(self, client: int) -> str:
         """Let a browser look at the frame that it has selected; why it cannot, "" if it can."""

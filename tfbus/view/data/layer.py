@@ -31,6 +31,7 @@ from tfbus.wording import printable
 
 # A message whose transform is not known after so long is not drawn.
 _WAITS_S = 5.0
+_TROUBLE_AFTER_S = 1.0
 # Of clouds that decay, as many messages, and points, are drawn; of markers as many.
 _MOST_DECAYING = 60
 _MOST_DECAYING_POINTS = 5 * MOST_POINTS
@@ -54,8 +55,7 @@ class PlacedItem:
 class TopicLayer:
     """What is drawn of one topic: `placed` items by key, a `picture`, or `lines` of a log.
 
-    `drawn` messages were, `dropped` were not, by reason; `trouble` says why the last was not.
-    `columns` are those that points can be coloured by.
+    `drawn` messages were, and `dropped` messages or markers were not, by reason. `columns` are those that points can be coloured by.
     """
 
     def __init__(self, waiting: Waiting) -> None:
@@ -66,7 +66,7 @@ class TopicLayer:
         self.columns: tuple[str, ...] = ()
         self.drawn = 0
         self.dropped: Counter[str] = Counter()
-        self.trouble = ""
+        self._refusal = self._waits_for = ""
         self._unplaced: dict[object, tuple[Item, float]] = {}
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
@@ -75,6 +75,11 @@ class TopicLayer:
         self._waits_since_s: float | None = None
         self._count = 0
         self._trail: deque[tuple[float, float, float]] = deque(maxlen=_MOST_TRAIL)
+
+    @property
+    def trouble(self) -> str:
+        """Why the last message, or part of it, is not drawn; "" if it is."""
+        return self._refusal or self._waits_for
 
     def step(
         self,
@@ -146,12 +151,12 @@ class TopicLayer:
         try:
             items = self._items(buffer, message, settings, camera)
         except TransformException as error:
-            self.trouble = printable(str(error), 300)
+            self._wait(error, now_s, self._waits_since_s)
             return False
-        except (ValueError, ArithmeticError, IndexError, TypeError, MemoryError) as error:
+        except _REFUSALS as error:
             self._refuse(error)
             return True
-        self.trouble = ""
+        self._refusal = self._waits_for = ""
         self._last = message
         self.drawn += 1
         for item in items:
@@ -205,12 +210,8 @@ class TopicLayer:
     def _take_every(self, now_s: float, settings: TopicSettings) -> None:
         taken = self.waiting.take()
         for message in taken:
-            try:
-                _TAKERS[type(message)](self, message, now_s)
-            except (ValueError, ArithmeticError, IndexError, TypeError, MemoryError) as error:
-                self._refuse(error)
-            else:
-                self.drawn += 1
+            _TAKERS[type(message)](self, message, now_s)
+            self.drawn += 1
         if taken and isinstance(taken[-1], messages.Odometry):
             self._due_s = now_s + 1.0 / settings.rate_hz
             self._draw_odometry(taken[-1], now_s, settings)
@@ -219,10 +220,15 @@ class TopicLayer:
         self.lines.append(line)
 
     def _take_markers(self, array: messages.MarkerArray, now_s: float) -> None:
+        self._refusal = ""
         for marker in array.markers:
-            self._take_marker(marker, now_s)
+            self._take_one(marker, now_s)
 
     def _take_marker(self, marker: messages.Marker, now_s: float) -> None:
+        self._refusal = ""
+        self._take_one(marker, now_s)
+
+    def _take_one(self, marker: messages.Marker, now_s: float) -> None:
         key = (marker.ns, marker.id)
         if marker.action == messages.Marker.DELETEALL:
             for kept in [*self.placed, *self._unplaced]:
@@ -231,9 +237,13 @@ class TopicLayer:
         elif marker.action == messages.Marker.DELETE:
             self._remove(key)
         elif len(self.placed) + len(self._unplaced) >= _MOST_MARKERS and key not in self.placed:
-            raise ValueError(f"more than {_MOST_MARKERS} markers are not drawn")
+            self._refuse(ValueError(f"more than {_MOST_MARKERS} markers are not drawn"))
         else:
-            self._add(item_of(marker), now_s)
+            try:
+                self._add(item_of(marker), now_s)
+            except _REFUSALS as error:
+                self._remove(key)
+                self._refuse(error)
 
     def _take_odometry(self, odometry: messages.Odometry, now_s: float) -> None:
         at = odometry.pose.pose.position
@@ -259,8 +269,9 @@ class TopicLayer:
     def _place(self, buffer: Buffer, now_s: float) -> None:
         for key, (item, since_s) in [*self._unplaced.items()]:
             ends_s = since_s + item.lifetime_s if item.lifetime_s else math.inf
-            pose = self._pose(buffer, item)
+            pose = self._pose(buffer, item, now_s, since_s)
             if pose is not None:
+                self._waits_for = ""
                 # Those that decay are in their order.
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
@@ -270,23 +281,33 @@ class TopicLayer:
                 self.placed.pop(key, None)
                 self.dropped["no transform"] += 1
         for key, each in self.placed.items():
-            if each.item.is_locked and (pose := self._pose(buffer, each.item)):
+            if each.item.is_locked and (pose := self._pose(buffer, each.item, now_s)):
                 if pose != each.pose:
                     self.placed[key] = replace(each, pose=pose)
 
-    def _pose(self, buffer: Buffer, item: Item) -> Transform | None:
+    def _pose(
+        self, buffer: Buffer, item: Item, now_s: float, since_s: float | None = None
+    ) -> Transform | None:
         stamp_ns = None if item.is_locked else item.stamp_ns or None
         try:
             found = buffer.lookup_transform(self._fixed_frame, item.frame_id, stamp_ns)
         except TransformException as error:
-            self.trouble = printable(str(error), 300)
+            self._wait(error, now_s, since_s)
             return None
         return found.transform @ item.pose
 
+    def _wait(self, error: TransformException, now_s: float, since_s: float | None) -> None:
+        # A transform that comes a little after its message is no trouble.
+        if since_s is not None and now_s - since_s > _TROUBLE_AFTER_S:
+            self._waits_for = printable(str(error), 300)
+
     def _refuse(self, error: Exception) -> None:
         self.dropped["cannot be drawn"] += 1
-        self.trouble = printable(str(error), 300)
+        self._refusal = printable(str(error), 300)
 
+
+# By the numbers in a message: its checks cannot foresee all.
+_REFUSALS = (ValueError, ArithmeticError, IndexError, TypeError, MemoryError)
 
 _TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
     messages.Log: TopicLayer._take_log,

@@ -22,6 +22,7 @@ MOST_POINTS = 100_000
 # Of lines, bodies and poses; and the sides of a map in cells.
 MOST_SHAPES = 20_000
 _MOST_CELLS = 2048
+_FINE_CELLS = 1024
 # As for frames: browsers draw with 32 bits.
 _FARTHEST_M = 1e15
 _POSE_M = 0.3
@@ -270,7 +271,10 @@ def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Tra
     width_m, height_m = width * cell_m, height * cell_m
     if max(width_m, height_m) > _FARTHEST_M:
         raise ValueError("the map is too large to be drawn")
-    texture = Texture(of_cells(cells[::step, ::step]), width_m, height_m)
+    # Browsers blur the borders of pixels.
+    large = max(1, _FINE_CELLS // max(height, width))
+    fine = np.repeat(np.repeat(cells[::step, ::step], large, axis=0), large, axis=1)
+    texture = Texture(of_cells(fine), width_m, height_m)
     return (texture,), transform_of(grid.info.origin)
 
 

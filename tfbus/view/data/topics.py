@@ -1,15 +1,16 @@
 """The topics whose messages the page can draw, and the subscriptions to those that are looked at."""
 
-import threading
 from collections import deque
 from collections.abc import Mapping
 from typing import Any, Protocol
 
 from tfbus import messages
-from tfbus.discover.graph import TopicInfo
+from tfbus.discover.graph import TopicInfo, graph_of
+from tfbus.discover.presence import GraphWatch
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import Subscription
+from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import type_name
 from tfbus.wording import printable
@@ -36,6 +37,8 @@ _INFO_TYPE = type_name(messages.CameraInfo)
 # Anyone on the bus can make topics: at most this many are offered, and messages kept of each.
 MOST_TOPICS = 100
 _MOST_KEPT = 1000
+_ASK_EVERY_S = 2.0
+_ANSWER_WITHIN_S = 1.0
 # Those among which the newest is chosen that has a transform.
 _MOST_CHOICES = 5
 
@@ -43,11 +46,20 @@ _MOST_CHOICES = 5
 class DataSource(Protocol):
     """The topics of a bus; safe from any thread."""
 
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """All topics as they were known last; it asks for news, and does not wait."""
+
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
 
     def waiting(self, topic: str) -> "Waiting | None":
         """The messages of a topic that are to be drawn; None without a subscription."""
+
+    def rejected(self, topic: str) -> int:
+        """How many messages could not be read."""
+
+    def close(self) -> None:
+        """End it. Twice is fine."""
 
 
 class Waiting:
@@ -98,25 +110,45 @@ def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
     return ""
 
 
-class NoData:
-    """No topics: those of a recording are not drawn, nor has a buffer any."""
-
-    def want(self, topics: Mapping[str, TopicInfo]) -> None:
-        """There are none."""
-
-    def waiting(self, topic: str) -> Waiting | None:
-        """None."""
-        return None
-
-
 class DataOnBus:
-    """The topics of a node's bus."""
+    """The topics of a node's bus; the nodes are asked for theirs while somebody wants to know."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._log_once = LogOnce(node.log)
-        self._lock = threading.Lock()
+        self._graph = GraphWatch(node.session, node.log, answer_within_s=_ANSWER_WITHIN_S)
+        self._lock = scheduler.Lock()
         self._subscriptions: dict[str, tuple[Subscription[Any], Waiting]] = {}
+        self._topics: Mapping[str, TopicInfo] = {}
+        self._is_asking = False
+        self._asked_s = -_ASK_EVERY_S
+
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """All topics as they were known last; it asks for news, and does not wait."""
+        now_s = scheduler.monotonic()
+        with self._lock:
+            is_due = not self._is_asking and now_s - self._asked_s >= _ASK_EVERY_S
+            if is_due:
+                self._is_asking = True
+        if is_due:
+            # An answer takes a second if a node is silent; messages must not wait for it.
+            scheduler.Thread(target=self._ask, name="tfbus view topics", daemon=True).start()
+        return self._topics
+
+    def _ask(self) -> None:
+        try:
+            nodes = self._graph.nodes()
+            self._topics = graph_of(nodes, {}, self._node.session.settings.namespace).topics
+        except TfbusError as error:
+            self._log_once.warning("graph", "The topics are not known: %s", error)
+        finally:
+            with self._lock:
+                self._is_asking = False
+                self._asked_s = scheduler.monotonic()
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self.want({})
 
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""

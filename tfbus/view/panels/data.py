@@ -18,7 +18,12 @@ from tfbus.wording import printable
 _COLORS = ("auto", "flat", "height")
 _POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
-_NOT_IN_SCENE = (messages.Log,)
+_WITHOUT_LOCK = (
+    messages.Log,
+    messages.Marker,
+    messages.MarkerArray,
+    messages.OccupancyGrid,
+)
 
 
 class DataPanel:
@@ -88,7 +93,7 @@ class _TopicRow:
                 self._controls["color"] = Control(self._color, self._setter("color"))
                 self._slider("size", "Size (cm)", 0.5)
                 self._slider("decay_s", "Decay (s)", 0.5)
-            if message_type not in (*_NOT_IN_SCENE, messages.Marker, messages.MarkerArray):
+            if message_type not in _WITHOUT_LOCK:
                 self._slider("rate_hz", "At most (Hz)", 0.1)
                 self._controls["locked"] = Control(
                     gui.add_checkbox(

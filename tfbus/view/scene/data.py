@@ -19,7 +19,6 @@ from trimesh import creation
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo
-from tfbus.frames.moment import BusMoment
 from tfbus.geometry.transform import Transform
 from tfbus.runtime.log import LogOnce
 from tfbus.view.data.layer import PlacedItem, TopicLayer
@@ -34,13 +33,13 @@ from tfbus.view.data.shapes import (
     Triangles,
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
+from tfbus.view.frames import Floats
 from tfbus.view.scene.drawn import place_of, scale_of_depth
 from tfbus.view.settings import TopicSettings, ViewSettings
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
-_LOOK_EVERY_S = 1.0
 _END_S = 5.0
 _JPEG_QUALITY = 75
 
@@ -83,22 +82,11 @@ class DataScenes:
         self._shown_pictures: dict[str, int] = {}
         self._drawn: dict[tuple[str, object], _DrawnItem] = {}
         self._numbers = count(1)
-        self._looked_s = -_LOOK_EVERY_S
         self._sight: _Sight | None = None
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     # On the page's thread
-
-    def look(self, moment: BusMoment) -> None:
-        """Note the topics that there are; at most once a second."""
-        now_s = time.monotonic()
-        if now_s - self._looked_s < _LOOK_EVERY_S:
-            return
-        self._looked_s = now_s
-        self._all = moment.topics
-        drawn = {name: info for name, info in self._all.items() if drawn_type(info) is not None}
-        self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
 
     def see(
         self,
@@ -109,7 +97,11 @@ class DataScenes:
         is_held: bool,
         is_watched: bool,
     ) -> None:
-        """Draw by these settings; subscribe only to what is looked at."""
+        """Draw by these settings; ask for topics, and subscribe, only while somebody looks."""
+        if is_watched:
+            self._all = self._source.topics()
+            drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
+            self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
         shown = [each.topic for each in settings.topics if each.shown] if is_watched else []
         wanted = {name: self.topics[name] for name in shown if name in self.topics}
         cameras = {
@@ -125,9 +117,20 @@ class DataScenes:
             self._thread = threading.Thread(target=self._run, name="tfbus view data", daemon=True)
             self._thread.start()
 
+    def points(self) -> Floats:
+        """Some of the points of all that is drawn (N, 3), in the fixed frame."""
+        found = [
+            placed.pose.apply(_some_points(shape))
+            for layer in self.layers.copy().values()
+            for placed in layer.placed.copy().values()
+            for shape in placed.item.shapes
+        ]
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
     def close(self) -> None:
         """End the thread. Twice is fine."""
         self._ended.set()
+        self._source.close()
         if self._thread is not None:
             self._thread.join(_END_S)
 
@@ -202,29 +205,44 @@ class DataScenes:
             drawn = self._drawn.get(at)
             if drawn is None:
                 node = self._scene.add_frame(
-                    f"/data/{next(self._numbers)}", show_axes=False, **_place(placed.pose)
+                    f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
                 )
                 handles = self._made(placed, node.name, size)
                 self._drawn[at] = _DrawnItem(placed, size, node, handles)
                 continue
             if drawn.placed.pose != placed.pose:
-                put = _place(placed.pose)
+                put = place_of(placed.pose)
                 drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
             if drawn.placed.item is not placed.item or drawn.size != size:
-                former_handles = drawn.handles
-                drawn.handles = self._made(placed, drawn.node.name, size)
+                former, former_handles = drawn.placed, drawn.handles
+                drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
                 for handle in former_handles[len(drawn.handles) :]:
                     handle.remove()
                 drawn.size = size
             drawn.placed = placed
 
-    def _made(self, placed: PlacedItem, path: str, size: float) -> list[Any]:
-        """Add the shapes, in the place of those that are there already."""
-        made = []
+    def _made(
+        self,
+        placed: PlacedItem,
+        path: str,
+        size: float,
+        former: PlacedItem | None = None,
+        handles: list[Any] | None = None,
+    ) -> list[Any]:
+        """Add the shapes, in the place of those of the `former` item, which have these handles."""
+        there = [shape for shape in former.item.shapes if not _is_empty(shape)] if former else []
+        made: list[Any] = []
         for shape in placed.item.shapes:
-            if not _is_empty(shape):
+            if _is_empty(shape):
+                continue
+            at = len(made)
+            before = there[at] if at < len(there) else None
+            if handles and isinstance(shape, Bodies) and _is_alike(shape, before):
+                _move(handles[at], shape)
+                made.append(handles[at])
+            else:
                 make = _MAKERS[type(shape)]
-                made.append(make(self._scene, f"{path}/{len(made)}", shape, size))
+                made.append(make(self._scene, f"{path}/{at}", shape, size))
         return made
 
     @property
@@ -232,8 +250,23 @@ class DataScenes:
         return self._server.scene
 
 
-def _place(pose: Transform) -> dict[str, Any]:
-    return place_of(pose)
+_MOST_POINTS = 200
+
+
+def _some_points(shape: Shape) -> Floats:
+    """Points of a shape (N, 3), at most 200."""
+    match shape:
+        case Points() | Bodies():
+            xyz = shape.xyz
+        case Lines():
+            xyz = shape.ends.reshape(-1, 3)
+        case Triangles():
+            xyz = shape.corners
+        case Texture():
+            xyz = np.array([(0.0, 0.0, 0.0), (shape.width_m, shape.height_m, 0.0)])
+        case _:
+            xyz = np.zeros((1, 3))
+    return xyz[:: max(1, len(xyz) // _MOST_POINTS)].astype(np.float64)
 
 
 def _is_empty(shape: Shape) -> bool:
@@ -270,10 +303,25 @@ def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) ->
         bodies.xyz,
         batched_scales=bodies.scales,
         batched_colors=bodies.colors,
+        lod="off",
         opacity=None if bodies.opacity >= 1.0 else bodies.opacity,
         cast_shadow=False,
         receive_shadow=False,
     )
+
+
+def _is_alike(bodies: Bodies, before: Shape | None) -> bool:
+    if not isinstance(before, Bodies):
+        return False
+    return (bodies.kind, bodies.opacity) == (before.kind, before.opacity)
+
+
+def _move(handle: Any, bodies: Bodies) -> None:
+    """Change bodies that are there: browsers take long to make others of their kind."""
+    handle.batched_positions = bodies.xyz
+    handle.batched_wxyzs = bodies.quat_wxyz
+    handle.batched_scales = bodies.scales
+    handle.batched_colors = bodies.colors
 
 
 @cache

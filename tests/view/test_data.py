@@ -1,0 +1,327 @@
+"""The messages that the page draws beside the frames: found, placed, kept and refused."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.builders import S, moved
+from tests.buses import eventually
+from tests.simulated_bus import Bus
+from tfbus import Buffer
+from tfbus.messages import (
+    CameraInfo,
+    ColorRGBA,
+    CompressedImage,
+    Image,
+    LaserScan,
+    Log,
+    MapMetaData,
+    Marker,
+    MarkerArray,
+    OccupancyGrid,
+    Odometry,
+    Path,
+    PointCloud,
+    Pose,
+    Pose3D,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Range,
+    Vector3,
+)
+from tfbus.view.data.layer import TopicLayer
+from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
+from tfbus.view.data.topics import DataOnBus, Waiting, camera_topic
+from tfbus.view.settings import TopicSettings
+
+SETTINGS = TopicSettings("topic", rate_hz=60.0)
+POINT = np.array([[1.0, 0.0, 0.0]])
+
+
+@pytest.fixture
+def buffer() -> Buffer:
+    """A base that drives a metre a second along the map's x, known from 1 s to 3 s."""
+    filled = Buffer()
+    for second in (1, 2, 3):
+        filled.set_transform(moved(second * S, "map", "base", float(second)))
+    return filled
+
+
+def layer_of(*messages: Any) -> TopicLayer:
+    """A layer to which these messages have come."""
+    waiting = Waiting(type(messages[0]))
+    for message in messages:
+        waiting.put(message)
+    return TopicLayer(waiting)
+
+
+def cloud(stamp_ns: int, frame: str = "base", **columns: Any) -> PointCloud:
+    """A cloud of one point, a metre ahead."""
+    return PointCloud.from_xyz(stamp_ns, frame, POINT, **columns)
+
+
+def xs(layer: TopicLayer) -> list[float]:
+    """Where along x of the fixed frame the items are."""
+    return [float(each.pose.xyz[0]) for each in layer.placed.values()]
+
+
+def test_a_cloud_stays_where_it_was_measured_while_the_robot_drives_on(buffer: Buffer) -> None:
+    """Unless it is locked to its frame."""
+    stays, follows = layer_of(cloud(2 * S)), layer_of(cloud(2 * S))
+    locked = TopicSettings("topic", locked=True)
+    stays.step(buffer, "map", 0.0, SETTINGS)
+    follows.step(buffer, "map", 0.0, locked)
+    buffer.set_transform(moved(5 * S, "map", "base", 5.0))
+    stays.step(buffer, "map", 0.1, SETTINGS)
+    follows.step(buffer, "map", 0.1, locked)
+    assert (xs(stays), xs(follows)) == ([2.0], [5.0])
+
+
+def test_of_several_clouds_the_newest_that_can_be_placed_is_drawn(buffer: Buffer) -> None:
+    """A later one waits for its transform, and then replaces it; after 5 s it is dropped."""
+    layer = layer_of(cloud(1 * S), cloud(2 * S), cloud(4 * S))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    assert xs(layer) == [2.0]
+    buffer.set_transform(moved(4 * S, "map", "base", 4.0))
+    layer.step(buffer, "map", 0.1, SETTINGS)
+    assert xs(layer) == [4.0]
+    layer.waiting.put(cloud(9 * S))
+    layer.step(buffer, "map", 1.0, SETTINGS)
+    layer.step(buffer, "map", 3.0, SETTINGS)
+    assert "base" in layer.trouble
+    layer.step(buffer, "map", 6.1, SETTINGS)
+    assert (xs(layer), dict(layer.dropped)) == ([4.0], {"no transform": 1})
+
+
+def test_clouds_that_decay_stay_for_their_time(buffer: Buffer) -> None:
+    """Each at its own place."""
+    decaying = TopicSettings("topic", decay_s=2.0, rate_hz=60.0)
+    layer = layer_of(cloud(1 * S))
+    layer.step(buffer, "map", 0.0, decaying)
+    layer.waiting.put(cloud(2 * S))
+    layer.step(buffer, "map", 1.0, decaying)
+    assert xs(layer) == [1.0, 2.0]
+    layer.step(buffer, "map", 2.5, decaying)
+    assert xs(layer) == [2.0]
+
+
+def test_a_scan_whose_ranges_have_times_is_straightened(buffer: Buffer) -> None:
+    """A wall ahead stays a wall: each range is placed at its own time."""
+    scan = LaserScan(1 * S, "base", 0, 0, 0, 1.0, 0, 0.1, 30.0, np.array([5.0, 4.0, 3.0]))
+    layer = layer_of(scan)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    [placed] = layer.placed.values()
+    [points] = placed.item.shapes
+    assert isinstance(points, Points)
+    np.testing.assert_allclose(placed.pose.apply(points.xyz)[:, 0], 6.0, atol=1e-5)
+
+
+def test_another_fixed_frame_places_what_is_drawn_anew(buffer: Buffer) -> None:
+    """Without another message."""
+    layer = layer_of(cloud(2 * S))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    layer.step(buffer, "base", 0.1, SETTINGS)
+    assert xs(layer) == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("color", "columns", "expected"),
+    [
+        ("flat", {}, (230, 120, 20)),
+        ("auto", {"rgb": np.array([0x0A141E], np.uint32)}, (10, 20, 30)),
+        ("auto", {"rgb": np.array([0x0A141E], np.uint32).view(np.float32)}, (10, 20, 30)),
+        ("ring", {"ring": np.array([np.nan])}, (128, 128, 128)),
+        ("no such column", {}, (230, 120, 20)),
+    ],
+)
+def test_points_have_the_colour_of_a_column(
+    color: str, columns: Any, expected: tuple[int, ...], buffer: Buffer
+) -> None:
+    """Or all the same one."""
+    layer = layer_of(cloud(2 * S, **columns))
+    layer.step(buffer, "map", 0.0, TopicSettings("topic", color=color))
+    [placed] = layer.placed.values()
+    [points] = placed.item.shapes
+    assert isinstance(points, Points)
+    assert points.colors.tolist() == [list(expected)]
+
+
+def test_many_points_are_thinned_and_others_than_numbers_left_out(buffer: Buffer) -> None:
+    """Evenly."""
+    xyz = np.zeros((3 * MOST_POINTS, 3), np.float32)
+    xyz[::2] = np.nan
+    xyz[1::4] = np.inf
+    layer = layer_of(PointCloud.from_xyz(2 * S, "base", xyz))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    [placed] = layer.placed.values()
+    [points] = placed.item.shapes
+    assert isinstance(points, Points)
+    assert 0 < len(points.xyz) <= MOST_POINTS
+    assert np.isfinite(points.xyz).all()
+
+
+def marker(number: int = 0, **values: Any) -> Marker:
+    """A marker of the namespace `some`."""
+    whole = {"ns": "some", "id": number, "type": Marker.CUBE, "scale": Vector3(1, 1, 1)}
+    return Marker(2 * S, "base", **(whole | values))
+
+
+def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None:
+    """As in RViz."""
+    layer = layer_of(MarkerArray((marker(0), marker(1, lifetime_ns=S), marker(2, ns="other"))))
+
+    def shown(now_s: float, *further: Marker) -> set[object]:
+        if further:
+            layer.waiting.put(MarkerArray(further))
+        layer.step(buffer, "map", now_s, SETTINGS)
+        return set(layer.placed)
+
+    assert shown(0.0) == {("some", 0), ("some", 1), ("other", 2)}
+    assert shown(1.5) == {("some", 0), ("other", 2)}
+    assert shown(1.6, marker(3), marker(0, action=Marker.DELETE)) == {("some", 3), ("other", 2)}
+    assert shown(1.7, marker(action=Marker.DELETEALL)) == {("other", 2)}
+    assert shown(1.8, marker(ns="", action=Marker.DELETEALL)) == set()
+
+
+@pytest.mark.parametrize("kind", range(13))
+def test_a_marker_of_each_kind_is_drawn_but_meshes_of_files(kind: int, buffer: Buffer) -> None:
+    """The others of the array are drawn in any case."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0)], float)
+    one = marker(0, type=kind, points=points, color=ColorRGBA(1, 0, 0, 1), text="here")
+    layer = layer_of(MarkerArray((one, marker(1))))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    is_mesh = kind == Marker.MESH_RESOURCE
+    assert (len(layer.placed), layer.dropped.total()) == ((1, 1) if is_mesh else (2, 0))
+
+
+OTHERS: dict[str, tuple[Any, type]] = {
+    "a path": (Path(2 * S, "map", (PoseStamped(0, "map"), PoseStamped(0, "map"))), object),
+    "poses": (PoseArray(2 * S, "map", np.array([(0, 0, 0, 0, 0, 0, 1)])), Bodies),
+    "a pose": (PoseStamped(2 * S, "map"), Bodies),
+    "doubt": (
+        PoseWithCovarianceStamped(
+            2 * S, "map", PoseWithCovariance(Pose3D(), tuple(np.eye(6).ravel()))
+        ),
+        Bodies,
+    ),
+    "a map": (OccupancyGrid.from_cells(2 * S, "map", np.zeros((2, 3), np.int8), 0.1), Texture),
+    "a range": (Range(2 * S, "base", 0, 0.5, 0.1, 4.0, 1.0), Bodies),
+    "odometry": (Odometry(2 * S, "map", "base"), Bodies),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_each_other_kind_of_message_is_drawn(kind: str, buffer: Buffer) -> None:
+    """By its shapes."""
+    message, shape = OTHERS[kind]
+    layer = layer_of(message)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    [placed] = layer.placed.values()
+    assert isinstance(placed.item.shapes[-1], shape)
+    assert (layer.drawn, layer.trouble) == (1, "")
+
+
+def test_an_image_is_a_picture_and_with_its_calibration_in_the_scene(buffer: Buffer) -> None:
+    """Blue first if its encoding says so."""
+    pixels = np.full((4, 6, 3), (10, 20, 30), np.uint8)
+    layer = layer_of(Image.from_pixels(2 * S, "base", pixels, "bgr8"))
+    k = (4.0, 0, 3, 0, 4.0, 2, 0, 0, 1)
+    layer.step(buffer, "map", 0.0, SETTINGS, CameraInfo(0, "base", 4, 6, k=k))
+    assert layer.picture is not None
+    assert layer.picture[0, 0].tolist() == [30, 20, 10]
+    [placed] = layer.placed.values()
+    [frustum] = placed.item.shapes
+    assert isinstance(frustum, Frustum)
+    assert frustum.fov_y_rad == pytest.approx(2 * np.arctan(0.5))
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "encoding"),
+    [
+        ((4, 6), np.uint8, "mono8"),
+        ((4, 6), np.uint16, "16UC1"),
+        ((4, 6), np.float32, "32FC1"),
+        ((4, 6), np.float64, "64FC1"),
+        ((4, 6), np.uint8, "bayer_rggb8"),
+        ((4, 6), np.uint16, "bayer_gbrg16"),
+        ((4, 6, 2), np.uint8, "yuv422"),
+        ((4, 6, 4), np.uint8, "bgra8"),
+        ((4, 6, 3), np.uint16, "rgb16"),
+        ((3000, 2000), np.uint8, "mono8"),
+    ],
+)
+def test_images_of_each_encoding_are_pictures(
+    shape: tuple[int, ...], kind: type, encoding: str, buffer: Buffer
+) -> None:
+    """Red, green and blue, of a bounded size."""
+    pixels = np.arange(np.prod(shape)).reshape(shape).astype(kind)
+    layer = layer_of(Image.from_pixels(2 * S, "base", pixels, encoding))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    assert layer.trouble == ""
+    assert layer.picture is not None
+    assert (layer.picture.dtype, layer.picture.shape[2]) == (np.uint8, 3)
+    assert max(layer.picture.shape) <= 1280
+
+
+HOSTILE: dict[str, Callable[[], Any]] = {
+    "no columns": lambda: PointCloud.from_array(2 * S, "base", np.zeros(2, [("u", "f4")])),
+    "columns of rows": lambda: PointCloud.from_array(
+        2 * S, "base", np.zeros(2, [("x", "f4", 3), ("y", "f4"), ("z", "f4")])
+    ),
+    "no frame": lambda: cloud(2 * S, ""),
+    "no pixels": lambda: Image(2 * S, "base"),
+    "no picture": lambda: CompressedImage(2 * S, "base", "jpeg", np.frombuffer(b"\xff\xd8", "u1")),
+    "a huge map": lambda: OccupancyGrid(
+        2 * S, "base", MapMetaData(0, 1e300, 1, 1), np.zeros(1, np.int8)
+    ),
+    "a huge marker": lambda: marker(scale=Vector3(1e300, 1, 1)),
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_message_that_cannot_be_drawn_is_counted_and_the_next_is_drawn(
+    kind: str, buffer: Buffer
+) -> None:
+    """With the reason."""
+    message = HOSTILE[kind]()
+    layer = layer_of(message)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    assert layer.dropped.total() == 1
+    assert layer.trouble
+    assert not layer.placed
+
+
+def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bus) -> None:
+    """The camera's calibration is found beside its image."""
+    robot = bus.node("robot")
+    clouds = robot.create_publisher(PointCloud, "points")
+    robot.create_publisher(Image, "camera/image_raw")
+    robot.create_publisher(CameraInfo, "camera/camera_info")
+    robot.create_publisher(Pose, "pose")
+    logs = robot.create_publisher(Log, "rosout", retained=True)
+    logs.publish(Log(1, msg="before"))
+    data = DataOnBus(bus.node("view"))
+    topics = eventually(lambda: data.topics() if "points" in data.topics() else None)
+    assert camera_topic("camera/image_raw", topics) == "camera/camera_info"
+    assert camera_topic("points", topics) == ""
+
+    data.want({name: topics[name] for name in ("points", "rosout", "pose")})
+    assert data.waiting("pose") is None
+    points, lines = data.waiting("points"), data.waiting("rosout")
+    assert points is not None
+    assert lines is not None
+    eventually(lambda: lines.received == 1)
+
+    def comes() -> bool:
+        clouds.publish(cloud(1))
+        return points.received > 0
+
+    eventually(comes)
+    data.want({})
+    assert data.waiting("points") is None
+    subscribed = bus.run("topic", "info", "points")
+    assert "view" not in subscribed.stdout

@@ -164,7 +164,7 @@ class ClockOffsets:
                 self._changed.wait_for(lambda: self._closed, _BETWEEN_S)
 
     def _next(self) -> list[_Publisher]:
-        """Those to ask next, once they are due; none when closed."""
+        """The nodes to ask next, once they are due; none when closed."""
         with self._changed:
             while not self._closed:
                 now_s = scheduler.monotonic()

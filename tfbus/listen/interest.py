@@ -140,8 +140,8 @@ class DescribedTree:
         return list(dict.fromkeys(needed))
 
     def frames_needed(self, pairs: Iterable[Pair]) -> set[str]:
-        """The frames whose parents such lookups need: those of these edges, and all roots that
-        nothing joins.
+        """The frames whose parents such lookups need: the children of these edges, and all roots
+        that nothing joins.
         """
         return {frame for target, source in pairs for frame in self._between(target, source)}
 
@@ -460,8 +460,8 @@ class Interest:
                 self._leave_when_idle(key, subscription, now)
 
     def _find(self, fleet: Fleet, frames: set[str], now: float) -> None:
-        """Want the streams that may send these frames: by the robot of a frame at once, and those
-        that list a shared frame once that is still needed when the robots may have said theirs.
+        """Want the streams that may send these frames: by the robot of a frame at once, by a list
+        with a shared frame once that is still needed when the robots may have said theirs.
         """
         shared = (frames & fleet.shared_frames) - self._wanted_frames
         self._needed_since = {frame: self._needed_since.get(frame, now) for frame in shared}

@@ -19,7 +19,7 @@ _WHAT = "streams that list a frame"
 
 
 class WantedStreams:
-    """The streams in some namespaces, and those of any namespace that list one of some frames.
+    """The streams in some namespaces, and all streams that list one of some frames.
 
     Each stream that answers a question whether it lists them is given to `on_answer(answer)`, which
     may call `finds`. All that runs on the executor's thread.
@@ -41,7 +41,7 @@ class WantedStreams:
         return key in self._found or namespace_of(key) in self._namespaces
 
     def want(self, namespaces: Set[str], frames: Set[str]) -> frozenset[str]:
-        """Want these from now on, besides those of before; returns the namespaces that are new."""
+        """Want these from now on, too; returns the namespaces that are new."""
         new, sought = frozenset(namespaces) - self._namespaces, frozenset(frames) - self.frames
         self._namespaces |= new
         self.frames |= sought

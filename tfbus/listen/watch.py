@@ -159,8 +159,8 @@ class StreamWatch:
         return dict(self._states)
 
     def want(self, namespaces: Set[str], frames: Set[str]) -> None:
-        """Watch the streams of these namespaces too, and those of any that list one of these child
-        frames, as the streams call them. Call it on the executor's thread.
+        """Watch the streams of these namespaces too, and all that list one of these child frames,
+        as the streams call them. Call it on the executor's thread.
         """
         new = frozenset[str]()
         if self._wanted is not None and not self._closed:

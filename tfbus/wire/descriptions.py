@@ -199,8 +199,8 @@ class StreamDescription(Struct):
 
 
 class FramesAsked(Struct):
-    """A question for the descriptions of streams: only of those that list one of these child
-    frames, as the streams call them.
+    """A question for the descriptions of streams that list one of these child frames, as the
+    streams call them.
     """
 
     children: tuple[str, ...]

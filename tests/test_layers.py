@@ -131,6 +131,7 @@ STARS: dict[str, set[str]] = {
     "view": {
         "bus",
         "command",
+        "discover",
         "geometry",
         "listen",
         "node",

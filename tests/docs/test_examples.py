@@ -21,6 +21,7 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.buffer import trajectories
 from tfbus.discover.presence import describe_nodes, list_nodes
+from tfbus.messages import LaserScan, PointCloud
 from tfbus.testing.programs import Program
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -181,6 +182,25 @@ def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
     assert first == "at 0.0 s: [2.4 0.  0.7]"
     assert middle == "at 0.5 s: [1.697 1.697 0.7  ]"
     assert last == "at 1.0 s: [0.  2.4 0.7]"
+
+
+def test_a_robot_measures_the_walls_of_its_room_as_it_drives(bus: Bus) -> None:
+    """The clouds and scans of sensors.py are where the walls are."""
+    sensors = start(bus, "sensors.py")
+    watcher = bus.node("watcher")
+    buffer = Buffer()
+    TransformListener(buffer, watcher)
+    walls: dict[type, float] = {}
+
+    def on_points(message: Any, transform: Any) -> None:
+        points = transform.transform.apply(message.xyz())
+        walls[type(message)] = float(abs(abs(points[:, :2]).max(axis=1) - 5.0).max())
+
+    for kind, topic in ((PointCloud, "points"), (LaserScan, "scan")):
+        watcher.create_subscription(kind, topic, on_points, in_frame="room")
+    eventually(lambda: len(walls) == 2)
+    assert max(walls.values()) < 1e-3
+    assert sensors.stop() == 0
 
 
 def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:

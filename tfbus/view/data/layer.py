@@ -10,7 +10,6 @@ import numpy as np
 
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.messages import stamps_in
 from tfbus.errors import TransformException
 from tfbus.geometry.transform import Transform
 from tfbus.view.data.markers import item_of
@@ -19,6 +18,7 @@ from tfbus.view.data.shapes import (
     MOST_POINTS,
     Frustum,
     Item,
+    Shape,
     arrow_at,
     columns_of,
     ellipsoid,
@@ -55,7 +55,8 @@ class PlacedItem:
 class TopicLayer:
     """What is drawn of one topic: `placed` items by key, a `picture`, or `lines` of a log.
 
-    `drawn` messages were, and `dropped` messages or markers were not, by reason. `columns` are those that points can be coloured by.
+    `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
+    that points can be coloured by.
     """
 
     def __init__(self, waiting: Waiting) -> None:
@@ -99,11 +100,10 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
-        if now_s >= self._due_s:
-            if self.waiting.is_every:
-                self._take_every(now_s, settings)
-            else:
-                self._take_newest(buffer, now_s, settings, camera)
+        if now_s >= self._due_s and self.waiting.is_every:
+            self._take_every(now_s, settings)
+        elif now_s >= self._due_s:
+            self._take_newest(buffer, now_s, settings, camera)
         self._place(buffer, now_s)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
@@ -186,9 +186,7 @@ class TopicLayer:
         if isinstance(message, messages.OccupancyGrid):
             settings = replace(settings, locked=True)
         if isinstance(message, _POINTS) and not settings.locked:
-            stamps = stamps_in(message)
-            if stamps is not None and len(stamps):
-                message = buffer.transform(message, fixed_frame)
+            message = _straight(buffer, message, fixed_frame)
         stamp_ns = None if settings.locked else message.stamp_ns or None
         found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
         return items_of(message, settings, found.transform)
@@ -253,7 +251,8 @@ class TopicLayer:
         self, odometry: messages.Odometry, now_s: float, settings: TopicSettings
     ) -> None:
         trail = line_along(np.array(self._trail).reshape(-1, 3), (230, 120, 20))
-        shapes = (trail, arrow_at(odometry.pose.pose), *ellipsoid(odometry.pose))
+        arrow, doubt = arrow_at(odometry.pose.pose), ellipsoid(odometry.pose)
+        shapes: tuple[Shape, ...] = (trail, arrow, *doubt)
         stamp_ns = odometry.stamp_ns
         self._add(Item("", odometry.frame_id, stamp_ns, shapes, is_locked=settings.locked), now_s)
 
@@ -280,10 +279,11 @@ class TopicLayer:
                 del self._unplaced[key]
                 self.placed.pop(key, None)
                 self.dropped["no transform"] += 1
-        for key, each in self.placed.items():
-            if each.item.is_locked and (pose := self._pose(buffer, each.item, now_s)):
-                if pose != each.pose:
-                    self.placed[key] = replace(each, pose=pose)
+        locked = [(key, each) for key, each in self.placed.items() if each.item.is_locked]
+        for key, each in locked:
+            pose = self._pose(buffer, each.item, now_s)
+            if pose is not None and pose != each.pose:
+                self.placed[key] = replace(each, pose=pose)
 
     def _pose(
         self, buffer: Buffer, item: Item, now_s: float, since_s: float | None = None
@@ -315,6 +315,15 @@ _TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
     messages.MarkerArray: TopicLayer._take_markers,
     messages.Odometry: TopicLayer._take_odometry,
 }
+
+
+def _straight(buffer: Buffer, message: Any, fixed_frame: str) -> Any:
+    """A scan or cloud in the fixed frame, if its points have times of their own, else as it is."""
+    if isinstance(message, messages.LaserScan):
+        has_times = bool(message.time_increment and len(message.ranges))
+    else:
+        has_times = message.time_column is not None and len(message) > 0
+    return buffer.transform(message, fixed_frame) if has_times and message.stamp_ns else message
 
 
 def _frustum(

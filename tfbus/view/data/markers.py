@@ -108,7 +108,8 @@ def _corner_colors(marker: Marker, count: int) -> NDArray[np.uint8]:
 
 
 def _bytes(parts: NDArray[np.floating]) -> NDArray[np.uint8]:
-    return (np.clip(parts, 0.0, 1.0) * 255.0).astype(np.uint8)
+    levels: NDArray[np.uint8] = (np.clip(parts, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return levels
 
 
 def _opacity(marker: Marker) -> float:

@@ -84,7 +84,8 @@ def _of_yuv422(pixels: NDArray[Any], *, is_y_first: bool, step: int) -> Picture:
     y = pairs[:, :, 0, at_y].astype(np.float32)
     u, v = (pairs[:, :, at, at_uv].astype(np.float32) - 128.0 for at in (0, 1))
     rgb = np.stack((y + 1.402 * v, y - 0.344 * u - 0.714 * v, y + 1.772 * u), axis=2)
-    return np.clip(rgb, 0.0, 255.0).astype(np.uint8)
+    picture: Picture = np.clip(rgb, 0.0, 255.0).astype(np.uint8)
+    return picture
 
 
 def _opened(image: CompressedImage) -> Picture:

@@ -62,7 +62,7 @@ class Bodies:
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles: their corners (3 N, 3) in m, and a colour with opacity for each corner (3 N, 4)."""
+    """Triangles: their corners (3 N, 3) in m, and a colour with opacity (3 N, 4) for each."""
 
     corners: Floats
     rgba: Rgb
@@ -97,6 +97,9 @@ class Frustum:
 Shape = Points | Lines | Bodies | Triangles | Text | Texture | Frustum
 
 
+_HERE = Transform()
+
+
 @dataclass(frozen=True, eq=False)
 class Item:
     """Shapes at `pose` in a frame, as it was at stamp_ns, or if `is_locked` as it is.
@@ -108,7 +111,7 @@ class Item:
     frame_id: str
     stamp_ns: int
     shapes: tuple[Shape, ...]
-    pose: Transform = Transform()
+    pose: Transform = _HERE
     is_locked: bool = False
     lifetime_s: float = 0.0
 
@@ -182,7 +185,7 @@ def _points(
         colors = unpacked(by[near])
     else:
         colors = colored(by[near])
-    return (Points(kept, np.ascontiguousarray(colors)),), Transform()
+    return (Points(kept, np.ascontiguousarray(colors)),), _HERE
 
 
 def transform_of(pose: messages.Pose3D) -> Transform:
@@ -194,7 +197,7 @@ def transform_of(pose: messages.Pose3D) -> Transform:
 def _path(path: messages.Path, settings: TopicSettings, into_fixed: Transform) -> Made:
     along = [(p.position.x, p.position.y, p.position.z) for p in (each.pose for each in path.poses)]
     step = max(1, -(-len(along) // MOST_SHAPES))
-    return (line_along(np.array(along[::step]).reshape(-1, 3), (40, 180, 60)),), Transform()
+    return (line_along(np.array(along[::step]).reshape(-1, 3), (40, 180, 60)),), _HERE
 
 
 def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
@@ -206,7 +209,7 @@ def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
 
 def _poses(poses: messages.PoseArray, settings: TopicSettings, into_fixed: Transform) -> Made:
     step = max(1, -(-len(poses.poses) // MOST_SHAPES))
-    return (_arrows(poses.poses[::step], (200, 40, 90)),), Transform()
+    return (_arrows(poses.poses[::step], (200, 40, 90)),), _HERE
 
 
 def _arrows(poses: NDArray[Any], color: tuple[int, int, int]) -> Bodies:
@@ -227,13 +230,13 @@ def arrow_at(pose: messages.Pose3D, color: tuple[int, int, int] = (200, 40, 90))
 
 
 def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
-    return (arrow_at(stamped.pose),), Transform()
+    return (arrow_at(stamped.pose),), _HERE
 
 
 def _pose_with_covariance(
     stamped: messages.PoseWithCovarianceStamped, settings: TopicSettings, into_fixed: Transform
 ) -> Made:
-    return (arrow_at(stamped.pose.pose), *ellipsoid(stamped.pose)), Transform()
+    return (arrow_at(stamped.pose.pose), *ellipsoid(stamped.pose)), _HERE
 
 
 def ellipsoid(pose: messages.PoseWithCovariance) -> tuple[Bodies, ...]:
@@ -264,7 +267,7 @@ def ellipsoid(pose: messages.PoseWithCovariance) -> tuple[Bodies, ...]:
 def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Transform) -> Made:
     cells = grid.cells()
     if not cells.size:
-        return (), Transform()
+        return (), _HERE
     height, width = cells.shape
     step = max(1, -(-max(height, width) // _MOST_CELLS))
     cell_m = grid.info.resolution
@@ -282,7 +285,7 @@ def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform
     length = found.range if math.isfinite(found.range) else found.max_range
     angle = min(max(found.field_of_view, 0.01), 3.0)
     if not math.isfinite(length) or not 0.0 < length <= _FARTHEST_M:
-        return (), Transform()
+        return (), _HERE
     wide = 2.0 * length * math.tan(angle / 2.0)
     cone = Bodies(
         "cone",
@@ -292,7 +295,7 @@ def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform
         np.array([(230, 190, 40)], np.uint8),
         0.4,
     )
-    return (cone,), Transform()
+    return (cone,), _HERE
 
 
 _SHAPES: Mapping[type, Callable[[Any, TopicSettings, Transform], Made]] = {

@@ -1,4 +1,4 @@
-"""The topics whose messages the page can draw, and the subscriptions to those that are looked at."""
+"""The topics whose messages the page can draw, and subscriptions to those that are looked at."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -181,7 +181,7 @@ class DataOnBus:
     def _subscribe(self, name: str, message_type: type, retained: bool) -> None:
         waiting = Waiting(message_type)
         try:
-            subscription = self._node.create_subscription(
+            subscription: Subscription[Any] = self._node.create_subscription(
                 message_type, name, waiting.put, retained=retained
             )
         except TfbusError as error:

@@ -123,7 +123,7 @@ class _TopicRow:
             options = tuple(dict.fromkeys((*_COLORS, *columns, settings.color)))
             if self._color.options != options:
                 self._color.options = options
-        self._state.show(state_of(layer))
+        self._state.show(state_of(layer, self._scenes.rejected(self._topic)))
 
     def remove(self) -> None:
         """Remove the controls."""
@@ -147,10 +147,11 @@ class _TopicRow:
             self._picture.image = picture
 
 
-def state_of(layer: TopicLayer) -> str:
+def state_of(layer: TopicLayer, rejected: int = 0) -> str:
     """How many messages were drawn and dropped, and the lines of a log, as HTML."""
     facts = [f"{layer.drawn} drawn"]
     facts += [f"{count} dropped, {reason}" for reason, count in sorted(layer.dropped.items())]
+    facts += [f"{rejected} unreadable"] if rejected else []
     text = f'<div class="tf tf-dim">{escape(" · ".join(facts))}</div>'
     if layer.trouble:
         text += f'<div class="tf tf-alarm" role="alert">{escape(layer.trouble)}</div>'

@@ -65,7 +65,7 @@ class _DrawnItem:
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
-    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. `pictures`
+    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. Pictures
     of the panel are set by this thread too: `show_picture[topic](picture)`.
     """
 
@@ -134,6 +134,10 @@ class DataScenes:
         if self._thread is not None:
             self._thread.join(_END_S)
 
+    def rejected(self, topic: str) -> int:
+        """How many messages of a topic could not be read."""
+        return self._source.rejected(topic)
+
     # On its own thread
 
     def _run(self) -> None:
@@ -197,8 +201,8 @@ class DataScenes:
             for key, placed in layer.placed.items()
         }
         for gone in self._drawn.keys() - items.keys():
-            former = self._drawn.pop(gone)
-            for handle in (*former.handles, former.node):
+            ended = self._drawn.pop(gone)
+            for handle in (*ended.handles, ended.node):
                 handle.remove()
         for at, placed in items.items():
             size = chosen[at[0]].size
@@ -255,6 +259,7 @@ _MOST_POINTS = 200
 
 def _some_points(shape: Shape) -> Floats:
     """Points of a shape (N, 3), at most 200."""
+    xyz: Any
     match shape:
         case Points() | Bodies():
             xyz = shape.xyz
@@ -266,7 +271,8 @@ def _some_points(shape: Shape) -> Floats:
             xyz = np.array([(0.0, 0.0, 0.0), (shape.width_m, shape.height_m, 0.0)])
         case _:
             xyz = np.zeros((1, 3))
-    return xyz[:: max(1, len(xyz) // _MOST_POINTS)].astype(np.float64)
+    points: Floats = xyz[:: max(1, len(xyz) // _MOST_POINTS)].astype(np.float64)
+    return points
 
 
 def _is_empty(shape: Shape) -> bool:
@@ -337,14 +343,14 @@ def _unit(kind: str) -> tuple[Any, Any]:
         # Its tip is at the origin.
         mesh = creation.cone(0.5, 1.0, sections=24)
         mesh.apply_translation((0.0, 0.0, -1.0))
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (0, 1, 0)))
+        mesh.apply_transform(Transform.from_rpy(0.0, -np.pi / 2, 0.0).as_matrix())
     else:
         shaft = creation.cylinder(0.25, 0.77, sections=16)
         shaft.apply_translation((0.0, 0.0, 0.385))
         head = creation.cone(0.5, 0.23, sections=16)
         head.apply_translation((0.0, 0.0, 0.77))
         mesh = trimesh.util.concatenate([shaft, head])
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
+        mesh.apply_transform(Transform.from_rpy(0.0, np.pi / 2, 0.0).as_matrix())
     return mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)
 
 

@@ -53,7 +53,7 @@ class PlacedItem:
 
 
 class TopicLayer:
-    """What is drawn of one topic: `placed` items by key, a `picture`, or `lines` of a log.
+    """The messages of one topic that are drawn: `placed` items by key, a `picture`, or log `lines`.
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
     that points can be coloured by.

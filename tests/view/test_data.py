@@ -1,6 +1,7 @@
 """The messages that the page draws beside the frames: found, placed, kept and refused."""
 
 from collections.abc import Callable
+from pathlib import Path as PathOfFile
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer
+from tfbus.errors import SettingsError
 from tfbus.messages import (
     CameraInfo,
     ColorRGBA,
@@ -36,7 +38,7 @@ from tfbus.messages import (
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
 from tfbus.view.data.topics import DataOnBus, Waiting, camera_topic
-from tfbus.view.settings import TopicSettings
+from tfbus.view.settings import TopicSettings, ViewSettings, load_settings, save_settings
 
 SETTINGS = TopicSettings("topic", rate_hz=60.0)
 POINT = np.array([[1.0, 0.0, 0.0]])
@@ -293,6 +295,22 @@ def test_a_message_that_cannot_be_drawn_is_counted_and_the_next_is_drawn(
     assert layer.dropped.total() == 1
     assert layer.trouble
     assert not layer.placed
+
+
+def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:
+    """Wrong ones are refused by name."""
+    chosen = TopicSettings("scan", color="height", decay_s=2.0, locked=True)
+    save_settings(ViewSettings(topics=(chosen,)), tmp_path / "view.yaml")
+    assert load_settings(tmp_path / "view.yaml").topics == (chosen,)
+    for text, why in (
+        ("topics: 3", "list of maps"),
+        ("topics: [3]", "list of maps"),
+        ("topics: [{topic: a, colour: x}]", "'color'"),
+        ("topics: [{topic: a, size: 1000}]", "from 1 to 20"),
+    ):
+        (tmp_path / "wrong.yaml").write_text(text)
+        with pytest.raises(SettingsError, match=why):
+            load_settings(tmp_path / "wrong.yaml")
 
 
 def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bus) -> None:

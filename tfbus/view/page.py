@@ -216,6 +216,8 @@ class Page:
 
     def hold(self) -> None:
         """Let all browsers see everything that is there now, and leave the page so."""
+        if self.data:
+            self.data.hold()
         self.cameras.refit(self._region_of_all())
         # The names of frames take their places when the cameras have.
         time.sleep(_NAMES_AFTER_S)

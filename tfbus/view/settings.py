@@ -203,7 +203,9 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
     if not isinstance(name, str) or name not in known:
         raise SettingsError(f"no setting {name!r}{did_you_mean(str(name), known)}")
     wanted = known[name]
-    if name == "topics" and isinstance(value, list):
+    if name == "topics":
+        if not isinstance(value, list):
+            raise SettingsError(f"topics must be a list of maps with a topic, got {value!r}")
         return tuple(map(_read_topic, value))
     if wanted is tuple:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):

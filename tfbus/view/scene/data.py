@@ -83,6 +83,7 @@ class DataScenes:
         self._drawn: dict[tuple[str, object], _DrawnItem] = {}
         self._numbers = count(1)
         self._sight: _Sight | None = None
+        self._is_held = False
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -134,6 +135,10 @@ class DataScenes:
         if self._thread is not None:
             self._thread.join(_END_S)
 
+    def hold(self) -> None:
+        """Leave everything as it is, for a picture."""
+        self._is_held = True
+
     def rejected(self, topic: str) -> int:
         """How many messages of a topic could not be read."""
         return self._source.rejected(topic)
@@ -155,7 +160,7 @@ class DataScenes:
     def step(self, now_s: float) -> None:
         """Take the messages that came, and draw them."""
         sight = self._sight
-        if sight is None:
+        if sight is None or self._is_held:
             return
         chosen = {each.topic: each for each in sight.settings.topics if each.shown}
         layers: dict[str, TopicLayer] = {}

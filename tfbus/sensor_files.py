@@ -7,12 +7,14 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import InvalidArgumentException
 from tfbus.messages import CompressedImage, Image, PointCloud
+
+M = TypeVar("M")
 
 # No more is read from a file, also after it is unpacked: a message has at most 1 GiB.
 _MOST_BYTES = 1 << 30
@@ -163,7 +165,15 @@ def read_compressed_image(path: Path) -> CompressedImage:
     return CompressedImage(0, "", form, np.frombuffer(data, np.uint8))
 
 
-def _read(path: Path, readers: dict[str, Callable[[Path], Any]], what: str) -> Any:
+# Reads a message from a file, by the type of the message.
+READERS: dict[type, Callable[[Path], Any]] = {
+    PointCloud: read_cloud,
+    Image: read_image,
+    CompressedImage: read_compressed_image,
+}
+
+
+def _read(path: Path, readers: dict[str, Callable[[Path], M]], what: str) -> M:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InvalidArgumentException(

@@ -19,7 +19,7 @@ STOREYS = [
     {"runtime"},
     {"core"},
     {"geometry"},
-    {"trajectory"},
+    {"sensor_files", "trajectory"},
     {"buffer", "robot", "wire"},
     {"ros", "secure"},
     {"recording"},
@@ -159,7 +159,7 @@ STARS: dict[str, set[str]] = {
     "launch": {"bus", "secure", "wire"},
     "cli": {
         *("bag", "buffer", "bus", "command", "compat", "discover", "doctor", "geometry", "launch"),
-        *("monitor", "node", "recording", "ros", "secure", "top", "wire"),
+        *("monitor", "node", "recording", "ros", "secure", "sensor_files", "top", "wire"),
     },
 }
 

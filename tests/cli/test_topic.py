@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.messages import Color, LaserScan, Pose
+from tfbus.messages import Color, LaserScan, PointCloud, Pose
 from tfbus.wire.codec import encode_map, encode_message
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
@@ -285,6 +286,32 @@ def test_a_client_works_through_a_router(bus: Bus) -> None:
     assert run(bus, "echo", "color", "--once", "--csv", *at_router)[1] == "1,2,3\n"
     assert run(bus, "hz", "color", "--once", *at_router)[0] == 0
     assert pub.stop() == 0
+
+
+def test_a_file_is_published(bus: Bus, tmp_path: Path) -> None:
+    """`topic pub --file` sends the cloud of a file with a frame and the time; large arrays are
+    printed short; another type, other values and a bad file are refused in a sentence.
+    """
+    points = tmp_path / "points.npy"
+    np.save(points, np.arange(3000.0).reshape(1000, 3))
+    clouds: list[PointCloud] = []
+    bus.node("sink").create_subscription(PointCloud, "points", clouds.append)
+    typed = ("pub", "points", "PointCloud", "{frame_id: lidar}", "--file", str(points))
+    pub = bus.start("topic", *typed, "-r", "20")
+    eventually(lambda: len(clouds) > 1)
+    assert np.array_equal(clouds[0].xyz()[:, 1], np.arange(1.0, 3000.0, 3.0))
+    assert clouds[0].frame_id == "lidar" and 0 < clouds[0].stamp_ns < clouds[1].stamp_ns
+    assert len(run(bus, "echo", "points", "--once")[1]) < 2000
+    assert "<uint8 array of 12000>" in run(bus, "echo", "points", "--once", "--no-arr")[1]
+    assert run(bus, "delay", "points", "--once")[0] == 0
+    assert pub.stop() == 0
+    code, _, err = run(bus, "pub", "--once", "p", "Pose", "--file", str(points))
+    assert (code, "PointCloud or Image or CompressedImage" in err) == (2, True)
+    code, _, err = run(bus, "pub", "--once", "p", "PointCloud", "{width: 3}", "--file", str(points))
+    assert (code, "must be frame_id and stamp_ns" in err) == (2, True)
+    points.write_bytes(b"nothing")
+    code, _, err = run(bus, *typed, "--once")
+    assert (code, "has no cloud that can be read" in err, "Traceback" in err) == (2, True, False)
 
 
 def test_the_type_may_be_named_as_in_ros(bus: Bus) -> None:

@@ -15,8 +15,11 @@ from rosbags.highlevel import AnyReader
 from tests import needs
 from tests.builders import S, in_recording
 from tfbus import Transform, TransformStamped
+from tfbus.messages import LaserScan, PointCloud
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
+from tfbus.wire.codec import decode_map, encode_message, from_map, type_name
 
 T0 = 1_700_000_000 * S
 
@@ -150,3 +153,31 @@ def test_pymcap_cli_follows_the_tree(bag: Path) -> None:
         [program, "info", str(bag)], capture_output=True, text=True, check=True, timeout=120
     )
     assert "/tf_static" in done.stdout and "/turtle1/pose" in done.stdout
+
+
+def test_sensors_are_recorded_as_types_of_ros(tmp_path: Path) -> None:
+    """rosbags reads a cloud and a scan by ROS's own names, with equal arrays; so do we. Floats
+    of 32 bits that a program gave as 0.1 are rounded as ROS has them.
+    """
+    ranges = np.arange(200, dtype=np.float32)
+    cloud = PointCloud.from_xyz(S, "lidar", ranges[:198].reshape(66, 3))
+    scan = LaserScan(S, "laser", -1.0, 1.0, 0.01, 0.0, 0.1, 0.1, 30.0, ranges)
+    path = tmp_path / "sensors.mcap"
+    with RecordingWriter(path) as writer:
+        for topic, message in (("points", cloud), ("scan", scan)):
+            values = decode_map(encode_message(message))
+            writer.write(TopicItem(S, topic, type_name(type(message)), values))
+    with AnyReader([path]) as reader:
+        read: dict[str, Any] = {
+            connection.msgtype: reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+        }
+    assert np.array_equal(read["sensor_msgs/msg/PointCloud2"].data, cloud.data)
+    assert np.array_equal(read["sensor_msgs/msg/LaserScan"].ranges, ranges)
+    assert read["sensor_msgs/msg/LaserScan"].header.frame_id == "laser"
+    with RecordingReader(path) as ours:
+        items = {each.topic: each for each in ours.items() if isinstance(each, TopicItem)}
+    assert np.array_equal(from_map(PointCloud, items["points"].values).xyz(), cloud.xyz())
+    back = from_map(LaserScan, items["scan"].values)
+    assert np.array_equal(back.ranges, ranges)
+    assert back.angle_increment == np.float32(0.01)

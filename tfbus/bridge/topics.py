@@ -18,7 +18,7 @@ from tfbus.discover.presence import GraphWatch
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
-from tfbus.ros.counterparts import fitted
+from tfbus.ros.counterparts import AS_IN_ROS, fitted, on_bus
 from tfbus.ros.message_type import MessageType, Sequence, Text, Type, message_of
 from tfbus.ros.rmw import is_bridge
 from tfbus.ros.schema import MessageCodec
@@ -47,13 +47,15 @@ class Translation:
         self._message = message_of(definition)
         self._frames = _frame_fields(self._message) if line.has_fields_of_ros else {}
         self._codec = MessageCodec(self._message, definition)
+        # Types that are on the bus as in ROS have arrays as one binary there.
+        self._has_arrays = line.counterpart.type_name in AS_IN_ROS
         self._stamps = line.stamps
         self._now_ns = now_ns
         self._type = _supplied_type(line.type_name)
 
     def to_ros(self, payload: bytes) -> bytes:
         """The message of ours as one of ROS. Raises DecodeError if it does not fit."""
-        values = decode_map(payload)
+        values = decode_map(payload, in_place=self._has_arrays)
         if self._type is not None:
             values = as_map(from_map(self._type, values))
         try:
@@ -68,7 +70,7 @@ class Translation:
 
     def of_ros(self, payload: bytes) -> bytes:
         """The message of ROS as one of ours. Raises DecodeError if it does not fit."""
-        of_ros = self._codec.decode(payload)
+        of_ros = self._codec.decode(payload, arrays=self._has_arrays)
         _rename(of_ros, self._frames, self._names.on_bus)
         try:
             values = self._counterpart.of_ros(of_ros)
@@ -76,6 +78,8 @@ class Translation:
             raise DecodeError(str(error)) from error
         if self._stamps:
             values["stamp_ns"] = self._now_ns()
+        if self._has_arrays:
+            values = on_bus(values, self._message)
         if self._type is not None:
             from_map(self._type, values)
         return encode_map(values)

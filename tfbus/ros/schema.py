@@ -381,9 +381,9 @@ _KNOWN = {
 class MessageCodecs:
     """The codecs of all messages of one file, made as messages come. Not thread-safe.
 
-    A type of tfbus.messages has its own definition from the start. Any other has that of its first
-    message, and another one, under a name with a number, once a message does not fit; after eight,
-    and if ROS cannot express a message at all, it is RAW.
+    A type of tfbus.messages has its own definition from the start, or ROS's. Any other has that of
+    its first message, and another one, under a name with a number, once a message does not fit;
+    after eight, and if ROS cannot express a message at all, it is RAW.
 
     Without `exact`, for eyes, numbers that are integers and floats in turn are all floats, so that
     the definition stays.
@@ -404,13 +404,20 @@ class MessageCodecs:
         codecs = self._of_type.get(type_name)
         if codecs is None:
             codecs = self._of_type[type_name] = []
-            if (known := COUNTERPARTS.get(type_name)) is not None:
+            known = COUNTERPARTS.get(type_name) or AS_IN_ROS.get(type_name)
+            if known is not None:
                 message = message_of(known.definition)
                 codecs.append((MessageCodec(message, known.definition, known), message))
             elif type_name in _KNOWN:
                 self._add(codecs, type_of_dataclass(_KNOWN[type_name]))
-        for at, (codec, _) in enumerate(codecs):
-            if (data := codec.encode(values)) is not None:
+        is_ros = type_name in AS_IN_ROS
+        for at, (codec, message) in enumerate(codecs):
+            data = codec.encode(values)
+            # On the bus a float of 32 bits may be one of Python, 0.1; ROS has it rounded.
+            if data is None and is_ros and codec.is_of_ros:
+                is_whole = values.keys() == {field.key for field in message.fields}
+                data = codec.encode_fitted(values) if is_whole else None
+            if data is not None:
                 if at:
                     codecs.insert(0, codecs.pop(at))
                 return codec, data

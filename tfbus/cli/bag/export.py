@@ -1,28 +1,41 @@
-"""`tfbus bag export`: a recording as a file of numbers."""
+"""`tfbus bag export`: a recording as files of numbers and images."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tfbus.cli.bag.new_file import new_file, with_progress
 from tfbus.cli.bag.selecting import RECORDING
-from tfbus.cli.output import say
+from tfbus.cli.message import supplied_type
+from tfbus.cli.output import say, warn
 from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, Moment, MomentType
 from tfbus.core.sampling import Sampling
+from tfbus.errors import BusError, DecodeError
+from tfbus.messages import CompressedImage, Image, PointCloud
 from tfbus.recording.exported import (
     write_topic_csv,
     write_transforms_csv,
     write_transforms_npz,
 )
-from tfbus.recording.items import Item
+from tfbus.recording.items import Item, TopicItem
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import STATICS, Statics
+from tfbus.sensor_files import (
+    write_cloud_npz,
+    write_jpeg,
+    write_pcd,
+    write_pixels_npy,
+    write_ply,
+    write_png,
+)
 from tfbus.trajectory import Trajectory
+from tfbus.wire.codec import from_map
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, did_you_mean, duration
 
@@ -38,20 +51,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Format:
-    """How a file is written: the poses of a pair of frames, and all transforms; None if the format
-    has none of these.
+    """How a file is written: the poses of a pair of frames, all transforms, all messages of a
+    topic, or one message of some types; None if the format has none of these.
     """
 
     pair: Callable[[Trajectory, Path], None] | None = None
     all: Callable[[Iterable[Item], Path], int] | None = None
+    topic: Callable[[Callable[[], Iterable[Item]], Path], int] | None = None
+    message: tuple[Callable[[Any, Path], None], tuple[type, ...]] | None = None
 
 
 # By the ending of a file, without its dot.
 _FORMATS = {
-    "csv": _Format(Trajectory.write_csv, write_transforms_csv),
+    "csv": _Format(Trajectory.write_csv, write_transforms_csv, write_topic_csv),
     "tum": _Format(Trajectory.write_tum),
     "kitti": _Format(Trajectory.write_kitti),
-    "npz": _Format(all=write_transforms_npz),
+    "npz": _Format(all=write_transforms_npz, message=(write_cloud_npz, (PointCloud,))),
+    "ply": _Format(message=(write_ply, (PointCloud,))),
+    "pcd": _Format(message=(write_pcd, (PointCloud,))),
+    "png": _Format(message=(write_png, (Image, CompressedImage))),
+    "jpg": _Format(message=(write_jpeg, (CompressedImage,))),
+    "npy": _Format(message=(write_pixels_npy, (Image,))),
 }
 _ENDINGS = [f".{form}" for form in _FORMATS]
 
@@ -59,7 +79,8 @@ _ENDINGS = [f".{form}" for form in _FORMATS]
 @click.command(
     epilog="Examples: tfbus bag export drive.mcap map base_link -o drive.tum; "
     "tfbus bag export drive.mcap -o all.npz; "
-    "tfbus bag export drive.mcap --topic turtle1/pose -o pose.csv"
+    "tfbus bag export drive.mcap --topic turtle1/pose -o pose.csv; "
+    "tfbus bag export drive.mcap --topic points --at 3 -o cloud.ply"
 )
 @click.argument("recording", type=RECORDING)
 @click.argument("target", type=FrameName(), required=False)
@@ -78,7 +99,18 @@ _ENDINGS = [f".{form}" for form in _FORMATS]
     type=click.Choice(list(_FORMATS)),
     help="The format, where the ending is another, as .txt.",
 )
-@click.option("--topic", metavar="NAME", help="Write the messages of a topic (csv).")
+@click.option(
+    "--topic",
+    metavar="NAME",
+    help="Write the messages of a topic: all (csv), or clouds and images, a file for each.",
+)
+@click.option(
+    "--at",
+    "moment",
+    type=MomentType(),
+    metavar="TIME",
+    help="Write only the cloud or image that was the newest at this time, written as of --from.",
+)
 @click.option(
     "--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Poses per second, interpolated."
 )
@@ -113,6 +145,7 @@ def command(
     output: Path,
     form: str | None,
     topic: str | None,
+    moment: Moment | None,
     rate_hz: float | None,
     samples_of: str | None,
     begin: Moment | None,
@@ -125,7 +158,8 @@ def command(
 
     Of a pair there is a pose at each sample of SOURCE, in CSV as of tfbus echo, in TUM's or in
     KITTI's format, which has no times. Without a pair all transforms as they came are written, in
-    CSV or npz.
+    CSV or npz. Each cloud of a topic is a PLY, PCD or npz, each image a PNG, JPEG or npy, whose
+    names have its number and its stamp in nanoseconds: cloud_000000_1700000000000000000.ply.
     """
     form = form or output.suffix.removeprefix(".")
     if form not in _FORMATS:
@@ -142,12 +176,23 @@ def command(
         raise click.UsageError("--max-gap is for a pair of frames")
     if rate_hz is not None and samples_of is not None:
         raise click.UsageError("--rate and --samples-of are mutually exclusive")
-    if topic is not None and (is_pair or form != "csv"):
-        raise click.UsageError("--topic writes the messages of one topic as .csv, without frames")
+    if topic is not None and is_pair:
+        raise click.UsageError("--topic and frames are mutually exclusive")
+    written = _FORMATS[form]
+    if topic is not None and written.topic is None and written.message is None:
+        raise click.UsageError(f"{form} has no messages: write a topic as .csv, a cloud as .ply")
+    if moment is not None and (topic is None or written.message is None):
+        raise click.UsageError("--at is for one cloud or image of a --topic")
+    if moment is not None and (begin is not None or end is not None):
+        raise click.UsageError("--at is one time: omit --from and --to")
     if is_pair and _FORMATS[form].pair is None:
         raise click.UsageError(f"{form} has all transforms: omit the frames, or write .csv or .tum")
-    if not is_pair and _FORMATS[form].all is None:
+    if not is_pair and topic is None and _FORMATS[form].all is None:
+        if _FORMATS[form].message is not None:
+            raise click.UsageError(f"{form} has the clouds or images of a topic: give --topic")
         raise click.UsageError(f"{form} has the poses of one frame: name TARGET and SOURCE")
+    # The last message until the moment is the one that was the newest then.
+    end = moment or end
     with BagChoice((recording,), begin=begin, end=end, statics=statics).opened() as bag:
         if target is not None and source is not None:
             what = _pair(
@@ -160,6 +205,10 @@ def command(
                 samples_of,
                 sampling,
             )
+        elif topic is not None and written.message is not None:
+            made = _messages(bag, topic.removeprefix("/"), output, form, force, moment is not None)
+            click.echo(made)
+            return
         elif topic is not None:
             what = _topic(bag, topic.removeprefix("/"), output, force)
         else:
@@ -234,17 +283,67 @@ def _no_topics(bag: OpenBag) -> Selection:
     return Selection(streams=streams) if streams else ALL
 
 
-def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
+def _items_of(bag: OpenBag, topic: str) -> Iterator[TopicItem]:
     known = {each.name for each in bag.reader.topics}
     if topic not in known:
         raise click.UsageError(
             f"there is no topic {topic!r} in the recording"
             + did_you_mean(topic, known, none=", which has no topics")
         )
+    items = bag.reader.items(*bag.span, Selection(topics=(topic,)))
+    return (item for item in items if isinstance(item, TopicItem))
 
-    def messages() -> Iterator[Item]:
-        return bag.reader.items(*bag.span, Selection(topics=(topic,)))
 
+def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
+    _items_of(bag, topic)
     with new_file(output, force=force, sources=_sources(bag)) as beside:
-        count = write_topic_csv(messages, beside)
+        count = write_topic_csv(lambda: _items_of(bag, topic), beside)
     return counted(count, "message")
+
+
+def _messages(bag: OpenBag, topic: str, output: Path, form: str, force: bool, is_one: bool) -> str:
+    """Write the newest message into the file, or each into one beside it; says what was done."""
+    items: Iterable[TopicItem] = _items_of(bag, topic)
+    if is_one:
+        items = tuple(deque(items, maxlen=1))
+    count = size = skipped = 0
+    first = path = output
+    for item in items:
+        message = _message_of(item, form)
+        if message is None:
+            skipped += 1
+            continue
+        if not is_one:
+            number = f"{count:06d}_{message.stamp_ns}"
+            path = output.with_name(f"{output.stem}_{number}{output.suffix}")
+        write, _ = _FORMATS[form].message or (write_ply, ())
+        with new_file(path, force=force, sources=_sources(bag)) as beside:
+            write(message, beside)
+        first = first if count else path
+        count += 1
+        size += path.stat().st_size
+    if skipped:
+        warn(f"skipped {counted(skipped, 'message')} of {topic!r}, which cannot be read")
+    if not count:
+        raise BusError(f"no message of {topic!r} in the recording, or in that span of it")
+    if count == 1:
+        return f"Wrote {path}: {size_text(size)}, a message of {topic!r}"
+    return f"Wrote {first} to {path.name}: {size_text(size)}, {counted(count, 'message')}"
+
+
+def _message_of(item: TopicItem, form: str) -> Any:
+    """The message as one of the format's types; None for one with wrong fields. Raises
+    click.UsageError for another type.
+    """
+    _, types = _FORMATS[form].message or (None, ())
+    found = supplied_type(item.type_name)
+    if found not in types:
+        names = " or ".join(each.__name__ for each in types)
+        raise click.UsageError(
+            f"{form} has messages of type {names}, and {item.topic!r} is of type "
+            f"{item.type_name or 'unknown'}"
+        )
+    try:
+        return from_map(found, item.values)
+    except (DecodeError, TypeError, ValueError):
+        return None

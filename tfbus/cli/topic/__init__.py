@@ -1,8 +1,10 @@
 """`tfbus topic`: the topics on the bus, their publishers and subscribers, and their messages."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -56,7 +58,7 @@ from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.recording.reader import RecordedTopic, topics_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import type_name
+from tfbus.wire.codec import encode_message, type_name
 from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 
@@ -312,7 +314,8 @@ _CALLED_IN_ROS = {
 @command.command(
     "pub",
     hints=_CALLED_IN_ROS,
-    epilog="Example: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'",
+    epilog="Examples: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'; "
+    "tfbus topic pub points PointCloud '{frame_id: lidar}' --file scan.pcd",
 )
 @click.argument("topic", type=TopicName())
 @click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=complete_message)
@@ -362,11 +365,19 @@ _CALLED_IN_ROS = {
     help="Print every Nth message.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Do not print messages.")
+@click.option(
+    "--file",
+    "path",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Publish the cloud (.pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES are "
+    "its frame_id and stamp_ns, which is else the time of each message.",
+)
 @bus_options("topic")
 def pub_command(
     settings: NodeSettings,
     topic: str,
     message: tuple[str, ...],
+    path: Path | None,
     rate: float,
     once: bool,
     times: int | None,
@@ -393,24 +404,59 @@ def pub_command(
         if announced == TRANSFORMS_TYPE:
             raise click.UsageError(_NO_TRANSFORMS.format(topic))
         message_type = given_type or supplied_type(announced) or type_of_ros(announced)
-        if message_type:
-            values = complete_values(values, message_type)
-        payload = encode_values(values, "VALUES")
+        if path is not None:
+            payload_of, shown = _from_file(path, message_type, values, node)
+        else:
+            if message_type:
+                values = complete_values(values, message_type)
+            payload, shown = encode_values(values, "VALUES"), as_json(values)
+            payload_of = partial(bytes, payload)
         name = type_name(message_type) if message_type else announced
         if given_type and announced and announced != name:
             warn(f"other nodes announce {topic!r} as {announced}, not {name}")
         publisher = node.create_raw_publisher(topic, type_name=name)
         _wait_for_subscribers(node, topic, subscribers, wait_s)
-        shown = f"{name or 'message'} {as_json(values)}"
-        _publish(node, publisher, payload, rate, times, shown, 0 if quiet else every)
+        shown = f"{name or 'message'} {shown}"
+        _publish(node, publisher, payload_of, rate, times, shown, 0 if quiet else every)
         if node.ok:
             node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
+
+
+def _from_file(
+    path: Path, message_type: type | None, values: dict[str, Any], node: "Node"
+) -> tuple[Callable[[], bytes], str]:
+    """The bytes of the next message with the content of a file, and how it is printed.
+
+    Raises click.UsageError for a type that no file has, and for other values than a stamp and a
+    frame; InvalidArgumentException for a file that cannot be read.
+    """
+    from tfbus.sensor_files import READERS  # numpy, which other messages do not need
+
+    reader = READERS.get(message_type) if message_type else None
+    if reader is None:
+        names = " or ".join(each.__name__ for each in READERS)
+        raise click.UsageError(f"--file has a message of type {names}: name it before VALUES")
+    if not values.keys() <= {"stamp_ns", "frame_id"}:
+        raise click.UsageError("VALUES beside --file must be frame_id and stamp_ns, or left out")
+    try:
+        content = replace(reader(path), **values)
+        encode_message(content)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise click.UsageError(f"VALUES beside --file: {error}") from error
+    except OSError as error:
+        raise BusError(f"{path} cannot be read: {error.strerror or error}") from error
+
+    def payload() -> bytes:
+        has_stamp = "stamp_ns" in values
+        return encode_message(content if has_stamp else replace(content, stamp_ns=node.now_ns()))
+
+    return payload, as_json({"frame_id": content.frame_id, "file": str(path)})
 
 
 def _publish(
     node: "Node",
     publisher: "RawPublisher",
-    payload: bytes,
+    payload_of: Callable[[], bytes],
     rate: float,
     times: int | None,
     shown: str,
@@ -423,7 +469,7 @@ def _publish(
     started_s = time.monotonic()
     sent = 0
     while node.ok:
-        publisher.publish(payload)
+        publisher.publish(payload_of())
         sent += 1
         if every and (sent - 1) % every == 0:
             print_text(f"publishing #{sent}: {shown}")

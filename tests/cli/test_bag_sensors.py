@@ -1,0 +1,186 @@
+"""`tfbus bag export` of clouds and images, and its files, read by others and back."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from tests import needs
+from tfbus.cli import main
+from tfbus.errors import InvalidArgumentException
+from tfbus.messages import CompressedImage, Image, PointCloud
+from tfbus.recording.items import TopicItem
+from tfbus.recording.writer import RecordingWriter
+from tfbus.sensor_files import (
+    read_cloud,
+    read_compressed_image,
+    read_image,
+    write_cloud_npz,
+    write_pcd,
+    write_ply,
+    write_png,
+)
+from tfbus.wire.codec import decode_map, encode_message, type_name
+
+S = 1_000_000_000
+START_NS = 1_700_000_000 * S
+JPEG = b"\xff\xd8\xff\xe0 not more than its first bytes"
+
+
+def export(*arguments: object) -> Result:
+    """`tfbus bag export` with these arguments."""
+    return CliRunner().invoke(main, ["bag", "export", *map(str, arguments)], prog_name="tfbus")
+
+
+def exported(*arguments: object) -> str:
+    """The line of an export that must succeed."""
+    done = export(*arguments)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def cloud(stamp_ns: int = 0) -> PointCloud:
+    """Six points with two further columns."""
+    xyz = np.arange(18, dtype=np.float32).reshape(6, 3)
+    rgb = np.full(6, 0x102030, np.uint32).view(np.float32)
+    normals = np.arange(18.0).reshape(6, 3)
+    return PointCloud.from_xyz(stamp_ns, "lidar", xyz, rgb=rgb, normal=normals)
+
+
+def picture(stamp_ns: int = 0) -> Image:
+    """An image with blue first."""
+    pixels = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    return Image.from_pixels(stamp_ns, "camera", pixels, "bgr8")
+
+
+@pytest.fixture
+def seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of three clouds and images, one a second, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("seen.mcap")
+    with RecordingWriter(path) as writer:
+        for tick in range(3):
+            now = START_NS + tick * S
+            for topic, message in (
+                ("points", cloud(now)),
+                ("image", picture(now)),
+                ("jpeg", CompressedImage(now, "camera", "jpeg", np.frombuffer(JPEG, np.uint8))),
+            ):
+                writer.write(
+                    TopicItem(
+                        now, topic, type_name(type(message)), decode_map(encode_message(message))
+                    )
+                )
+    return path
+
+
+def test_each_message_becomes_a_file_or_one_at_a_time(seen: Path) -> None:
+    """The names have number and stamp; --at takes the newest message of then."""
+    said = exported(seen, "--topic", "points", "-o", "cloud.ply")
+    assert said.startswith("Wrote cloud_000000_") and said.endswith(", 3 messages\n")
+    names = [f"cloud_{at:06d}_{START_NS + at * S}.ply" for at in range(3)]
+    assert sorted(each.name for each in Path().glob("*.ply")) == names
+    assert "a message of 'points'" in exported(
+        seen, "--topic", "/points", "--at", "1.5", "-o", "one.npz"
+    )
+    with np.load("one.npz") as file:
+        assert file["stamp_ns"] == START_NS + S
+        assert file["frame_id"] == "lidar"
+        assert np.array_equal(file["points"]["normal"], cloud()["normal"])
+    exported(seen, "--topic", "jpeg", "--at", "0", "-o", "one.jpg")
+    assert Path("one.jpg").read_bytes() == JPEG
+    exported(seen, "--topic", "image", "--at", "0", "-o", "one.npy")
+    assert np.array_equal(np.load("one.npy"), picture().pixels())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--topic", "image", "-o", "a.ply"), "of type PointCloud, and 'image' is of type sensor"),
+        (("--topic", "jpeg", "-o", "a.png"), "the image is jpeg, not png: write .jpg"),
+        (("--topic", "none", "-o", "a.ply"), "no topic 'none'"),
+        (("-o", "a.ply"), "give --topic"),
+        (("--topic", "points", "-o", "a.tum"), "tum has no messages"),
+        (("--topic", "points", "-o", "a.csv", "--at", "1"), "--at is for one cloud or image"),
+        (("--topic", "points", "-o", "a.ply", "--at", "1", "--to", "2"), "--at is one time"),
+    ],
+)
+def test_a_mistake_is_named(seen: Path, arguments: tuple[str, ...], said: str) -> None:
+    """In a sentence, and no file is written."""
+    done = export(seen, *arguments)
+    assert done.exit_code in (1, 2)
+    assert said in " ".join(done.output.split())
+    assert os.listdir() == [seen.name]
+
+
+def test_a_cloud_comes_back_from_its_files(tmp_path: Path) -> None:
+    """PCD and npz keep columns and rows; columns with hostile names cannot break a header."""
+    grid = np.zeros((2, 3), [("x", "f4"), ("a b\nDATA ascii", "u2"), ("n", "f8", (2,))])
+    grid["x"] = np.arange(6).reshape(2, 3)
+    hostile = PointCloud.from_array(5, "a\nb", grid)
+    for each in (cloud(), hostile):
+        for name, write in (("a.pcd", write_pcd), ("a.npz", write_cloud_npz)):
+            write(each, tmp_path / name)
+            back = read_cloud(tmp_path / name).as_array()
+            assert back.shape == each.as_array().shape
+            for old, new in zip(each.as_array().dtype.names, back.dtype.names, strict=True):
+                assert np.array_equal(back[new], each.as_array()[old])
+    write_ply(cloud(), tmp_path / "a.ply")
+    header, _, body = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
+    kinds = [line.split()[1:] for line in header.decode().splitlines() if "property" in line]
+    of_numpy = {"float": "<f4", "double": "<f8", "uchar": "u1"}
+    rows = np.frombuffer(body, [(name, of_numpy[kind]) for kind, name in kinds])
+    assert np.array_equal(rows["z"], cloud()["z"])
+    assert [rows[name][0] for name in ("red", "green", "blue")] == [0x10, 0x20, 0x30]
+
+
+def test_ascii_pcd_is_read(tmp_path: Path) -> None:
+    """As PCL writes it."""
+    path = tmp_path / "a.pcd"
+    path.write_text(
+        "# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\n"
+        "HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n1 2 3\nnan 5 6\n"
+    )
+    assert np.array_equal(read_cloud(path).xyz(), [[1, 2, 3], [np.nan, 5, 6]], equal_nan=True)
+
+
+def test_another_library_reads_a_png(tmp_path: Path) -> None:
+    """Colours and 16 bits are as they were, and read back."""
+    pillow = needs.module("PIL.Image")
+    path = tmp_path / "a.png"
+    write_png(picture(), path)
+    with pillow.open(path) as image:
+        assert np.array_equal(np.asarray(image), picture().pixels()[..., ::-1])
+    deep = np.arange(20, dtype=np.uint16).reshape(4, 5) * 3000
+    write_png(Image.from_pixels(0, "", deep), path)
+    assert np.array_equal(read_image(path).pixels(), deep)
+    assert read_compressed_image(path).format == "png"
+    with pytest.raises(InvalidArgumentException, match=r"32FC1: write \.npy"):
+        write_png(Image.from_pixels(0, "", deep.astype(np.float32)), path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.pcd", b""),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 999999999999\nDATA binary\nabcd"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE O\nWIDTH 1\nDATA binary\nabcdefgh"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nCOUNT 999999999\nWIDTH 1\nDATA binary\nabcd"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH -1\nDATA ascii\n"),
+        ("a.pcd", b"FIELDS x\nSIZE\nTYPE F\nWIDTH\nDATA\n"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nDATA binary_compressed\nabcd"),
+        ("a.npz", b"PK no archive"),
+        ("a.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '|O'}\n"),
+        ("a.ply", b"ply"),
+    ],
+)
+def test_a_hostile_cloud_is_refused_in_a_sentence(
+    tmp_path: Path, name: str, content: bytes
+) -> None:
+    """It names the file."""
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InvalidArgumentException, match=name):
+        read_cloud(path)

@@ -303,6 +303,25 @@ def test_the_bodies_of_a_simulation_are_frames(bus: live_bus.Bus) -> None:
     assert simulation.stop() == 0, simulation.err
 
 
+def test_a_lidar_file_is_published(bus: Bus) -> None:
+    """lidar_file.py sends its points ten times a second."""
+    clouds: list[PointCloud] = []
+    bus.node("sink").create_subscription(PointCloud, "points", clouds.append)
+    lidar = start(bus, "lidar_file.py")
+    eventually(lambda: len(clouds) > 2)
+    assert len(clouds[0]) == 360 and clouds[0].frame_id == "lidar"
+    assert lidar.stop() == 0, lidar.err
+
+
+@pytest.mark.real
+def test_a_webcam_that_is_not_there_is_said(bus: live_bus.Bus) -> None:
+    """webcam.py ends with a sentence."""
+    needs.module("cv2")
+    program = str(ROOT / "examples" / "webcam.py")
+    camera = bus.start_command([sys.executable, program, "87"])
+    eventually(lambda: any("Error: there is no camera 87" in line for line in camera.err))
+
+
 def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
     """imu_1khz.py says what it sends, and its samples are a millisecond apart."""
     imu = start(bus, "imu_1khz.py")

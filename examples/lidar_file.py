@@ -2,7 +2,7 @@
 
     python examples/lidar_file.py scan.npy
 
-`tfbus view` shows it. Points are in m. `tfbus topic pub --file` reads PCD too.
+The view shows it, in its tab Data. Points are in m. `tfbus topic pub --file` reads PCD too.
 """
 
 import sys

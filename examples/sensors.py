@@ -1,6 +1,9 @@
 """A robot that drives in a circle, with a lidar, a scanner and a camera: all are seen in the view.
 
-Run it, and beside it: tfbus view --topic points --topic scan --topic camera/image
+    python examples/sensors.py
+    tfbus view --topic points --topic scan --topic camera/image
+
+Ctrl-C ends it.
 """
 
 import math

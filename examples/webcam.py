@@ -4,7 +4,7 @@
     python examples/webcam.py
     python examples/webcam.py 2
 
-`tfbus view` shows them. Ctrl-C ends it.
+The view shows them, in its tab Data. Ctrl-C ends it.
 """
 
 import sys

@@ -217,6 +217,9 @@ def test_a_missing_library_is_answered_with_its_extra(
     """With the command that installs it, as it is typed."""
     for name in [library, *(each for each in sys.modules if each.startswith(f"{library}."))]:
         monkeypatch.setitem(sys.modules, name, None)
+    # Another test may have imported the module that needs it.
+    for name in [each for each in sys.modules if each.startswith("tfbus.top.")]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr("tfbus.cli.keys.find_spec", lambda name: None)
     monkeypatch.chdir(tmp_path)
     places = {"RUN": str(path), "NEW": "new.mcap"}

@@ -102,7 +102,7 @@ class KeptFiles:
                 selection = decode_message(Wanted, query.payload).selection()
             most = min(int(_number(query, "page", _LARGEST_PAGE)), _LARGEST_PAGE)
             page = self.page(begin_ns, end_ns, most, selection)
-            query.answer(self._key, encode_page(page._replace(now_ns=now_ns)), background=True)
+            query.answer(self._key, encode_page(page._replace(now_ns=now_ns)))
 
     def page(self, begin_ns: int, end_ns: int, most_bytes: int, selection: Selection = ALL) -> Page:
         """The first items between two log times: of at most so many bytes, or those of the first

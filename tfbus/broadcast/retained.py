@@ -292,7 +292,7 @@ def answer_from_history(query: Query, stream_key: str, span: Span) -> None:
         if (size := query.parameter("page")) is not None:
             page = found.page(query.key, _page_bytes(size))
             at = stream_key if within(stream_key, query.key) else query.key
-            query.answer(at, encode_page(page), background=True)
+            query.answer(at, encode_page(page))
             return
         messages = without_removed(found.entries)
         asked = {key for key in {key for key, _ in messages} if within(key, query.key)}

@@ -82,17 +82,15 @@ class Query:
         """The value of this name in the selector `key?name=value`; None if it has none."""
         return self._query.parameters.get(name)
 
-    def answer(self, key: str, payload: bytes, *, background: bool = False) -> None:
-        """Send one answer; `key` lies within the key expression of the query. All else on the link
-        goes before one in the `background`.
+    def answer(self, key: str, payload: bytes) -> None:
+        """Send one answer, of the query's priority; `key` lies within its key expression.
 
         Raises BusError if it is larger than the asker takes.
         """
         self._check(len(payload), "the answer cannot be sent")
-        priority = zenoh.Priority.BACKGROUND if background else None
         with bus_errors(f"answer the query for {self.key}"):
             # An absolute key: this query came to the session without a namespace.
-            self._query.reply(key.removeprefix("/"), payload, priority=priority)
+            self._query.reply(key.removeprefix("/"), payload)
 
     def _check(self, size: int, what: str) -> None:
         if mistake := self._limits.mistake_in(kind_of_query(self.key), size):

@@ -395,11 +395,6 @@ class Session(NetworkSession):
                 ),
             )
 
-    def _question_priority(self, urgent: bool, background: bool) -> zenoh.Priority | None:
-        if background:
-            return zenoh.Priority.BACKGROUND
-        return self.retained_priority if urgent and self.network.is_bad else None
-
     # Who is alive
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:

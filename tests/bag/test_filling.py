@@ -166,8 +166,17 @@ def test_what_is_kept_has_bounds(tmp_path: Path) -> None:
         parts.close()
         assert older.exists() is (left == 4)
         assert sum(path.exists() for path in [older, *parts.paths]) == left
-    os.utime(older, (1.0, 1.0))
-    parts = PartsWritten(tmp_path / "new.mcap", RecordingWriter, keep=Keep(60.0), older=[older])
+
+
+def test_a_time_without_recorder_erases_nothing(tmp_path: Path) -> None:
+    """The last 80 s that were recorded are kept, however long ago; the time since then counts as
+    one file of 10 s.
+    """
+    older = [tmp_path / f"older-{number}.mcap" for number in range(11)]
+    for number, path in enumerate(older):
+        path.write_bytes(b"recorded")
+        os.utime(path, (10.0 * number, 10.0 * number))
+    parts = PartsWritten(tmp_path / "new.mcap", RecordingWriter, keep=Keep(80.0), older=older)
     parts.open()
     parts.close()
-    assert not older.exists()
+    assert [path.exists() for path in older] == [False] * 4 + [True] * 7

@@ -1,5 +1,6 @@
 """The files of a recording that is written, on one disk: split, or of the last seconds only."""
 
+import itertools
 import logging
 import os
 import re
@@ -18,7 +19,6 @@ from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
-from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.log import LogOnce
 from tfbus.wording import printable
@@ -114,7 +114,9 @@ _KEPT_WHOLE = _KEPT_PARTS / (_KEPT_PARTS + 1)
 
 @dataclass(frozen=True)
 class Keep:
-    """The last seconds, or bytes, that stay on the disk, over restarts too."""
+    """The last seconds, or bytes, that stay on the disk, over restarts too; a time without the
+    recorder counts as an eighth of them at most.
+    """
 
     last_s: float | None = None
     most_bytes: int | None = None
@@ -277,8 +279,13 @@ class PartsWritten:
                 ended_s.append(found.st_mtime)
         if len(self.older) + len(self.paths) < 2 or not sizes:
             return False
-        if keep.last_s is not None and ended_s[0] < scheduler.time_ns() / 1e9 - keep.last_s:
-            return True
+        if keep.last_s is not None:
+            # No file is longer than this: what lies beyond it is time without a recorder.
+            longest_s = keep.last_s / _KEPT_PARTS
+            between = itertools.pairwise(ended_s)
+            recorded_s = sum(min(max(end - begin, 0.0), longest_s) for begin, end in between)
+            if recorded_s >= keep.last_s:
+                return True
         return keep.most_bytes is not None and sum(sizes) > keep.most_bytes * _KEPT_WHOLE
 
     def _delete_one(self) -> None:

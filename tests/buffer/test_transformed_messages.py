@@ -135,6 +135,24 @@ def test_points_with_times_are_each_moved_at_their_own(name: str, times: Any) ->
     np.testing.assert_allclose(in_base.xyz()[:, 0], 0.02 * np.arange(5), atol=1e-6)
 
 
+def test_a_time_that_is_not_finite_makes_no_other_one_of_another_unit() -> None:
+    """Seconds stay seconds beside one that is not known, which is that of the stamp."""
+    columns = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f4")]
+    rows = np.array([(1.0, 0.0, 0.0, 0.25), (2.0, 0.0, 0.0, np.inf)], columns)
+    stamps = messages.PointCloud.from_array(S, "lidar", rows).stamps_ns()
+    assert stamps is not None and stamps.tolist() == [S + S // 4, S]
+
+
+def test_deletions_of_markers_need_no_frame() -> None:
+    """They are as they were, beside markers that are moved."""
+    gone = messages.Marker(0, "", action=messages.Marker.DELETEALL)
+    moved = still().transform(
+        messages.MarkerArray((gone, messages.Marker(S, "lidar", pose=POSE))), "base"
+    )
+    assert moved.markers[0] == gone
+    assert moved.markers[1].frame_id == "base"
+
+
 def test_poses_are_those_of_the_product_of_matrices() -> None:
     """Of every message with a pose, or with many."""
     expected = MOUNT.as_matrix() @ matrix(POSE)

@@ -267,6 +267,21 @@ def test_images_of_each_encoding_are_pictures(
     assert layer.picture is not None
     assert (layer.picture.dtype, layer.picture.shape[2]) == (np.uint8, 3)
     assert max(layer.picture.shape) <= 1280
+    assert layer.picture.shape[1] / layer.picture.shape[0] == pytest.approx(
+        shape[1] / shape[0], 0.01
+    )
+
+
+def test_what_failed_is_dropped_and_the_rest_stays(buffer: Buffer) -> None:
+    """An item that cannot be drawn is counted, and not tried again."""
+    array = MarkerArray((marker(1), marker(2)))
+    layer = layer_of(array)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    bad, good = layer.placed
+    layer.fail(ValueError("no such shape"), bad)
+    layer.step(buffer, "map", 1.0, SETTINGS)
+    assert [*layer.placed] == [good]
+    assert layer.dropped["cannot be drawn"] == 1
 
 
 HOSTILE: dict[str, Callable[[], Any]] = {

@@ -40,6 +40,8 @@ def transformed(
             for each in message.markers
         )
         return replace(message, markers=tuple(moved))
+    if isinstance(message, messages.Marker) and message.action in _DELETIONS:
+        return message
     if type(message) not in (*_MOVES, messages.PointCloud, messages.LaserScan):
         names = sorted(each.__name__ for each in _MOVES)
         raise InvalidArgumentException(
@@ -58,6 +60,10 @@ def transformed(
     if isinstance(message, messages.Path):
         message = _in_one_frame(buffer, message, stamp_ns, timeout_s)
     return moved_by(message, answer)
+
+
+# Of a deletion only the name counts; often it has no frame.
+_DELETIONS = (messages.Marker.DELETE, messages.Marker.DELETEALL)
 
 
 def moved_by(message: M, transform: TransformStamped) -> M:

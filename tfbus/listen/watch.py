@@ -360,7 +360,18 @@ class StreamWatch:
         former = self._state(key)
         self._returning.pop(former.name, None)
         if not alive or former.alive or former.description is None:
-            self._set(replace(former, alive=alive, displaced="", held=False, silent=False))
+            # Behind a token that is back after a silence there may be another process.
+            confirmed = former.confirmed and not former.silent
+            self._set(
+                replace(
+                    former,
+                    alive=alive,
+                    confirmed=confirmed,
+                    displaced="",
+                    held=False,
+                    silent=False,
+                )
+            )
         else:
             self._returning[former.name] = came_s
             # It may be another process, which need not be able to sign its description.

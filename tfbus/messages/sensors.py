@@ -312,7 +312,8 @@ def _unit(times: "NDArray[Any]") -> tuple[int, bool]:
     """How many nanoseconds a one of these times is, and whether they are since the Unix epoch."""
     import numpy as np
 
-    largest = float(np.nanmax(np.abs(times), initial=0.0)) if len(times) else 0.0
+    known = times if times.dtype.kind in "iu" else times[np.isfinite(times)]
+    largest = float(np.max(np.abs(known.astype(np.float64)), initial=0.0))
     if times.dtype.kind in "iu":
         return 1, largest >= _EPOCH_NS
     return (1, True) if largest >= _EPOCH_NS else (1_000_000_000, largest >= _EPOCH_S)

@@ -301,6 +301,13 @@ class TopicLayer:
         if since_s is not None and now_s - since_s > _TROUBLE_AFTER_S:
             self._waits_for = printable(str(error), 300)
 
+    def fail(self, error: Exception, key: object = None) -> None:
+        """Drop the item of this key, which cannot be drawn; without one all that wait."""
+        if key is None:
+            self._unplaced.clear()
+        self._remove(key)
+        self._refuse(error)
+
     def _refuse(self, error: Exception) -> None:
         self.dropped["cannot be drawn"] += 1
         self._refusal = printable(str(error), 300)

@@ -80,9 +80,11 @@ def _of_yuv422(pixels: NDArray[Any], *, is_y_first: bool, step: int) -> Picture:
     if not width:
         raise ValueError("an image of yuv422 needs 2 columns")
     at_y, at_uv = (0, 1) if is_y_first else (1, 0)
-    pairs = pixels[::step, :width].reshape(-(-len(pixels) // step), width // 2, 2, 2)[:, ::step]
-    y = pairs[:, :, 0, at_y].astype(np.float32)
-    u, v = (pairs[:, :, at, at_uv].astype(np.float32) - 128.0 for at in (0, 1))
+    rows = pixels[::step, :width]
+    y = rows[:, ::step, at_y].astype(np.float32)
+    # Both columns of a pair have the colour of the pair.
+    of_column = np.arange(0, width, step) // 2 * 2
+    u, v = (rows[:, of_column + at, at_uv].astype(np.float32) - 128.0 for at in (0, 1))
     rgb = np.stack((y + 1.402 * v, y - 0.344 * u - 0.714 * v, y + 1.772 * u), axis=2)
     picture: Picture = np.clip(rgb, 0.0, 255.0).astype(np.uint8)
     return picture

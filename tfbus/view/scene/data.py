@@ -177,7 +177,11 @@ class DataScenes:
             if sight.is_held:
                 break
             camera = self._camera(topic)
-            layer.step(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera)
+            try:
+                layer.step(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera)
+            except Exception as error:  # the other topics are drawn all the same
+                layer.fail(error)
+                self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
         with self._server.atomic():
             self._draw(chosen)
         for topic, layer in layers.items():
@@ -206,29 +210,40 @@ class DataScenes:
             for key, placed in layer.placed.items()
         }
         for gone in self._drawn.keys() - items.keys():
-            ended = self._drawn.pop(gone)
+            self._remove(gone)
+        for at, placed in items.items():
+            topic, key = at
+            try:
+                self._draw_item(at, placed, chosen[topic].size)
+            except Exception as error:  # the others are drawn all the same
+                self._remove(at)
+                self.layers[topic].fail(error, key)
+                self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
+
+    def _draw_item(self, at: tuple[str, object], placed: PlacedItem, size: float) -> None:
+        drawn = self._drawn.get(at)
+        if drawn is None:
+            node = self._scene.add_frame(
+                f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
+            )
+            drawn = self._drawn[at] = _DrawnItem(placed, size, node, [])
+            drawn.handles = self._made(placed, node.name, size)
+            return
+        if drawn.placed.pose != placed.pose:
+            put = place_of(placed.pose)
+            drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
+        if drawn.placed.item is not placed.item or drawn.size != size:
+            former, former_handles = drawn.placed, drawn.handles
+            drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
+            for handle in former_handles[len(drawn.handles) :]:
+                handle.remove()
+            drawn.size = size
+        drawn.placed = placed
+
+    def _remove(self, at: tuple[str, object]) -> None:
+        if (ended := self._drawn.pop(at, None)) is not None:
             for handle in (*ended.handles, ended.node):
                 handle.remove()
-        for at, placed in items.items():
-            size = chosen[at[0]].size
-            drawn = self._drawn.get(at)
-            if drawn is None:
-                node = self._scene.add_frame(
-                    f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
-                )
-                handles = self._made(placed, node.name, size)
-                self._drawn[at] = _DrawnItem(placed, size, node, handles)
-                continue
-            if drawn.placed.pose != placed.pose:
-                put = place_of(placed.pose)
-                drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
-            if drawn.placed.item is not placed.item or drawn.size != size:
-                former, former_handles = drawn.placed, drawn.handles
-                drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
-                for handle in former_handles[len(drawn.handles) :]:
-                    handle.remove()
-                drawn.size = size
-            drawn.placed = placed
 
     def _made(
         self,

@@ -39,10 +39,11 @@ class Robot:
         self.node.create_timer(0.2, send)
         self.recorder = self.start()
 
-    def start(self) -> Program:
+    def start(self, name: str = "recorder") -> Program:
         """Its recorder, which is started again after a power cut."""
         started = self.bus.start(
-            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/", "--namespace", "robot7")
+            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/"),
+            *("--namespace", "robot7", "--name", name),
         )
         started.wait_for_line("Keeping the last 60 min in")
         return started
@@ -146,6 +147,25 @@ def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     missing = {stamp for stamp in robot.sent if came[0] < stamp < came[-1]} - {*came}
     span_s = (max(missing) - min(missing)) / 1e9
     assert 60.0 <= span_s < 62.5 and len(missing) == round(span_s * 5) + 1
+
+
+def test_a_recorder_under_another_name_fills_the_gap(
+    bus: Bus, robot: Robot, tmp_path: Path
+) -> None:
+    """It takes the place of the one that is gone."""
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
+    process.wait_for_line("Recording to")
+    network.run(20.0)
+    network.partition("robot", "base")
+    network.run(30.0)
+    network.kill(robot.recorder.process)
+    robot.start("blackbox")
+    network.run(30.0)
+    network.heal()
+    network.run(until=lambda: "Filled the" in process.stderr)
+    assert process.stop() == 0
+    assert "/robot7/blackbox was out of reach" in process.stderr
 
 
 def test_what_is_kept_has_bounds(tmp_path: Path) -> None:

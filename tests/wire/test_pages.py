@@ -1,5 +1,6 @@
 """Pages of kept messages: what comes back is what was sent, and nothing bad does more harm."""
 
+import math
 import zlib
 from contextlib import suppress
 
@@ -46,3 +47,14 @@ def test_messages_of_another_form_are_refused(rows: bytes) -> None:
         decode_page(msgpack.packb(said))
     with pytest.raises(DecodeError, match="64 MB"):
         decode_page(msgpack.packb({**said, "messages": zlib.compress(bytes(70_000_000))}))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [{"left_s": math.nan}, {"left_s": math.inf}, {"left_s": -1.0}, {"now": -1}, {"now": 2**63}],
+)
+def test_times_of_a_page_that_are_none_are_refused(said: dict[str, float]) -> None:
+    """A recording would be filled at such times, or its progress shown by them."""
+    rows = zlib.compress(msgpack.packb([]))
+    with pytest.raises(DecodeError, match="left_s or now"):
+        decode_page(msgpack.packb({"page": 1, "next": "", "messages": rows, **said}))

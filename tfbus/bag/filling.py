@@ -13,13 +13,13 @@ from tfbus.bag.keeping import Fill
 from tfbus.bag.kept import NODE, STREAM, wanted_of
 from tfbus.bag.raw_queue import EVENTS, Raw
 from tfbus.bag.recorder import Filled, Recorder
-from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError, TfbusError
+from tfbus.errors import BusError, DecodeError, TfbusError
 from tfbus.listen.queries import AskPages, PagesInTurn
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.selection import Selection
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import (
     ALL_KEEPERS,
     ALL_KEEPERS_EVERYWHERE,
@@ -49,6 +49,9 @@ _AGAIN_S = 10.0
 
 # Tokens come from the bus: at most so many recorders are known.
 _MOST_KEEPERS = 1_000
+
+# More losses of a link are one gap.
+_MOST_GAPS = 100
 
 _WRITTEN_WITHIN_S = 60.0
 
@@ -88,6 +91,8 @@ class _Keeper:
     def __init__(self, key: str, name: str) -> None:
         self.key = key
         self.name = name
+        # Another one in the same place, which takes it over.
+        self.beside = ""
         self.is_there = False
         self.lost_ns: int | None = None
         self.gaps: list[_Gap] = []
@@ -123,6 +128,7 @@ class Filling:
         self._recorder = recorder
         self._wanted = wanted_of(selection)
         self._log = log
+        self._once = LogOnce(log)
         self._executor = Executor("filling", log)
         self._turns = PagesInTurn(self._executor, most=4)
         # By what is in front of their keys: a namespace needs one.
@@ -145,9 +151,9 @@ class Filling:
     def progress(self) -> list[str]:
         """A clause for each recorder whose gap is being filled: `filling /robot7/recorder 42 %`."""
         return [
-            f"filling {keeper.name} {100 * keeper.gaps[0].share:.0f} %"
+            f"filling {keeper.name} {100 * gap.share:.0f} %"
             for keeper in list(self._keepers.values())
-            if keeper.gaps
+            for gap in keeper.gaps[:1]  # another thread may end it
         ]
 
     def unfilled(self) -> list[str]:
@@ -155,7 +161,7 @@ class Filling:
         found = []
         for keeper in list(self._keepers.values()):
             left_s = sum(
-                (gap.until_ns - gap.from_ns) / 1e9 * (1 - gap.share) for gap in keeper.gaps
+                (gap.until_ns - gap.from_ns) / 1e9 * (1 - gap.share) for gap in [*keeper.gaps]
             )
             if not keeper.is_there and keeper.lost_ns is not None:
                 left_s += (self._recorder.now_ns() - keeper.lost_ns) / 1e9
@@ -176,35 +182,63 @@ class Filling:
         prefix = key.partition("@tfbus/")[0]
         keeper = self._keepers.get(prefix)
         if keeper is None:
-            if not alive or len(self._keepers) >= _MOST_KEEPERS:
+            if not alive or not self._has_room():
                 return
-            name = self._capture.names.full(f"{prefix}{last_name(key)}")
-            keeper = self._keepers[prefix] = _Keeper(key, f"/{printable(name, 200)}")
+            keeper = self._keepers[prefix] = _Keeper(key, self._name_of(key))
             self._note_received()
-        if keeper.key != key or keeper.is_there is alive:
+        if keeper.key != key:
+            if not alive or keeper.is_there:
+                keeper.beside = key if alive else ""
+                return
+            keeper.key, keeper.name = key, self._name_of(key)
+        if keeper.is_there is alive:
             return
         keeper.is_there = alive
         if not alive:
             keeper.lost_ns = self._recorder.now_ns()
             if keeper.asking is not None:
                 keeper.asking.close()
+            if keeper.beside:
+                keeper.beside, beside = "", keeper.beside
+                self._take_token(beside, True)
         elif keeper.lost_ns is not None:
-            now_ns = self._recorder.now_ns()
-            keeper.gaps.append(
-                _Gap(
-                    max(keeper.lost_ns - _BEFORE_NS, self._began_ns),
-                    keeper.lost_ns,
-                    now_ns + _OVERLAP_NS,
-                )
-            )
-            self._log.info(
-                "%s was out of reach for %s: what it has kept of that is filled in",
-                keeper.name,
-                duration((now_ns - keeper.lost_ns) / 1e9),
-            )
+            self._add_gap(keeper, keeper.lost_ns)
             keeper.lost_ns = None
             self._executor.after(_AFTER_S, lambda: self._fill(keeper))
         self._note_received()
+
+    def _name_of(self, key: str) -> str:
+        name = self._capture.names.full(f"{key.partition('@tfbus/')[0]}{last_name(key)}")
+        return f"/{printable(name, 200)}"
+
+    def _has_room(self) -> bool:
+        """Whether another keeper can be known; for it one that has left is forgotten."""
+        if len(self._keepers) < _MOST_KEEPERS:
+            return True
+        left = {
+            prefix: each.lost_ns
+            for prefix, each in self._keepers.items()
+            if each.lost_ns is not None and not each.gaps
+        }
+        if not left:
+            self._once.warning("full", "Fill no gaps of more than %d recorders", _MOST_KEEPERS)
+            return False
+        del self._keepers[min(left, key=lambda prefix: left[prefix])]
+        return True
+
+    def _add_gap(self, keeper: _Keeper, lost_ns: int) -> None:
+        now_ns = self._recorder.now_ns()
+        gap = _Gap(max(lost_ns - _BEFORE_NS, self._began_ns), lost_ns, now_ns + _OVERLAP_NS)
+        last = keeper.gaps[-1] if keeper.gaps and keeper.asking is None else None
+        if last is not None and (lost_ns <= last.until_ns or len(keeper.gaps) >= _MOST_GAPS):
+            last.until_ns = gap.until_ns
+            return
+        keeper.gaps.append(gap)
+        self._log.info(
+            "%s was out of reach for %s: what it has kept of that is filled in",
+            keeper.name,
+            duration((now_ns - lost_ns) / 1e9),
+        )
 
     def _note_received(self) -> None:
         held = any(each.gaps or each.lost_ns is not None for each in self._keepers.values())
@@ -215,12 +249,16 @@ class Filling:
         if keeper.asking is not None or not keeper.gaps or not keeper.is_there:
             return
         gap = keeper.gaps[0]
-        written: list[Future[object]] = []
+        written: list[tuple[Page, Future[object]]] = []
+
+        def take_written() -> bool:
+            return all(self._take_written(keeper, gap, *written.pop()) for _ in [*written])
 
         def selector() -> str:
             # A page is asked for once the one before is written.
-            while written:
-                self._take_written(gap, written.pop())
+            if not take_written():
+                asking.close()
+                raise BusError("a page could not be written")
             now_ns = self._recorder.now_ns()
             from_s, until_s = ((now_ns - each) / 1e9 for each in (gap.from_ns, gap.until_ns))
             return kept_selector(keeper.key, from_s, max(until_s, 0.0))
@@ -228,33 +266,29 @@ class Filling:
         def take(page: Page, _: str) -> None:
             if gap.ahead_ns is None:
                 gap.ahead_ns = page.now_ns - self._recorder.now_ns() if page.now_ns else 0
-            gap.place, gap.left_s = page.next, page.left_s
             raws = self._raws(page.messages, gap)
-            written.append(self._recorder.fill(raws, gap.fill, self._again_ns(keeper)))
+            filled = self._recorder.fill(raws, gap.fill, self._again_ns(keeper))
+            written.append((page, filled))
 
         def on_over() -> None:
             self._executor.submit("filling", lambda: end())
 
         def end() -> None:
-            while written:
-                self._take_written(gap, written.pop())
+            is_written = take_written()
             keeper.asking = None
-            if asking.is_complete:
+            if asking.is_complete and is_written:
                 keeper.gaps.remove(gap)
                 self._end_gap(keeper, gap)
                 self._fill(keeper)
             elif keeper.is_there:
                 self._executor.after(_AGAIN_S, lambda: self._fill(keeper))
 
-        def no_page(_: Answer) -> None:
-            """Nothing but pages is answered."""
-
         asking = keeper.asking = AskPages(
             self._session,
             self._executor,
             selector,
             on_page=take,
-            on_message=no_page,
+            on_message=None,
             on_over=on_over,
             turns=self._turns,
             place=gap.place,
@@ -267,13 +301,25 @@ class Filling:
         next_ns = self._recorder.now_ns() if keeper.lost_ns is None else keeper.lost_ns
         return min([gap.from_ns for gap in keeper.gaps[1:]], default=next_ns - _BEFORE_NS)
 
-    def _take_written(self, gap: _Gap, written: "Future[object]") -> None:
-        with suppress(TfbusError, TimeoutError):
+    def _take_written(
+        self, keeper: _Keeper, gap: _Gap, page: Page, written: "Future[object]"
+    ) -> bool:
+        """Wait until a page is written, and go on behind it; False if it could not be."""
+        try:
             filled = written.result(_WRITTEN_WITHIN_S)
-            assert isinstance(filled, Filled)
-            gap.fill = filled.fill
-            for item in filled.items:
-                gap.messages += not isinstance(item, EventItem)
+        except (TfbusError, TimeoutError, OSError) as error:
+            self._once.warning(
+                (keeper.name, type(error)),
+                "Could not write what came of %s, it is asked for again: %s",
+                keeper.name,
+                error or "the disk is too slow",
+            )
+            return False
+        assert isinstance(filled, Filled)
+        gap.fill = filled.fill
+        gap.place, gap.left_s = page.next, page.left_s
+        gap.messages += sum(not isinstance(item, EventItem) for item in filled.items)
+        return True
 
     def _end_gap(self, keeper: _Keeper, gap: _Gap) -> None:
         length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
@@ -301,6 +347,9 @@ class Filling:
         found = []
         for message in messages:
             log_ns = max(message.log_ns - (gap.ahead_ns or 0), 0)
+            if not gap.from_ns - _BEFORE_NS <= log_ns <= gap.until_ns + _BEFORE_NS:
+                self._once.warning("time", "Left out a message that was kept of another time")
+                continue
             with suppress(DecodeError):
                 if (raw := self._raw(message, log_ns, lost)) is not None:
                     found.append(raw)

@@ -269,7 +269,8 @@ class AskPages:
 
     `selector()` asks for all of them, and is called for each page. `on_messages(page, sender_key)`
     is called for each page, on Zenoh's thread, and `on_message(payload)` for each answer that is
-    none, as from earlier versions, which answer with all messages. `on_over()` is called once;
+    none, as from earlier versions, which answer with all messages; without it only pages are
+    answers. `on_over()` is called once;
     then `is_complete` says whether all have come, and `place` where to go on.
     """
 
@@ -280,7 +281,7 @@ class AskPages:
         selector: Callable[[], str],
         *,
         on_page: Callable[[Page, str], object],
-        on_message: Callable[[Answer], object],
+        on_message: Callable[[Answer], object] | None,
         on_over: Callable[[], object],
         turns: PagesInTurn,
         place: str = "",
@@ -360,12 +361,17 @@ class AskPages:
                 timeout_s=_KEPT_WITHIN_S,
                 priority="background",
             )
-        except BusError:  # the session is closed
+        except BusError:  # the session is closed, or no further page is wanted
             end_turn()
+        except BaseException:
+            end_turn()
+            raise
 
     def _take(self, answer: Answer, took_s: float) -> bool:
         """Take an answer; whether it is one."""
         if not is_page(answer.payload):
+            if self._on_message is None:
+                return False
             # All messages come so, one by one.
             self.is_complete = True
             self._on_message(answer)
@@ -374,6 +380,8 @@ class AskPages:
             page = decode_page(answer.payload)
         except DecodeError:
             return False
+        if page.next and page.next == self.place:
+            return False  # it would come again for ever
         self.place, self.is_complete = page.next, not page.next
         self._quickest_s = min(self._quickest_s, took_s)
         longer_s = took_s - self._quickest_s

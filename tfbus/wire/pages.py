@@ -1,5 +1,6 @@
 """Pages of kept messages: answers to a query for what was sent before, one part at a time."""
 
+import math
 import zlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -70,6 +71,8 @@ def decode_page(payload: bytes) -> Page:
         isinstance(after, str) and isinstance(left_s, (int, float)) and isinstance(now_ns, int)
     ):
         raise DecodeError("a page whose next, left_s or now is of another type")
+    if not 0.0 <= left_s < math.inf or not 0 <= now_ns < 2**63:
+        raise DecodeError("a page whose left_s or now is no time")
     if not isinstance(packed, bytes):
         raise DecodeError("a page without messages")
     return Page([_message(row) for row in _rows(packed)], after, float(left_s), now_ns)

@@ -44,7 +44,10 @@ def test_a_unit_is_written_and_removed(file: Path, tmp_path: Path) -> None:
     given = ["install", str(file), "x:=3", "--namespace", "robot7", "--user"]
     code, output = run(*given)
     assert code == 0 and f"Wrote {unit}" in output
-    assert f"-m tfbus launch {file} x:=3 --namespace robot7\n" in unit.read_text()
+    text = unit.read_text()
+    assert f"-m tfbus launch {file} x:=3 --namespace robot7\n" in text
+    # Commands of launch files, such as tfbus, are those of this environment.
+    assert f"Environment=PATH={Path(sys.executable).parent}:" in text
     assert run(*given)[0] == 0
     assert run("uninstall", "robot", "--user")[0] == 0
     assert not unit.exists()
@@ -59,6 +62,7 @@ def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
     for wrong in ("y:=3", "--no-such-option", "nothing"):
         code, output = run("install", str(file), wrong, "--print")
         assert code == 2 and wrong.partition(":")[0] in output
+        assert "tfbus launch --help" not in output
 
 
 @pytest.mark.real
@@ -82,6 +86,10 @@ def test_an_image_runs_the_launch_file(file: Path) -> None:
     assert code == 0
     entry = '["tfbus", "launch", "/robot/robot.yaml", "x:=3", "--network", "mobile"]'
     assert text.splitlines()[-1] == f"ENTRYPOINT {entry}"
+    # One that comes with tfbus is in no folder of the user's.
+    assert (
+        run("container", "turtle")[1].splitlines()[-1] == 'ENTRYPOINT ["tfbus", "launch", "turtle"]'
+    )
 
 
 @pytest.mark.real

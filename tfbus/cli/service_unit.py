@@ -14,6 +14,7 @@ import click
 from tfbus.cli.output import print_lines, print_text, warn
 from tfbus.cli.verbs import Answering
 from tfbus.errors import InvalidArgumentException
+from tfbus.launch.find import installed_launch_files
 from tfbus.launch.unit import MARK, Service, container_text, unit_text
 
 # There while systemd runs this machine.
@@ -41,8 +42,12 @@ def _checked(file: str, arguments: Sequence[str]) -> tuple[Path, list[str]]:
     from tfbus.cli.launch import command as launch
 
     given = [file, *arguments]
-    with redirect_stdout(io.StringIO()):
-        launch.main([*given, "--dry-run"], prog_name="tfbus launch", standalone_mode=False)
+    try:
+        with redirect_stdout(io.StringIO()):
+            launch.main([*given, "--dry-run"], prog_name="tfbus launch", standalone_mode=False)
+    except click.UsageError as error:
+        # With the usage of this command, not of that one.
+        raise click.UsageError(error.format_message(), click.get_current_context()) from error
     context = launch.make_context("tfbus launch", list(given), resilient_parsing=True)
     path, rest = chosen_file(file, context.params.get("arguments") or ())
     left = list(arguments)
@@ -88,7 +93,8 @@ def install_command(
             name or path.stem,
             [sys.executable, "-m", "tfbus", "launch", str(path), *rest],
             Path.cwd(),
-            {key: value for key, value in os.environ.items() if key.startswith(_SETTINGS)},
+            {"PATH": _path()}
+            | {key: value for key, value in os.environ.items() if key.startswith(_SETTINGS)},
             run_as or (os.environ.get("SUDO_USER", "") if is_system else ""),
         )
     except InvalidArgumentException as error:
@@ -141,7 +147,20 @@ def container_command(file: str, arguments: tuple[str, ...], extras: str) -> Non
     FILE and what follows are as in `tfbus launch`. The first lines say how to build and run it.
     """
     path, rest = _checked(file, arguments)
-    print_lines(container_text(path, rest, extras).splitlines())
+    # One of tfbus's own is in the image by its name.
+    supplied = {each.absolute(): name for name, each in installed_launch_files().items()}
+    try:
+        text = container_text(supplied.get(path, f"/robot/{path.name}"), rest, extras)
+    except InvalidArgumentException as error:
+        raise click.UsageError(str(error)) from error
+    print_lines(text.splitlines())
+
+
+def _path() -> str:
+    """The PATH of a service: first the programs beside this Python, such as `tfbus`, which those of
+    systemd's own are not.
+    """
+    return f"{Path(sys.executable).parent}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin"
 
 
 def _is_system(system: bool, is_user: bool) -> bool:

@@ -1,9 +1,10 @@
 """A launch file as a service: the unit of systemd that starts it at boot, and an image of it."""
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.wording import printable
@@ -37,10 +38,14 @@ class Service:
                 "digits, ':', '_', '.' and '-', and give another one with --name"
             )
         for text in (*self.command, str(self.folder), self.user, *self.environment.values()):
-            if not text.isprintable():
-                raise InvalidArgumentException(
-                    f"'{printable(text, 60)}' has a character that a unit cannot hold"
-                )
+            _check_printable(text)
+
+
+def _check_printable(text: str) -> None:
+    if not text.isprintable():
+        raise InvalidArgumentException(
+            f"'{printable(text, 60)}' has a character that such a file cannot hold"
+        )
 
 
 def unit_text(service: Service, *, is_system: bool) -> str:
@@ -84,15 +89,18 @@ def unit_text(service: Service, *, is_system: bool) -> str:
     return "\n".join(lines)
 
 
-def container_text(file: Path, arguments: Sequence[str], extras: str) -> str:
-    """A container file for the launch file and all in its folder; the image's entry point is
-    `tfbus launch` with these arguments.
+def container_text(file: str, arguments: Sequence[str], extras: str) -> str:
+    """A container file for a launch file and all in its folder; the image's entry point is
+    `tfbus launch` with these arguments. Raises InvalidArgumentException for a text that cannot
+    stand there.
     """
-    entry = ["tfbus", "launch", f"/robot/{file.name}", *arguments]
-    quoted = ", ".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in entry)
-    name = re.sub(r"[^a-z0-9]+", "-", file.stem.lower()).strip("-") or "robot"
+    entry = ["tfbus", "launch", file, *arguments]
+    for text in entry:
+        _check_printable(text)
+    path = PurePosixPath(file)
+    name = re.sub(r"[^a-z0-9]+", "-", path.stem.lower()).strip("-") or "robot"
     return f"""\
-# The folder of {file.name} with tfbus, of a clone of it:
+# The folder of {path.name} with tfbus, of a clone of it:
 #   docker build -t {name} -f Containerfile --build-context tfbus=CLONE .
 #   docker run -d --restart unless-stopped --network host --init {name}
 # The host's network carries multicast; -e TFBUS_NAMESPACE=robot7 gives settings.
@@ -108,7 +116,7 @@ COPY --chown=robot . /robot
 USER robot
 WORKDIR /robot
 STOPSIGNAL SIGTERM
-ENTRYPOINT [{quoted}]
+ENTRYPOINT {json.dumps(entry, ensure_ascii=False)}
 """
 
 

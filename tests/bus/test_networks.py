@@ -97,3 +97,8 @@ def test_auto_is_the_network_of_the_interface(
 def test_auto_is_a_lan_without_a_route() -> None:
     """An endpoint that is not reached says nothing of the network."""
     assert network_of("auto", ["tcp/no.such.host.invalid:7447"]).name == "lan"
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:99999", f"{'ä' * 64}.local:7447"])
+def test_auto_takes_an_impossible_address_for_lan(address: str) -> None:
+    assert network_of("auto", [f"tcp/{address}"]).name == "lan"

@@ -39,7 +39,7 @@ class Network(Struct):
 
     @property
     def is_bad(self) -> bool:
-        """Whether it is one of those on which packets are lost or late."""
+        """Whether packets are often lost or late on this network."""
         return bool(self.packet_bytes)
 
 
@@ -136,7 +136,7 @@ def _interface_to(endpoint: str) -> str:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect((host, port) if host and port else _ELSEWHERE)
             address = probe.getsockname()[0]
-    except OSError:  # no route, or no such host
+    except (OSError, OverflowError, TypeError):  # no route, or no host or port that can be
         return ""
     return next((each.name for each in interfaces() if each.address == address), "")
 

@@ -20,8 +20,8 @@ _LEVELS = {
 
 
 class ServiceManager:
-    """Tells the manager how it goes, if there is one: the variables that name it are taken from the
-    environment, as they are not for the processes that this one starts.
+    """Tells the manager how it goes, if there is one. Removes its variables from the environment,
+    so that child processes do not inherit them.
     """
 
     def __init__(self) -> None:

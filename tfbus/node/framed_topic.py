@@ -71,8 +71,8 @@ def into_frame(
             f"{call} with in_frame needs transforms: make a TransformListener(buffer, node) "
             "before, or give buffer="
         )
-    for name, value, least in (("tolerance_s", tolerance_s, 0.0), ("timeout_s", timeout_s, 0.0)):
-        if not least <= value < inf:
+    for name, value in (("tolerance_s", tolerance_s), ("timeout_s", timeout_s)):
+        if not 0.0 <= value < inf:
             raise ValueError(f"{name} must be a number of seconds, 0 or more, not {value!r}")
     if type(queue) is not int or not 1 <= queue <= _LONGEST_QUEUE:
         raise ValueError(f"queue must be an int from 1 to {_LONGEST_QUEUE}, not {queue!r}")
@@ -280,7 +280,8 @@ class FramedSubscription(Subscription[M]):
         except TransformException as error:
             self._drop(message, _reason(error), str(error))
             return None
-        self.passed += 1
+        with self._lock:
+            self.passed += 1
         return message, transform
 
 

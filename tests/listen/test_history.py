@@ -16,10 +16,11 @@ from tfbus import Buffer, Node, TransformBroadcaster, TransformListener
 from tfbus.buffer.trajectories import samples
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.listen.queries import AskedHistory
+from tfbus.listen.queries import AskedHistory, AskPages, PagesInTurn
 from tfbus.listen.reception import StreamReception
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+from tfbus.wire.pages import Page, encode_page
 
 
 def test_minutes_without_a_link_come_back_behind_what_is_sent_now(bus: Bus) -> None:
@@ -235,3 +236,47 @@ def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
         eventually(lambda: not store_of(buffer).expected_pasts)
         assert scheduler.monotonic() - begun_s < 4.0
         assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]
+
+
+def _pages(on_message: Callable[[Answer], object] | None) -> AskPages:
+    def nothing(*_: object) -> None:
+        pass
+
+    return AskPages(
+        cast(Session, SimpleNamespace(ask_later=None)),
+        cast(Executor, None),
+        str,
+        on_page=nothing,
+        on_message=on_message,
+        on_over=nothing,
+        turns=cast(PagesInTurn, None),
+    )
+
+
+def test_a_stray_answer_completes_nothing_where_only_pages_are_taken() -> None:
+    """Where earlier versions answer with messages, it is all of them."""
+    asking = _pages(None)
+    assert not asking._take(Answer("key", b"stray"), 0.1) and not asking.is_complete
+    asking = _pages(lambda _: None)
+    assert asking._take(Answer("key", b"message"), 0.1) and asking.is_complete
+
+
+def test_a_page_whose_next_is_itself_is_no_answer() -> None:
+    """It would be asked for without end."""
+    asking = _pages(None)
+    answer = Answer("key", encode_page(Page([], "1.2")))
+    assert asking._take(answer, 0.1)
+    assert not asking._take(answer, 0.1)
+
+
+def test_a_turn_ends_though_its_question_fails() -> None:
+    """Others wait for it."""
+
+    def full() -> str:
+        raise OSError("the disk is full")
+
+    asking, ended = _pages(None), []
+    asking._selector = full
+    with pytest.raises(OSError):
+        asking._ask(lambda *_: None, lambda: None, lambda: ended.append(1))
+    assert ended and asking.is_over

@@ -22,6 +22,7 @@ from tfbus.wire.transforms import TransformMessage, encode_transforms
 # In what such a recorder says of itself in its files: the next one goes on with them.
 KEPT = "kept"
 
+_LEAST_PAGE = 1_000
 _LARGEST_PAGE = 1_000_000
 
 # What has come is on the disk after this time; what comes later is not asked for.
@@ -100,7 +101,8 @@ class KeptFiles:
             selection = ALL
             if query.payload:
                 selection = decode_message(Wanted, query.payload).selection()
-            most = min(int(_number(query, "page", _LARGEST_PAGE)), _LARGEST_PAGE)
+            most = int(_number(query, "page", _LARGEST_PAGE))
+            most = min(max(most, _LEAST_PAGE), _LARGEST_PAGE)
             page = self.page(begin_ns, end_ns, most, selection)
             query.answer(self._key, encode_page(page._replace(now_ns=now_ns)))
 

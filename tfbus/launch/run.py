@@ -84,7 +84,8 @@ async def _tell(manager: ServiceManager, supervisor: Supervisor) -> None:
     await supervisor.started()
     manager.tell("READY=1", f"STATUS={supervisor.status}")
     while manager.every_s is not None:
-        manager.tell("WATCHDOG=1", f"STATUS={supervisor.status}")
+        # A READY that got lost would leave the service at its start.
+        manager.tell("READY=1", "WATCHDOG=1", f"STATUS={supervisor.status}")
         await asyncio.sleep(manager.every_s)
 
 

@@ -365,6 +365,7 @@ class AskPages:
             end_turn()
         except BaseException:
             end_turn()
+            self.close()
             raise
 
     def _take(self, answer: Answer, took_s: float) -> bool:

@@ -1,9 +1,9 @@
 """Subscriptions whose messages come with the transform into a frame, when that is known."""
 
 import logging
+import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from math import inf
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from tfbus.buffer.buffer import Buffer
@@ -21,6 +21,7 @@ from tfbus.node.endpoint import Lane
 from tfbus.node.topic import Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import is_async
+from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.signals import StopSignals
 
@@ -72,7 +73,7 @@ def into_frame(
             "before, or give buffer="
         )
     for name, value in (("tolerance_s", tolerance_s), ("timeout_s", timeout_s)):
-        if not 0.0 <= value < inf:
+        if not 0.0 <= value < math.inf:
             raise ValueError(f"{name} must be a number of seconds, 0 or more, not {value!r}")
     if type(queue) is not int or not 1 <= queue <= _LONGEST_QUEUE:
         raise ValueError(f"queue must be an int from 1 to {_LONGEST_QUEUE}, not {queue!r}")
@@ -126,6 +127,9 @@ class FramedSubscription(Subscription[M]):
         self._order = scheduler.RLock()
         self._queues: dict[str, deque[_Waiting]] = {}
         self._numbers = 0
+        # For the first message that waits too long.
+        self._timer: Timer | None = None
+        self._due_s = math.inf
         super().__init__(
             session,
             lane,
@@ -151,6 +155,8 @@ class FramedSubscription(Subscription[M]):
                 for each in queue:
                     each.lookup.close()
             self._queues.clear()
+            if self._timer is not None:
+                self._timer.cancel()
 
     def describe(self) -> dict[str, list[Any]]:
         """The entry of the node's description."""
@@ -195,8 +201,7 @@ class FramedSubscription(Subscription[M]):
             self._numbers += 1
             self._queues.setdefault(frame, deque()).append(_Waiting(self._numbers, message, lookup))
             self._look(frame)
-            if frame in self._queues and lookup.left_s is not None:
-                self._executor.after(max(lookup.left_s, 1e-3), self._look_at_all)
+            self._set_timer()
 
     def _until_ns(self, message: Any) -> int | None:
         """The latest time at which its transform is needed; None for a stamp of 0: any."""
@@ -213,6 +218,23 @@ class FramedSubscription(Subscription[M]):
         with self._order:
             for frame in list(self._queues):
                 self._look(frame)
+            self._set_timer()
+
+    def _set_timer(self) -> None:
+        """Have one timer, for the message whose wait ends first: the first of its frame."""
+        left_s = [
+            queue[0].lookup.left_s
+            for queue in self._queues.values()
+            if queue[0].lookup.left_s is not None
+        ]
+        now_s = scheduler.monotonic()
+        due_s = now_s + max(min(left_s), 1e-3) if left_s else math.inf
+        if self._due_s <= now_s or due_s < self._due_s:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._due_s, self._timer = due_s, None
+            if left_s and not self.closed:
+                self._timer = self._executor.after(due_s - now_s, self._look_at_all)
 
     def _look(self, frame: str) -> None:
         """Pass on the messages of a frame whose transform is known by now, in their order."""

@@ -38,7 +38,17 @@ def test_a_roster_has_ranges(texts: list[str], names: list[str]) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["robot[]", "robot[3-1]", "robot[1-]", "robot[1-99999]", "a[1-200][1-200]", "a*", "a//b"],
+    [
+        "robot[1-",
+        "robot1-3]",
+        "robot[]",
+        "robot[3-1]",
+        "robot[1-]",
+        "robot[1-99999]",
+        "a[1-200][1-200]",
+        "a*",
+        "a//b",
+    ],
 )
 def test_a_roster_refuses_mistakes(text: str) -> None:
     """A range that is none, too many robots, and names that cannot be namespaces are errors."""

@@ -133,6 +133,8 @@ def _expanded(name: str) -> Iterator[str]:
     """The names of a pattern: of its first range, then of the others."""
     ranges = _RANGES.search(name)
     if ranges is None:
+        if "[" in name or "]" in name:
+            raise _no_range(name)
         yield name
         return
     before, after = name[: ranges.start()], name[ranges.end() :]
@@ -141,13 +143,17 @@ def _expanded(name: str) -> Iterator[str]:
             yield from _expanded(f"{before}{each}{after}")
 
 
+def _no_range(name: str) -> InvalidArgumentException:
+    return InvalidArgumentException(
+        f"{printable(name, 60)!r} is no range of robots: write robot[1-30], or robot[1,4,7]"
+    )
+
+
 def _parts(part: str, name: str) -> Iterator[str]:
     bounds = re.fullmatch(r"([0-9]{1,9})-([0-9]{1,9})", part)
     if bounds is None:
         if not part or "-" in part:
-            raise InvalidArgumentException(
-                f"{printable(name, 60)!r} is no range of robots: write robot[1-30], or robot[1,4,7]"
-            )
+            raise _no_range(name)
         yield part
         return
     first, last = int(bounds[1]), int(bounds[2])

@@ -224,3 +224,14 @@ def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:
     assert "Messages that wait for it:" in why.stdout and "poses" in why.stdout
     doctor = " ".join(bus.run("doctor").stdout.split())
     assert counts in doctor and "tfbus why odom lidar" in doctor
+
+
+def test_all_that_wait_have_one_timer(bus: Bus) -> None:
+    """It ends with the subscription."""
+    filtered = Filtered(bus, queue=10, timeout_s=60.0)
+    executor = filtered.node.executor
+    before = executor.waiting()[1]
+    filtered.publish(*(pose_at(stamp * S, "nowhere") for stamp in range(1, 31)))
+    assert executor.waiting()[1] == before + 1
+    filtered.subscription.close()
+    eventually(lambda: executor.waiting()[1] <= before)

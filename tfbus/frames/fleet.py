@@ -128,7 +128,9 @@ class FleetWatch:
     def __init__(self, roster: Iterable[str] = (), *, shares_frames: bool = False) -> None:
         self._roster = tuple(roster)
         self._shares_frames = shares_frames
-        self._gone_ns: dict[str, int | None] = {}  # of all robots seen so far
+        # Of all robots seen so far; None where it is there, or since when it is gone is not known.
+        self._gone_ns: dict[str, int | None] = {}
+        self._there: set[str] = set()
         self._versions: dict[str, tuple[str, ...]] = {}
         self._frames: dict[str, _Frames] = {}
         self._counted: deque[tuple[int, Mapping[str, tuple[int, int]]]] = deque()
@@ -139,7 +141,13 @@ class FleetWatch:
         seen last count, and ages are by the streams.
         """
         if self._counted and moment.at_ns < self._counted[-1][0]:
-            for memory in (self._counted, self._gone_ns, self._versions, self._frames):
+            for memory in (
+                self._counted,
+                self._gone_ns,
+                self._there,
+                self._versions,
+                self._frames,
+            ):
                 memory.clear()
         parts = self._parts(moment, has_frames)
         loads = self._loads(moment, parts)
@@ -233,6 +241,7 @@ class FleetWatch:
         is_there = bool(parts.nodes) or any(stream.alive for stream in parts.streams)
         if is_there:
             self._gone_ns[name] = None
+            self._there.add(name)
             in_parts = set(parts.nodes)
             versions = {each.version for each in moment.nodes if each.name in in_parts}
             # A node that came just now has not been asked yet.
@@ -242,8 +251,9 @@ class FleetWatch:
         elif self._gone_ns.get(name) is None:
             heard = [each.last_heard_ns for each in parts.streams if each.last_heard_ns]
             # The listener may have known of it for longer than this watch.
-            seen_before = name in self._gone_ns
-            self._gone_ns[name] = moment.at_ns if seen_before else max(heard, default=None)
+            was_there = name in self._there
+            self._there.discard(name)
+            self._gone_ns[name] = moment.at_ns if was_there else max(heard, default=None)
         offsets = [
             each.clock_offset_s
             for each in parts.streams

@@ -64,6 +64,8 @@ def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
     assert (code, list(robots)) == (1, ["robot1", "robot2", "robot3", "robot10"])
     assert [each["state"] for each in robots.values()] == ["missing", *["there"] * 3]
     assert [each["is_expected"] for each in robots.values()] == [True, True, True, False]
+    headline = fleet.run("fleet", "--expect", "robot[1-3]").stdout.splitlines()[0]
+    assert headline == "2 of 3 robots there, 1 missing, 1 not expected"
     roster = tmp_path / "robots.txt"
     roster.write_text("# the hall\nrobot[2-3]\nrobot10\n")
     assert shown(fleet, "--expect", str(roster))[0] == 0

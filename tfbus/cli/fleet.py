@@ -237,14 +237,17 @@ def watch_of(fleet: Fleet, roster: Iterable[str] = ()) -> FleetWatch:
 
 
 def _sums(robots: Sequence[RobotStatus]) -> str:
-    count = Counter(each.state for each in robots)
-    troubled = sum(each.state == "there" and not each.is_well for each in robots)
-    parts = [f"{count['there']:,} of {counted(len(robots), 'robot')} there"]
+    expected = [each for each in robots if each.is_expected]
+    count = Counter(each.state for each in expected)
+    troubled = sum(each.state == "there" and not each.is_well for each in expected)
+    parts = [f"{count['there']:,} of {counted(len(expected), 'robot')} there"]
     parts += [
         paint(f"{count[state]:,} {state}", "bad") for state in ("gone", "missing") if count[state]
     ]
     if troubled:
         parts.append(paint(f"{troubled:,} with problems", "warning"))
+    if others := len(robots) - len(expected):
+        parts.append(paint(f"{others:,} not expected", "warning"))
     return ", ".join(parts)
 
 

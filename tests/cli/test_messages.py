@@ -71,6 +71,7 @@ def test_what_is_too_long_is_cut() -> None:
 def test_long_values_can_be_left_out() -> None:
     """Lists and texts can be shown by their lengths alone."""
     message = {"a": "abcdef", "b": b"\x01", "c": [1, 2, 3]}
+    assert Shortening(2, lists=False).shorten(b"123") == "<3 bytes>"
     assert Shortening(2, lists=False, texts=False).shorten(message) == {
         "a": "<text of 6>",
         "b": "<1 bytes>",

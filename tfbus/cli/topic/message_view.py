@@ -35,8 +35,9 @@ class Shortening:
         if _is_array(value):
             return self._array(value)
         if isinstance(value, bytes):
-            shown = f"<{len(value)} bytes>" if not self.texts else value[: self.longest].hex()
-            return shown + self._mark(value)
+            if not (self.texts and self.lists):
+                return f"<{len(value)} bytes>"
+            return value[: self.longest].hex() + self._mark(value)
         if isinstance(value, str):
             shown = f"<text of {len(value)}>" if not self.texts else value[: self.longest]
             return shown + self._mark(value)

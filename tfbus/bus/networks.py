@@ -127,18 +127,28 @@ _ELSEWHERE = ("192.0.2.1", 9)
 
 
 def _interface_to(endpoint: str) -> str:
-    """The interface that leads to an endpoint; "" if it is not known."""
+    """The interface that leads to an endpoint, by its address of IPv4; for a name, which may take
+    long to resolve, and IPv6 that of the default route. "" if it is not known.
+    """
     from tfbus.bus.interfaces import interfaces  # few processes need these
     from tfbus.bus.links import split_endpoint
 
     _, host, port = split_endpoint(endpoint)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((host, port) if host and port else _ELSEWHERE)
+            probe.connect((host, port) if port and _is_ipv4(host) else _ELSEWHERE)
             address = probe.getsockname()[0]
-    except (OSError, OverflowError, TypeError):  # no route, or no host or port that can be
+    except (OSError, OverflowError):  # no route, or no port that can be
         return ""
     return next((each.name for each in interfaces() if each.address == address), "")
+
+
+def _is_ipv4(host: str) -> bool:
+    try:
+        socket.inet_pton(socket.AF_INET, host)
+    except (OSError, ValueError):  # a name, also one that cannot be
+        return False
+    return True
 
 
 def _text(path: str) -> str:

@@ -11,6 +11,8 @@ from tests.builders import at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
 from tfbus.bag.keeping import Keep, PartsWritten
+from tfbus.bag.kept import alone_in
+from tfbus.errors import TfbusError
 from tfbus.messages import Vector3
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
@@ -200,3 +202,12 @@ def test_a_time_without_recorder_erases_nothing(tmp_path: Path) -> None:
     parts.open()
     parts.close()
     assert [path.exists() for path in older] == [False] * 4 + [True] * 7
+
+
+def test_a_folder_has_one_recorder_that_keeps(tmp_path: Path) -> None:
+    """Another one is refused, as long as it is there: each would delete the files of the other."""
+    first = alone_in(tmp_path)
+    with first, pytest.raises(TfbusError, match="another recorder"), alone_in(tmp_path):
+        pass
+    with alone_in(tmp_path):
+        pass

@@ -1,8 +1,9 @@
 """Recordings that a recorder keeps on its disk, and serves: others fill their gaps from them."""
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tfbus.bus.query import Query
@@ -18,6 +19,7 @@ from tfbus.wire.codec import decode_message, encode_map, encode_message
 from tfbus.wire.keys import escape, kept_key
 from tfbus.wire.pages import KeptMessage, Page, encode_page
 from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wording import printable
 
 # In what such a recorder says of itself in its files: the next one goes on with them.
 KEPT = "kept"
@@ -58,6 +60,32 @@ def wanted_of(selection: Selection) -> bytes | None:
         return None
     wanted = Wanted(selection.topics, selection.streams, selection.frames, selection.exclude_topics)
     return encode_message(wanted)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Let no other recorder keep its files in a folder: each would delete those of the other.
+
+    Raises TfbusError if there is one.
+    """
+    if scheduler.is_simulated:  # one process for all: a killed one would hold it
+        yield
+        return
+    import fcntl  # Windows has none
+
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(held)
+        raise TfbusError(
+            f"another recorder keeps its files in '{printable(str(folder))}': give another folder "
+            "(-o), or end that one"
+        ) from error
+    try:
+        yield
+    finally:
+        os.close(held)
 
 
 def kept_files(folder: Path) -> list[Path]:

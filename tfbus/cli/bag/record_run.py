@@ -7,7 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from tfbus.bag.keeping import (
     is_folder,
     path_of_recording,
 )
-from tfbus.bag.kept import KEPT, KeptFiles, kept_files
+from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
@@ -150,7 +150,15 @@ def checked(selection: Selection) -> Selection:
 
 
 def record(settings: NodeSettings, plan: RecordPlan) -> str:
-    """Record until Ctrl-C; why it failed, "" if it did not."""
+    """Record until Ctrl-C; why it failed, "" if it did not.
+
+    Raises TfbusError if another recorder keeps its files in the folder.
+    """
+    with nullcontext() if plan.keep is None else alone_in(plan.path.parent):
+        return _record(settings, plan)
+
+
+def _record(settings: NodeSettings, plan: RecordPlan) -> str:
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
     token = os.urandom(8).hex()

@@ -232,6 +232,9 @@ def main(
             finally:
                 if shot:
                     shot.stop()
+            for name in topics if shot else ():
+                if page.data is not None and (why := page.data.why_not_drawn(name)):
+                    node.log.warning("Topic %r is not drawn: %s", name, why)
             page.close()
     if shot:
         _finish(shot)

@@ -1,8 +1,9 @@
 """The messages that the page draws beside the frames: found, placed, kept and refused."""
 
+import logging
 from collections.abc import Callable
 from pathlib import Path as PathOfFile
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer
+from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
 from tfbus.messages import (
     CameraInfo,
@@ -38,6 +40,7 @@ from tfbus.messages import (
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
 from tfbus.view.data.topics import DataOnBus, Waiting, camera_topic
+from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import TopicSettings, ViewSettings, load_settings, save_settings
 
 SETTINGS = TopicSettings("topic", rate_hz=60.0)
@@ -358,3 +361,11 @@ def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bu
     assert data.waiting("points") is None
     subscribed = bus.run("topic", "info", "points")
     assert "view" not in subscribed.stdout
+
+
+def test_a_topic_that_is_not_drawn_says_why() -> None:
+    """A name that is near is named."""
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    scenes.topics = {"scan": TopicInfo("scan")}
+    assert scenes.why_not_drawn("scann").endswith("did you mean 'scan'?")
+    assert scenes.why_not_drawn("scan") == "no message has come"

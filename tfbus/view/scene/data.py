@@ -36,6 +36,7 @@ from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_
 from tfbus.view.frames import Floats
 from tfbus.view.scene.drawn import place_of, scale_of_depth
 from tfbus.view.settings import TopicSettings, ViewSettings
+from tfbus.wording import did_you_mean
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
@@ -138,6 +139,16 @@ class DataScenes:
     def hold(self) -> None:
         """Leave everything as it is, for a picture."""
         self._is_held = True
+
+    def why_not_drawn(self, topic: str) -> str:
+        """Why nothing of a topic is drawn; "" if something is."""
+        if topic not in self.topics:
+            near = did_you_mean(topic, self.topics, none="; there is none that can be")
+            return f"there is no such topic of messages that are drawn{near}"
+        layer = self.layers.get(topic)
+        if layer is not None and (layer.placed or layer.picture is not None or layer.lines):
+            return ""
+        return (layer.trouble if layer is not None else "") or "no message has come"
 
     def rejected(self, topic: str) -> int:
         """How many messages of a topic could not be read."""

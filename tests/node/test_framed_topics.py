@@ -211,6 +211,14 @@ def test_bounds_and_types_are_checked(bus: Bus) -> None:
         create(queue=0)
     with pytest.raises(ValueError, match="tolerance_s"):
         create(tolerance_s=-1.0)
+    with pytest.raises(TypeError, match="transform"):
+        node.create_subscription(
+            messages.PoseStamped,
+            "poses",
+            lambda message: None,  # type: ignore[arg-type, misc]
+            in_frame="odom",
+            buffer=buffer,
+        )
 
 
 def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:

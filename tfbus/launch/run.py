@@ -85,7 +85,7 @@ async def _tell(manager: ServiceManager, supervisor: Supervisor) -> None:
     manager.tell("READY=1", f"STATUS={supervisor.status}")
     while manager.every_s is not None:
         # A READY that got lost would leave the service at its start.
-        manager.tell("READY=1", "WATCHDOG=1", f"STATUS={supervisor.status}")
+        manager.tell("WATCHDOG=1", "READY=1", f"STATUS={supervisor.status}")
         await asyncio.sleep(manager.every_s)
 
 

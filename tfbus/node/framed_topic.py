@@ -4,6 +4,7 @@ import logging
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from tfbus.buffer.buffer import Buffer
@@ -276,6 +277,18 @@ class FramedSubscription(Subscription[M]):
     # In the callback's thread
 
     def _with_transform(self, callback: Callable[[M, Any], Any]) -> Callable[[M], Any]:
+        import inspect  # slow, and other subscriptions do without
+
+        with suppress(ValueError):  # some of C say nothing of their arguments
+            try:
+                inspect.signature(callback).bind(None, None)
+            except TypeError as error:
+                name = getattr(callback, "__name__", "callback")
+                raise TypeError(
+                    f"{name}: with in_frame a callback gets two arguments, the message and its "
+                    f"transform ({error})"
+                ) from error
+
         def call(message: M) -> Any:
             pair = self._item(message)
             return None if pair is None else callback(*pair)

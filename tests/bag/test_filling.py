@@ -44,7 +44,7 @@ class Robot:
     def start(self, name: str = "recorder") -> Program:
         """Its recorder, which is started again after a power cut."""
         started = self.bus.start(
-            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/"),
+            *("bag", "record", "--keep", "1h", "-o", str(self.folder)),
             *("--namespace", "robot7", "--name", name),
         )
         started.wait_for_line("Keeping the last 60 min in")

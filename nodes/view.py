@@ -142,6 +142,11 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     metavar="NAME",
     help="Draw the messages of this topic from the start, such as scan; repeatable.",
 )
+@click.option(
+    "--follow",
+    metavar="FRAME",
+    help="Let the camera move along with this frame, such as base_link.",
+)
 @bag_options("at", "begin", "end")
 @roster_option
 @fleet_options
@@ -163,6 +168,7 @@ def main(
     after_s: float,
     size: tuple[int, int],
     topics: tuple[str, ...],
+    follow: str | None,
 ) -> None:
     """Show all frames in a browser, of the bus or with --bag of a recording."""
     if settings.config and holds_settings(Path(settings.config)):
@@ -175,6 +181,8 @@ def main(
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
+    if follow is not None:
+        chosen = replace(chosen, follow=follow)
     if topics and bag is not None:
         raise click.UsageError("--topic draws topics of a bus: give no --bag")
     for name in topics:
@@ -184,7 +192,16 @@ def main(
     if screenshot and listening.is_public:
         raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
     _require_viser()
-    from tfbus.view import Access, DataOnBus, Page, RobotsOnBus, Screenshot, Serving, find_browser
+    from tfbus.view import (
+        Access,
+        DataOnBus,
+        Page,
+        RobotsOnBus,
+        Screenshot,
+        Serving,
+        ToolPublishers,
+        find_browser,
+    )
 
     # Of several tabs, each names its robot.
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
@@ -219,7 +236,8 @@ def main(
             robots = RobotsOnBus(node, fleet, package_path, robot)
             bus = Bus(node, buffer, listener, fleet)
             data = DataOnBus(node)
-            page = Page(node, bus, serving, robots, _guests(node), data=data)
+            tools = None if serving.read_only else ToolPublishers(node)
+            page = Page(node, bus, serving, robots, _guests(node), data=data, tools=tools)
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)

@@ -28,6 +28,7 @@ from tfbus.messages import (
     Odometry,
     Path,
     PointCloud,
+    PointStamped,
     Pose,
     Pose3D,
     PoseArray,
@@ -206,6 +207,7 @@ def test_a_marker_of_each_kind_is_drawn_but_meshes_of_files(kind: int, buffer: B
 OTHERS: dict[str, tuple[Any, type]] = {
     "a path": (Path(2 * S, "map", (PoseStamped(0, "map"), PoseStamped(0, "map"))), object),
     "poses": (PoseArray(2 * S, "map", np.array([(0, 0, 0, 0, 0, 0, 1)])), Bodies),
+    "a point": (PointStamped(2 * S, "map"), Bodies),
     "a pose": (PoseStamped(2 * S, "map"), Bodies),
     "doubt": (
         PoseWithCovarianceStamped(

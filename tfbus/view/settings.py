@@ -82,6 +82,9 @@ class ViewSettings:
     the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
     `opacity` is that of axes and arrows, 0 to 1.
 
+    Cameras move along with the frame `follow`, and with `follow_yaw` turn with its heading.
+    `goal_topic`, `initial_pose_topic` and `point_topic` are those of the tools.
+
     `topics` are those whose messages are drawn, each with its settings. `shapes` of robots are
     "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
     are not drawn. The links of those that are drawn have axes, names and arrows with `link_axes`.
@@ -107,6 +110,11 @@ class ViewSettings:
     robot_opacity: float = 1.0
     link_axes: bool = False
     hidden_robots: tuple[str, ...] = ()
+    follow: str = ""
+    follow_yaw: bool = False
+    goal_topic: str = "goal_pose"
+    initial_pose_topic: str = "initialpose"
+    point_topic: str = "clicked_point"
     topics: tuple[TopicSettings, ...] = ()
 
     def of_topic(self, topic: str) -> TopicSettings:

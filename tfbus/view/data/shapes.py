@@ -26,6 +26,7 @@ _FINE_CELLS = 1024
 # As for frames: browsers draw with 32 bits.
 _FARTHEST_M = 1e15
 _POSE_M = 0.3
+_POINT_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +234,18 @@ def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Tr
     return (arrow_at(stamped.pose),), _HERE
 
 
+def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
+    at = stamped.point
+    ball = Bodies(
+        "sphere",
+        np.array([(at.x, at.y, at.z)], np.float32),
+        np.array([(1.0, 0.0, 0.0, 0.0)], np.float32),
+        np.full((1, 3), _POINT_M, np.float32),
+        np.array([(230, 120, 20)], np.uint8),
+    )
+    return (ball,), _HERE
+
+
 def _pose_with_covariance(
     stamped: messages.PoseWithCovarianceStamped, settings: TopicSettings, into_fixed: Transform
 ) -> Made:
@@ -302,6 +315,7 @@ _SHAPES: Mapping[type, Callable[[Any, TopicSettings, Transform], Made]] = {
     messages.PointCloud: _cloud,
     messages.LaserScan: _scan,
     messages.Path: _path,
+    messages.PointStamped: _point,
     messages.PoseArray: _poses,
     messages.PoseStamped: _pose,
     messages.PoseWithCovarianceStamped: _pose_with_covariance,

@@ -24,6 +24,7 @@ _DRAWN = (
     messages.Image,
     messages.CompressedImage,
     messages.Path,
+    messages.PointStamped,
     messages.PoseArray,
     messages.PoseStamped,
     messages.PoseWithCovarianceStamped,

@@ -3,18 +3,17 @@ their own, so that frames do not wait for clouds and images.
 """
 
 import logging
+import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from itertools import count
 from typing import Any
 
 import numpy as np
 import trimesh
 import viser
-from trimesh import creation
 
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
@@ -34,7 +33,9 @@ from tfbus.view.data.shapes import (
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
 from tfbus.view.frames import Floats
-from tfbus.view.scene.drawn import place_of, scale_of_depth
+from tfbus.view.guest import FIXED_NODE
+from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
+from tfbus.view.scene.picking import Ray
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wording import did_you_mean
 
@@ -128,6 +129,23 @@ class DataScenes:
             for shape in placed.item.shapes
         ]
         return np.concatenate(found) if found else np.zeros((0, 3))
+
+    def met_by(self, ray: Ray) -> float:
+        """The way in m along a ray of the fixed frame to what is drawn of messages; infinity for
+        none.
+        """
+        ways = [
+            _way(ray.seen_from(placed.pose), shape)
+            for layer in self.layers.copy().values()
+            for placed in layer.placed.copy().values()
+            for shape in placed.item.shapes
+        ]
+        return min(ways, default=math.inf)
+
+    def subscribers(self, topic: str) -> int:
+        """How many subscriptions a topic has on the bus, as it was known last."""
+        info = self._all.get(topic)
+        return len(info.subscribers or ()) if info else 0
 
     def close(self) -> None:
         """End the thread. Twice is fine."""
@@ -235,7 +253,7 @@ class DataScenes:
         drawn = self._drawn.get(at)
         if drawn is None:
             node = self._scene.add_frame(
-                f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
+                f"{FIXED_NODE}/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
             )
             drawn = self._drawn[at] = _DrawnItem(placed, size, node, [])
             drawn.handles = self._made(placed, node.name, size)
@@ -306,6 +324,48 @@ def _some_points(shape: Shape) -> Floats:
     return points
 
 
+def _way(ray: Ray, shape: Shape) -> float:
+    """The way in m along a ray to a shape; of bodies to the balls around them. Infinity for none,
+    and for lines, texts and cameras' views.
+    """
+    match shape:
+        case Points():
+            return ray.to_points(shape.xyz)
+        case Bodies():
+            return min(
+                (
+                    ray.seen_from(Transform(xyz, (x, y, z, w))).to_triangles(
+                        vertices * scale, faces
+                    )
+                    for xyz, (w, x, y, z), scale in _nearest_bodies(ray, shape)
+                    for vertices, faces in [unit_mesh(shape.kind)]
+                ),
+                default=math.inf,
+            )
+        case Triangles():
+            return ray.to_triangles(shape.corners, np.arange(len(shape.corners)).reshape(-1, 3))
+        case Texture():
+            corners = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+            wide = np.column_stack((corners * (shape.width_m, shape.height_m), np.zeros(4)))
+            return ray.to_triangles(wide, np.array([(0, 1, 2), (0, 2, 3)]))
+        case _:
+            return math.inf
+
+
+# Of so many bodies, the nearest that a ray comes near, their triangles are looked at.
+_MOST_MET = 200
+
+
+def _nearest_bodies(ray: Ray, bodies: Bodies) -> Iterator[tuple[Any, Any, Any]]:
+    """The place, rotation (w first) and scale of each body whose ball the ray meets."""
+    seen = bodies.xyz - ray.origin
+    depths = seen @ ray.direction
+    aside = np.linalg.norm(seen - depths[:, None] * ray.direction, axis=1)
+    met = np.flatnonzero(aside <= np.linalg.norm(bodies.scales, axis=1))
+    for row in met[np.argsort(depths[met])][:_MOST_MET]:
+        yield bodies.xyz[row], bodies.quat_wxyz[row], bodies.scales[row]
+
+
 def _is_empty(shape: Shape) -> bool:
     parts = {Points: "xyz", Lines: "ends", Bodies: "xyz", Triangles: "corners"}
     name = parts.get(type(shape))
@@ -331,7 +391,7 @@ def _lines(scene: viser.SceneApi, path: str, lines: Lines, size_cm: float) -> An
 
 
 def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) -> Any:
-    vertices, faces = _unit(bodies.kind)
+    vertices, faces = unit_mesh(bodies.kind)
     return scene.add_batched_meshes_simple(
         path,
         vertices,
@@ -359,30 +419,6 @@ def _move(handle: Any, bodies: Bodies) -> None:
     handle.batched_wxyzs = bodies.quat_wxyz
     handle.batched_scales = bodies.scales
     handle.batched_colors = bodies.colors
-
-
-@cache
-def _unit(kind: str) -> tuple[Any, Any]:
-    """The mesh of a body that is 1 m long each way; arrows and cones are along x."""
-    if kind == "cube":
-        mesh = creation.box()
-    elif kind == "sphere":
-        mesh = creation.icosphere(subdivisions=3, radius=0.5)
-    elif kind == "cylinder":
-        mesh = creation.cylinder(0.5, 1.0, sections=24)
-    elif kind == "cone":
-        # Its tip is at the origin.
-        mesh = creation.cone(0.5, 1.0, sections=24)
-        mesh.apply_translation((0.0, 0.0, -1.0))
-        mesh.apply_transform(Transform.from_rpy(0.0, -np.pi / 2, 0.0).as_matrix())
-    else:
-        shaft = creation.cylinder(0.25, 0.77, sections=16)
-        shaft.apply_translation((0.0, 0.0, 0.385))
-        head = creation.cone(0.5, 0.23, sections=16)
-        head.apply_translation((0.0, 0.0, 0.77))
-        mesh = trimesh.util.concatenate([shaft, head])
-        mesh.apply_transform(Transform.from_rpy(0.0, np.pi / 2, 0.0).as_matrix())
-    return mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)
 
 
 def _triangles(scene: viser.SceneApi, path: str, triangles: Triangles, size_cm: float) -> Any:

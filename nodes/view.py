@@ -235,7 +235,7 @@ def main(
         with TransformListener(buffer, node, fleet=fleet) as listener:
             robots = RobotsOnBus(node, fleet, package_path, robot)
             bus = Bus(node, buffer, listener, fleet)
-            data = DataOnBus(node)
+            data = DataOnBus(node, fleet)
             tools = None if serving.read_only else ToolPublishers(node)
             page = Page(node, bus, serving, robots, _guests(node), data=data, tools=tools)
             try:

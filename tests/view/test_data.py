@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path as PathOfFile
 from typing import Any, cast
 
@@ -11,7 +12,7 @@ import pytest
 from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus import Buffer
+from tfbus import Buffer, Fleet
 from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
 from tfbus.messages import (
@@ -40,7 +41,7 @@ from tfbus.messages import (
 )
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
-from tfbus.view.data.topics import DataOnBus, Waiting, camera_topic
+from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import TopicSettings, ViewSettings, load_settings, save_settings
 
@@ -315,6 +316,75 @@ def test_a_message_that_cannot_be_drawn_is_counted_and_the_next_is_drawn(
     assert layer.dropped.total() == 1
     assert layer.trouble
     assert not layer.placed
+
+
+def test_messages_wait_in_a_bounded_number_and_size_and_the_newest_stay() -> None:
+    """Also where some come while others are put back: the oldest are dropped, and counted."""
+    waiting = Waiting(PointCloud)
+    for second in range(5):
+        waiting.put(cloud(second))
+    taken = waiting.take()
+    for second in range(5, 8):
+        waiting.put(cloud(second))
+    waiting.put_back(taken)
+    assert [each.stamp_ns for each in waiting.take()] == [3, 4, 5, 6, 7]
+    assert waiting.dropped == 3
+
+    texts = Waiting(Log)
+    lines = [Log(at, msg="x" * (MOST_BYTES // 3)) for at in range(3)]
+    for line in lines:
+        texts.put(line)
+    assert texts.take() == lines[1:]
+    huge = Log(9, msg="x" * 2 * MOST_BYTES)
+    texts.put_back(lines)
+    texts.put(huge)
+    assert texts.take() == [huge]
+    assert (texts.received, texts.dropped) == (4, 5)
+
+
+def test_a_wall_of_one_cell_is_always_seen(buffer: Buffer) -> None:
+    """However large the map is, and at its place: the free cells around it do not hide it."""
+    cells = np.zeros((5001, 4100), np.int8)
+    cells[:, 2049] = 100
+    cells[3333, :] = 100
+    cells[:30, :30] = -1
+    layer = layer_of(OccupancyGrid.from_cells(2 * S, "map", cells, 0.05))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    [placed] = layer.placed.values()
+    [texture] = placed.item.shapes
+    assert isinstance(texture, Texture)
+    height, width = texture.rgba.shape[:2]
+    assert max(height, width) <= 2048
+    is_wall = texture.rgba[..., 0] == 0
+    assert is_wall[:, int(2049.5 * 0.05 / texture.width_m * width)].all()
+    assert is_wall[int(3333.5 * 0.05 / texture.height_m * height)].all()
+    assert is_wall.sum() == height + width - 1
+    assert texture.rgba[0, 0, 3] < texture.rgba[-1, 0, 3]
+
+
+def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -> None:
+    """Each robot calls its frames the same; the map is shared."""
+    data = DataOnBus(bus.node("view"), Fleet(("map",)))
+    filled = Buffer()
+    for at, name in enumerate(("robot1", "robot2"), start=1):
+        filled.set_transform(moved(S, "map", f"{name}/lidar", float(at)))
+        robot = bus.node("robot", namespace=name)
+        clouds = robot.create_publisher(PointCloud, "points", retained=True)
+        clouds.publish(cloud(S, "lidar"))
+        markers = robot.create_publisher(MarkerArray, "markers", retained=True)
+        markers.publish(MarkerArray((replace(marker(), stamp_ns=S, frame_id="map"),)))
+    wanted = [f"robot{at}/{kind}" for at in (1, 2) for kind in ("points", "markers")]
+    topics = eventually(lambda: data.topics() if data.topics().keys() >= set(wanted) else None)
+    data.want({name: topics[name] for name in wanted})
+    found = []
+    for name in wanted:
+        waiting = data.waiting(name)
+        assert waiting is not None
+        eventually(lambda waiting=waiting: waiting.received)
+        layer = TopicLayer(waiting)
+        layer.step(filled, "map", 0.0, SETTINGS)
+        found.append(xs(layer))
+    assert found == [[1.0], [0.0], [2.0], [0.0]]
 
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:

@@ -85,11 +85,11 @@ def test_a_ray_meets_the_nearest_of_what_is_there() -> None:
     assert Ray(TOP.origin, np.array((1.0, 0.0, 0.0))).to_ground() == math.inf
     assert Ray(TOP.origin, np.array((0.0, 0.0, 1.0))).to_ground() == math.inf
     square = np.array([(-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)], float)
-    both = np.concatenate((square, square + (0, 0, 3)))
+    both = np.concatenate((square, np.add(square, (0, 0, 3))))
     for order in ((0, 1, 2), (0, 2, 1)):
         faces = np.array([order, np.array(order) + 4])
         assert TOP.to_triangles(both, faces) == 5.0
-    assert TOP.to_triangles(square + (5, 0, 0), np.array([(0, 1, 2)])) == math.inf
+    assert TOP.to_triangles(np.add(square, (5, 0, 0)), np.array([(0, 1, 2)])) == math.inf
     points = np.array([(0.0, 0.01, 1.0), (0.0, 0.0, -3.0), (2.0, 0.0, 5.0), (0.0, 0.0, 12.0)])
     assert TOP.to_points(points) == 9.0
     assert TOP.to_points(points[2:]) == math.inf

@@ -27,6 +27,7 @@ from tfbus.view.data.shapes import (
 )
 from tfbus.view.data.topics import Waiting
 from tfbus.view.settings import TopicSettings
+from tfbus.wire.fleet import FrameNames
 from tfbus.wording import printable
 
 # A message whose transform is not known after so long is not drawn.
@@ -149,7 +150,8 @@ class TopicLayer:
     ) -> bool:
         """Draw a message; False if its transform is not known."""
         try:
-            items = self._items(buffer, message, settings, camera)
+            seen = called_outside(message, self.waiting.names)
+            items = self._items(buffer, seen, settings, camera)
         except TransformException as error:
             self._wait(error, now_s, self._waits_since_s)
             return False
@@ -208,11 +210,12 @@ class TopicLayer:
     def _take_every(self, now_s: float, settings: TopicSettings) -> None:
         taken = self.waiting.take()
         for message in taken:
-            _TAKERS[type(message)](self, message, now_s)
+            _TAKERS[type(message)](self, called_outside(message, self.waiting.names), now_s)
             self.drawn += 1
         if taken and isinstance(taken[-1], messages.Odometry):
             self._due_s = now_s + 1.0 / settings.rate_hz
-            self._draw_odometry(taken[-1], now_s, settings)
+            newest = called_outside(taken[-1], self.waiting.names)
+            self._draw_odometry(newest, now_s, settings)
 
     def _take_log(self, line: messages.Log, now_s: float) -> None:
         self.lines.append(line)
@@ -322,6 +325,18 @@ _TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
     messages.MarkerArray: TopicLayer._take_markers,
     messages.Odometry: TopicLayer._take_odometry,
 }
+
+
+def called_outside(message: Any, names: FrameNames | None) -> Any:
+    """The message with its frames' names from outside of the namespace of its robot."""
+    if names is None or not names.namespace:
+        return message
+    if isinstance(message, messages.MarkerArray):
+        markers = tuple(called_outside(each, names) for each in message.markers)
+        return replace(message, markers=markers)
+    if isinstance(message, messages.Log):
+        return message
+    return replace(message, frame_id=names.outside(message.frame_id))
 
 
 def _straight(buffer: Buffer, message: Any, fixed_frame: str) -> Any:

@@ -287,11 +287,24 @@ def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Tra
     width_m, height_m = width * cell_m, height * cell_m
     if max(width_m, height_m) > _FARTHEST_M:
         raise ValueError("the map is too large to be drawn")
+    coarse = _coarse(cells, step)
     # Browsers blur the borders of pixels.
     large = max(1, _FINE_CELLS // max(height, width))
-    fine = np.repeat(np.repeat(cells[::step, ::step], large, axis=0), large, axis=1)
-    texture = Texture(of_cells(fine), width_m, height_m)
+    fine = np.repeat(np.repeat(coarse, large, axis=0), large, axis=1)
+    side_m = step * cell_m
+    texture = Texture(of_cells(fine), coarse.shape[1] * side_m, coarse.shape[0] * side_m)
     return (texture,), transform_of(grid.info.origin)
+
+
+def _coarse(cells: NDArray[np.int8], step: int) -> NDArray[np.int8]:
+    """A cell for each `step` by `step` of them: the most occupied one, so that no wall is lost."""
+    if step == 1:
+        return cells
+    known = np.where((cells >= 0) & (cells <= 100), cells, np.int8(-1))
+    height, width = cells.shape
+    rows = np.maximum.reduceat(known, np.arange(0, height, step), axis=0)
+    coarse: NDArray[np.int8] = np.maximum.reduceat(rows, np.arange(0, width, step), axis=1)
+    return coarse
 
 
 def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform) -> Made:

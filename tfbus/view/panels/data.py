@@ -151,6 +151,8 @@ def state_of(layer: TopicLayer, rejected: int = 0) -> str:
     """How many messages were drawn and dropped, and the lines of a log, as HTML."""
     facts = [f"{layer.drawn} drawn"]
     facts += [f"{count} dropped, {reason}" for reason, count in sorted(layer.dropped.items())]
+    overtaken = layer.waiting.dropped
+    facts += [f"{overtaken} overtaken by newer ones"] if overtaken else []
     facts += [f"{rejected} unreadable"] if rejected else []
     text = f'<div class="tf tf-dim">{escape(" · ".join(facts))}</div>'
     if layer.trouble:

@@ -39,7 +39,7 @@ from tfbus.command import (
     server_options,
 )
 from tfbus.frames import Listening as Bus
-from tfbus.view import ViewSettings, holds_settings, load_settings
+from tfbus.view import ViewSettings, holds_settings, load_settings, topic_named
 
 if TYPE_CHECKING:
     from tfbus import Fleet
@@ -139,8 +139,9 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     "--topic",
     "topics",
     multiple=True,
-    metavar="NAME",
-    help="Draw the messages of this topic from the start, such as scan; repeatable.",
+    metavar="NAME[:SETTINGS]",
+    help="Draw the messages of this topic from the start, such as scan, with settings of its own, "
+    "such as points:voxel=5,rate_hz=5; repeatable.",
 )
 @click.option(
     "--follow",
@@ -185,9 +186,9 @@ def main(
         chosen = replace(chosen, follow=follow)
     if topics and bag is not None:
         raise click.UsageError("--topic draws topics of a bus: give no --bag")
-    for name in topics:
-        others = tuple(each for each in chosen.topics if each.topic != name)
-        shown = replace(chosen.of_topic(name), shown=True)
+    for text in topics:
+        shown = topic_named(text, chosen)
+        others = tuple(each for each in chosen.topics if each.topic != shown.topic)
         chosen = replace(chosen, topics=(*others, shown))
     if screenshot and listening.is_public:
         raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
@@ -250,7 +251,7 @@ def main(
             finally:
                 if shot:
                     shot.stop()
-            for name in topics if shot else ():
+            for name in (text.partition(":")[0] for text in topics if shot):
                 if page.data is not None and (why := page.data.why_not_drawn(name)):
                     node.log.warning("Topic %r is not drawn: %s", name, why)
             page.close()

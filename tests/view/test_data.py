@@ -43,7 +43,13 @@ from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
 from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.settings import TopicSettings, ViewSettings, load_settings, save_settings
+from tfbus.view.settings import (
+    TopicSettings,
+    ViewSettings,
+    load_settings,
+    save_settings,
+    topic_named,
+)
 
 SETTINGS = TopicSettings("topic", rate_hz=60.0)
 POINT = np.array([[1.0, 0.0, 0.0]])
@@ -318,6 +324,71 @@ def test_a_message_that_cannot_be_drawn_is_counted_and_the_next_is_drawn(
     assert not layer.placed
 
 
+def test_of_points_in_one_cube_one_is_drawn(buffer: Buffer) -> None:
+    """And of what is left at most as many as the settings say."""
+    grid = np.stack(np.meshgrid(*[np.arange(100)] * 2, [0.0]), axis=-1).reshape(-1, 3) * 0.01
+    by_settings = {}
+    for text in ("topic", "topic:voxel=10", "topic:voxel=10,most_points=1000", "topic:voxel=1"):
+        layer = layer_of(PointCloud.from_xyz(2 * S, "base", grid + 0.005))
+        layer.step(buffer, "map", 0.0, topic_named(text, ViewSettings()))
+        [placed] = layer.placed.values()
+        [points] = placed.item.shapes
+        assert isinstance(points, Points)
+        by_settings[text.partition(":")[2]] = len(points.xyz)
+    assert by_settings == {
+        "": 10_000,
+        "voxel=10": 100,
+        "voxel=10,most_points=1000": 100,
+        "voxel=1": 10_000,
+    }
+
+
+def test_a_topic_is_named_with_its_settings() -> None:
+    """They go before those of the file; a mistake says which setting is wrong."""
+    saved = ViewSettings(topics=(TopicSettings("points", shown=False, size=9.0),))
+    named = topic_named("points:voxel=5,color=height,locked=true,hidden=old", saved)
+    assert named == TopicSettings(
+        "points", size=9.0, voxel=5.0, color="height", locked=True, hidden=("old",)
+    )
+    for text, why in (
+        ("scan:rate=5", "no setting 'rate'"),
+        ("scan:voxel=far", "voxel must be a number"),
+        ("scan:quality=100", "quality must be from 5 to 95"),
+        ("scan:voxel", "'voxel' is not a setting such as"),
+    ):
+        with pytest.raises(SettingsError, match=why):
+            topic_named(text, saved)
+
+
+def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -> None:
+    """Of a tree of its own, or that their frame is not there at all."""
+    buffer.set_transform(moved(S, "odom", "arm", 1.0))
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    frames = frames_of(bus_moment(buffer), buffer, "map")
+    assert scenes.note("map", frames) == ""
+    for frame, advice in (("arm", "choose as the fixed frame odom"), ("hand", "no frame hand")):
+        layer = scenes.layers["points"] = layer_of(cloud(S, frame), cloud(2 * S, frame))
+        for now_s in (0.0, 2.0):
+            layer.step(buffer, "map", now_s, SETTINGS)
+        said = scenes.note("map", frames)
+        assert said.startswith("2 messages wait for a transform to map")
+        assert said.endswith(advice)
+    buffer.set_transform(moved(S, "map", "hand", 1.0))
+    layer.step(buffer, "map", 2.1, SETTINGS)
+    assert scenes.note("map", frames) == ""
+
+
+def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:
+    """And stays so until the next message."""
+    layer = layer_of(cloud(2 * S))
+    layer.was_sent(3 * S)
+    assert layer.age_s is None
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    layer.was_sent(2 * S + S // 4)
+    layer.was_sent(9 * S)
+    assert layer.age_s == 0.25
+
+
 def test_messages_wait_in_a_bounded_number_and_size_and_the_newest_stay() -> None:
     """Also where some come while others are put back: the oldest are dropped, and counted."""
     waiting = Waiting(PointCloud)
@@ -339,7 +410,7 @@ def test_messages_wait_in_a_bounded_number_and_size_and_the_newest_stay() -> Non
     texts.put_back(lines)
     texts.put(huge)
     assert texts.take() == [huge]
-    assert (texts.received, texts.dropped) == (4, 5)
+    assert (texts.received, texts.dropped) == (4, 4)
 
 
 def test_a_wall_of_one_cell_is_always_seen(buffer: Buffer) -> None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tfbus.view.settings import ViewSettings as ViewSettings
     from tfbus.view.settings import holds_settings as holds_settings
     from tfbus.view.settings import load_settings as load_settings
+    from tfbus.view.settings import topic_named as topic_named
 
 _MODULE_OF = {
     "Access": "tfbus.view.server",
@@ -60,6 +61,7 @@ _MODULE_OF = {
     "holds_settings": "tfbus.view.settings",
     "load_settings": "tfbus.view.settings",
     "show": "tfbus.view.local",
+    "topic_named": "tfbus.view.settings",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -17,8 +17,8 @@ from tfbus.view.settings import TopicSettings
 Floats = NDArray[np.float32]
 Rgb = NDArray[np.uint8]
 
-# More points of a message are thinned, evenly.
-MOST_POINTS = 100_000
+# More points of a message are never drawn, whatever the settings say: they are thinned, evenly.
+MOST_POINTS = 500_000
 # Of lines, bodies and poses; and the sides of a map in cells.
 MOST_SHAPES = 20_000
 _MOST_CELLS = 2048
@@ -93,6 +93,7 @@ class Frustum:
     fov_y_rad: float
     picture: Rgb
     depth_m: float = 1.0
+    quality: int = 75
 
 
 Shape = Points | Lines | Bodies | Triangles | Text | Texture | Frustum
@@ -144,7 +145,7 @@ def _cloud(cloud: messages.PointCloud, settings: TopicSettings, into_fixed: Tran
     missing = [name for name in "xyz" if name not in cloud]
     if missing:
         raise ValueError(f"the cloud lacks the columns {', '.join(missing)}")
-    step = max(1, -(-len(cloud) // MOST_POINTS))
+    step = _step(len(cloud), settings)
     xyz = cloud.xyz()[::step]
     if xyz.ndim != 2:
         raise ValueError("the columns x, y and z must be numbers")
@@ -157,7 +158,7 @@ def _column(cloud: messages.PointCloud, name: str, step: int) -> NDArray[Any] | 
 
 
 def _scan(scan: messages.LaserScan, settings: TopicSettings, into_fixed: Transform) -> Made:
-    step = max(1, -(-len(scan.ranges) // MOST_POINTS))
+    step = _step(len(scan.ranges), settings)
     intensities = scan.intensities[::step] if len(scan.intensities) else None
     column = {"intensity": intensities}
     return _points(scan.xyz()[::step], column.get, settings, into_fixed)
@@ -170,7 +171,10 @@ def _points(
     into_fixed: Transform,
 ) -> Made:
     with np.errstate(invalid="ignore"):
-        near = (np.abs(xyz) <= _FARTHEST_M).all(axis=1)
+        near = np.flatnonzero((np.abs(xyz) <= _FARTHEST_M).all(axis=1))
+    if settings.voxel and len(near):
+        near = near[_one_of_each(xyz[near], settings.voxel / 100.0)]
+        near = near[:: -(-len(near) // int(settings.most_points))]
     kept = xyz[near].astype(np.float32)
     name = settings.color
     if name == "auto":
@@ -187,6 +191,22 @@ def _points(
     else:
         colors = colored(by[near])
     return (Points(kept, np.ascontiguousarray(colors)),), _HERE
+
+
+def _step(count: int, settings: TopicSettings) -> int:
+    """Of how many points one is looked at; with voxels of as many as there are within bounds."""
+    most = MOST_POINTS if settings.voxel else min(int(settings.most_points), MOST_POINTS)
+    return max(1, -(-count // most))
+
+
+def _one_of_each(xyz: NDArray[Any], side_m: float) -> NDArray[np.intp]:
+    """The row of one point in each cube of points (N, 3)."""
+    cubes = np.floor(xyz.astype(np.float64) / side_m)
+    # Numbers of cubes that differ have the same key by chance only: a point less is no harm.
+    keys = cubes @ np.array((1.0, 1_000_003.0, 998_244_353.0))
+    _, first = np.unique(keys, return_index=True)
+    rows: NDArray[np.intp] = np.sort(first)
+    return rows
 
 
 def transform_of(pose: messages.Pose3D) -> Transform:

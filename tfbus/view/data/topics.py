@@ -67,6 +67,9 @@ class DataSource(Protocol):
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""
 
+    def now_ns(self) -> int:
+        """The time by which messages are stamped."""
+
     def close(self) -> None:
         """End it. Twice is fine."""
 
@@ -96,6 +99,9 @@ class Waiting:
             self._kept.append((message, size))
             self._bytes += size
             self._bound()
+
+    def __len__(self) -> int:
+        return len(self._kept)
 
     def take(self) -> list[Any]:
         """All messages, the oldest first; none is left."""
@@ -193,6 +199,10 @@ class DataOnBus:
             with self._lock:
                 self._is_asking = False
                 self._asked_s = scheduler.monotonic()
+
+    def now_ns(self) -> int:
+        """The time by which messages are stamped."""
+        return self._node.now_ns()
 
     def close(self) -> None:
         """End the subscriptions."""

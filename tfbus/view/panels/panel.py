@@ -139,6 +139,7 @@ class Panel:
                 self.tools = ToolsPanel(gui, view, channel, tools)
         self.fleet = FleetTab(gui, tabs, roster)
         self._data = DataPanel(gui, tabs, view, data) if data else None
+        self._scenes = data
         self._subscribers = data.subscribers if data else lambda topic: 0
         for guest in guests:
             guest.join(server.scene, is_watched)
@@ -164,6 +165,8 @@ class Panel:
         headline = headline_of(frames, fixed_frame, playback, missing, now_ns, empty, loading)
         if self._replay and self._replay.mistake:
             headline += mistake_lines([self._replay.mistake])
+        if self._scenes and (note := self._scenes.note(fixed_frame, frames)):
+            headline += mistake_lines([note])
         self._headline.show(headline)
         if self._time:
             self._time.refresh()

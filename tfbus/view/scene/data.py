@@ -32,18 +32,17 @@ from tfbus.view.data.shapes import (
     Triangles,
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
-from tfbus.view.frames import Floats
+from tfbus.view.frames import Floats, Frames
 from tfbus.view.guest import FIXED_NODE
 from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
 from tfbus.view.scene.picking import Ray
 from tfbus.view.settings import TopicSettings, ViewSettings
-from tfbus.wording import did_you_mean
+from tfbus.wording import counted, did_you_mean, listed, printable
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
-_JPEG_QUALITY = 75
 
 
 @dataclass(frozen=True)
@@ -142,6 +141,25 @@ class DataScenes:
         ]
         return min(ways, default=math.inf)
 
+    def note(self, fixed_frame: str, frames: Frames) -> str:
+        """The messages that wait for a transform to the fixed frame, and the frame to choose for
+        them; "" if none does.
+        """
+        waits = [layer for layer in self.layers.copy().values() if layer.waits_in]
+        if not waits:
+            return ""
+        count = counted(sum(max(layer.waiting_count, 1) for layer in waits), "message")
+        lead = f"{count} wait for a transform to {printable(fixed_frame)}"
+        own = frames[fixed_frame].root if fixed_frame in frames else ""
+        names = {layer.waits_in for layer in waits}
+        roots = sorted({frames[name].root for name in names if name in frames} - {own})
+        if roots:
+            return f"{lead}: choose as the fixed frame {listed([*map(printable, roots)], most=3)}"
+        unknown = sorted(names - frames.by_name.keys())
+        if unknown:
+            return f"{lead}: there is no frame {listed([*map(printable, unknown)], most=3)}"
+        return f"{lead}: see the tab Data"
+
     def subscribers(self, topic: str) -> int:
         """How many subscriptions a topic has on the bus, as it was known last."""
         info = self._all.get(topic)
@@ -216,6 +234,9 @@ class DataScenes:
         for topic, layer in layers.items():
             self._show_picture(topic, layer)
         self._server.flush()
+        now_ns = self._source.now_ns()
+        for layer in layers.values():
+            layer.was_sent(now_ns)
 
     def _camera(self, topic: str) -> messages.CameraInfo | None:
         beside = self._camera_of.get(topic, "")
@@ -243,13 +264,17 @@ class DataScenes:
         for at, placed in items.items():
             topic, key = at
             try:
-                self._draw_item(at, placed, chosen[topic].size)
+                settings = chosen[topic]
+                drawn = self._draw_item(at, placed, settings.size)
+                is_shown = not (isinstance(key, tuple) and key[0] in settings.hidden)
+                if drawn.node.visible != is_shown:
+                    drawn.node.visible = is_shown
             except Exception as error:  # the others are drawn all the same
                 self._remove(at)
                 self.layers[topic].fail(error, key)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
 
-    def _draw_item(self, at: tuple[str, object], placed: PlacedItem, size: float) -> None:
+    def _draw_item(self, at: tuple[str, object], placed: PlacedItem, size: float) -> _DrawnItem:
         drawn = self._drawn.get(at)
         if drawn is None:
             node = self._scene.add_frame(
@@ -257,7 +282,7 @@ class DataScenes:
             )
             drawn = self._drawn[at] = _DrawnItem(placed, size, node, [])
             drawn.handles = self._made(placed, node.name, size)
-            return
+            return drawn
         if drawn.placed.pose != placed.pose:
             put = place_of(placed.pose)
             drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
@@ -268,6 +293,7 @@ class DataScenes:
                 handle.remove()
             drawn.size = size
         drawn.placed = placed
+        return drawn
 
     def _remove(self, at: tuple[str, object]) -> None:
         if (ended := self._drawn.pop(at, None)) is not None:
@@ -467,7 +493,7 @@ def _frustum(scene: viser.SceneApi, path: str, frustum: Frustum, size_cm: float)
         scale=frustum.depth_m * scale_of_depth(frustum.fov_y_rad, aspect),
         image=frustum.picture,
         format="jpeg",
-        jpeg_quality=_JPEG_QUALITY,
+        jpeg_quality=frustum.quality,
         thickness=0.01,
         cast_shadow=False,
         receive_shadow=False,

@@ -184,8 +184,6 @@ def main(
     chosen = load_settings(path) if path and not is_new else ViewSettings()
     if follow is not None:
         chosen = replace(chosen, follow=follow)
-    if topics and bag is not None:
-        raise click.UsageError("--topic draws topics of a bus: give no --bag")
     for text in topics:
         shown = topic_named(text, chosen)
         others = tuple(each for each in chosen.topics if each.topic != shown.topic)
@@ -223,7 +221,7 @@ def main(
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes)
+        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes, topics)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
@@ -269,11 +267,12 @@ def _show_recording(
     package_path: Sequence[Path],
     shot: "Screenshot | None",
     notes: Sequence[str],
+    topics: Sequence[str],
 ) -> None:
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import GivenRobots, Page, RecordedRobots, Replay, ShownRobot
+    from tfbus.view import GivenRobots, Page, RecordedData, RecordedRobots, Replay, ShownRobot
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span
@@ -294,7 +293,7 @@ def _show_recording(
         else:
             robots = RecordedRobots(opened.reader, replay, package_path)
         with replay.until_signal():
-            page = Page(replay, replay, serving, robots, replay=replay)
+            page = Page(replay, replay, serving, robots, replay=replay, data=RecordedData(replay))
             try:
                 if shot:
                     replay.measure()
@@ -312,6 +311,9 @@ def _show_recording(
                 if shot:
                     shot.stop()
                 page.close()
+            for name in topics if shot else ():
+                if page.data is not None and (why := page.data.why_not_drawn(name)):
+                    click.echo(f"Warning: topic {name!r} is not drawn: {why}", err=True)
 
 
 def announce(node: Node, page: "Page", port: int, host: str) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
     from tfbus.view.panels.markup import Html as Html
+    from tfbus.view.replay import RecordedData as RecordedData
     from tfbus.view.replay import Replay as Replay
     from tfbus.view.robots import GivenRobots as GivenRobots
     from tfbus.view.robots import RecordedRobots as RecordedRobots
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "Access": "tfbus.view.server",
     "ShownRobot": "tfbus.view.robots",
+    "RecordedData": "tfbus.view.replay",
     "RecordedRobots": "tfbus.view.robots",
     "RobotsOnBus": "tfbus.view.robots",
     "RobotSource": "tfbus.view.robots",

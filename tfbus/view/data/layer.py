@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from tfbus.view.data.shapes import (
     items_of,
     line_along,
 )
-from tfbus.view.data.topics import Waiting
+from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
 from tfbus.wire.fleet import FrameNames
 from tfbus.wording import printable
@@ -40,7 +40,6 @@ _MOST_TRAIL = 2000
 _MOST_LINES = 100
 _MOST_NAMESPACES = 50
 
-_POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
 
 
@@ -79,7 +78,7 @@ class TopicLayer:
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
         self._last: Any = None
-        self._due_s = 0.0
+        self._due_s = self._pace_s = 0.0
         self._waits_since_s: float | None = None
         self._count = 0
         self._trail: deque[tuple[float, float, float]] = deque(maxlen=_MOST_TRAIL)
@@ -107,8 +106,13 @@ class TopicLayer:
         now_s: float,
         settings: TopicSettings,
         camera: messages.CameraInfo | None = None,
+        *,
+        pace_s: float | None = None,
     ) -> None:
-        """Take the messages that came, and place what is drawn; `now_s` is of a steady clock."""
+        """Take the messages that came, and place what is drawn; `now_s` is of the clock by which
+        they come, and `pace_s` of that by which they are drawn, the same by default.
+        """
+        self._pace_s = now_s if pace_s is None else pace_s
         if fixed_frame != self._fixed_frame:
             self._fixed_frame = fixed_frame
             for key, each in [*self.placed.items()]:
@@ -118,11 +122,30 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
-        if now_s >= self._due_s and self.waiting.is_every:
+        if self._pace_s >= self._due_s and self.waiting.is_every:
             self._take_every(now_s, settings)
-        elif now_s >= self._due_s:
+        elif self._pace_s >= self._due_s:
             self._take_newest(buffer, now_s, settings, camera)
         self._place(buffer, now_s)
+
+    def recall(
+        self,
+        past: Iterable[Past],
+        fixed_frame: str,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None = None,
+    ) -> None:
+        """Draw what came before, each message at its time."""
+        for buffer, came_s, came in past:
+            for message in came:
+                self.waiting.put(message)
+            self._due_s = 0.0
+            self.step(buffer, fixed_frame, came_s, settings, camera)
+        self._due_s = 0.0
+
+    def is_by(self, fixed_frame: str, settings: TopicSettings) -> bool:
+        """Whether it was drawn so last."""
+        return (self._fixed_frame, self._settings) == (fixed_frame, settings)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
         """Draw the last message by other settings."""
@@ -145,7 +168,7 @@ class TopicLayer:
             return
         for at in range(len(taken) - 1, -1, -1):
             if self._try(buffer, taken[at], now_s, settings, camera):
-                self._due_s = now_s + 1.0 / settings.rate_hz
+                self._due_s = self._pace_s + 1.0 / settings.rate_hz
                 self._waits_since_s = None
                 self.waiting.put_back(taken[at + 1 :])
                 return
@@ -180,11 +203,11 @@ class TopicLayer:
         self._newest_ns = message.stamp_ns
         self.drawn += 1
         for item in items:
-            if isinstance(message, _POINTS) and settings.decay_s:
+            if isinstance(message, POINTS) and settings.decay_s:
                 self._count += 1
                 item = replace(item, key=self._count, lifetime_s=settings.decay_s)
             self._add(item, now_s)
-        if isinstance(message, _POINTS):
+        if isinstance(message, POINTS):
             self.columns = columns_of(message)
             self._bound_points()
         return True
@@ -205,7 +228,7 @@ class TopicLayer:
         # A map is older than the buffer: it is drawn where its frame is.
         if isinstance(message, messages.OccupancyGrid):
             settings = replace(settings, locked=True)
-        if isinstance(message, _POINTS) and not settings.locked:
+        if isinstance(message, POINTS) and not settings.locked:
             message = _straight(buffer, message, fixed_frame)
         stamp_ns = None if settings.locked else message.stamp_ns or None
         found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
@@ -238,7 +261,7 @@ class TopicLayer:
             )
             self._newest_ns = last[0].stamp_ns if last else 0
         if taken and isinstance(taken[-1], messages.Odometry):
-            self._due_s = now_s + 1.0 / settings.rate_hz
+            self._due_s = self._pace_s + 1.0 / settings.rate_hz
             newest = called_outside(taken[-1], self.waiting.names)
             self._draw_odometry(newest, now_s, settings)
 

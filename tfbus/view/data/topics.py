@@ -1,13 +1,14 @@
 """The topics whose messages the page can draw, and subscriptions to those that are looked at."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from tfbus import messages
+from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo, graph_of
 from tfbus.discover.presence import GraphWatch
 from tfbus.errors import TfbusError
@@ -15,15 +16,17 @@ from tfbus.node.node import Node
 from tfbus.node.topic import Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
+from tfbus.view.settings import TopicSettings
 from tfbus.wire.codec import type_name
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of_node, relative_name
 from tfbus.wording import printable
 
 # Of the others the newest message is all that is drawn.
-_EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)
+EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)
+POINTS = (messages.PointCloud, messages.LaserScan)
 _DRAWN = (
-    *_EVERY,
+    *EVERY,
     messages.PointCloud,
     messages.LaserScan,
     messages.Image,
@@ -49,11 +52,22 @@ _EMPTY_BYTES = 100
 _ASK_EVERY_S = 2.0
 _ANSWER_WITHIN_S = 1.0
 # Those among which the newest is chosen that has a transform.
-_MOST_CHOICES = 5
+MOST_CHOICES = 5
+
+
+# Messages that came at a time, in s, with the buffer by which they have their places.
+Past = tuple[Buffer, float, list[Any]]
 
 
 class DataSource(Protocol):
-    """The topics of a bus; safe from any thread."""
+    """The topics of a bus, or of a recording; safe from any thread but for `catch_up` and `past`,
+    which are for the one that draws.
+
+    Of a recording all that is drawn depends on its cursor only: other settings, and another fixed
+    frame, begin anew with the `past`.
+    """
+
+    is_recorded: bool
 
     def topics(self) -> Mapping[str, TopicInfo]:
         """All topics as they were known last; it asks for news, and does not wait."""
@@ -63,6 +77,12 @@ class DataSource(Protocol):
 
     def waiting(self, topic: str) -> "Waiting | None":
         """The messages of a topic that are to be drawn; None without a subscription."""
+
+    def catch_up(self, now_s: float) -> float:
+        """Take what has come by now, of a steady clock; the time in s by which messages come."""
+
+    def past(self, topic: str, settings: TopicSettings) -> Iterable[Past]:
+        """What came before and has to do with what is drawn, the oldest first."""
 
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""
@@ -84,8 +104,8 @@ class Waiting:
     def __init__(self, message_type: type, names: FrameNames | None = None) -> None:
         self.message_type = message_type
         self.names = names
-        self.is_every = message_type in _EVERY
-        self._most = _MOST_KEPT if self.is_every else _MOST_CHOICES
+        self.is_every = message_type in EVERY
+        self._most = _MOST_KEPT if self.is_every else MOST_CHOICES
         self._lock = scheduler.Lock()
         self._kept: deque[tuple[Any, int]] = deque()
         self._bytes = 0
@@ -146,6 +166,11 @@ def drawn_type(topic: TopicInfo) -> type | None:
     return TYPES.get(named.pop()) if len(named) == 1 else None
 
 
+def message_type_of(topic: TopicInfo) -> type | None:
+    """The same, or CameraInfo, which is read for images."""
+    return messages.CameraInfo if topic.types == (_INFO_TYPE,) else drawn_type(topic)
+
+
 def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
     """The topic of the CameraInfo beside that of an image, as in ROS: `camera_info` in the same
     namespace, or in the one above; "" without one.
@@ -165,6 +190,8 @@ class DataOnBus:
 
     With a `fleet`, frames of messages of its robots are those from outside: `robot7/lidar`.
     """
+
+    is_recorded = False
 
     def __init__(self, node: Node, fleet: Fleet | None = None) -> None:
         self._node = node
@@ -210,10 +237,7 @@ class DataOnBus:
 
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
-        types = {
-            name: messages.CameraInfo if info.types == (_INFO_TYPE,) else drawn_type(info)
-            for name, info in topics.items()
-        }
+        types = {name: message_type_of(info) for name, info in topics.items()}
         with self._lock:
             for name, (subscription, waiting) in list(self._subscriptions.items()):
                 if types.get(name) is not waiting.message_type:
@@ -231,6 +255,14 @@ class DataOnBus:
         with self._lock:
             found = self._subscriptions.get(topic)
             return found[1] if found else None
+
+    def catch_up(self, now_s: float) -> float:
+        """Messages come by themselves: the same time."""
+        return now_s
+
+    def past(self, topic: str, settings: TopicSettings) -> Iterable[Past]:
+        """Nothing: a bus has no past."""
+        return ()
 
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""

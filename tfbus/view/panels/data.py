@@ -8,7 +8,7 @@ import viser
 
 from tfbus import messages
 from tfbus.view.data.layer import TopicLayer
-from tfbus.view.data.topics import drawn_type
+from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Html
 from tfbus.view.scene.data import DataScenes
@@ -16,7 +16,6 @@ from tfbus.view.settings import RANGES, ViewState
 from tfbus.wording import printable
 
 _COLORS = ("auto", "flat", "height")
-_POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
 _WITHOUT_LOCK = (
     messages.Log,
@@ -88,7 +87,7 @@ class _TopicRow:
         self._controls: dict[str, Control] = {}
         self._color: Any = None
         with self._folder:
-            if message_type in _POINTS:
+            if message_type in POINTS:
                 options = tuple(dict.fromkeys((*_COLORS, settings.color)))
                 self._color = gui.add_dropdown("Colour", options, initial_value=settings.color)
                 self._controls["color"] = Control(self._color, self._setter("color"))

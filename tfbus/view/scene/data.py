@@ -31,7 +31,7 @@ from tfbus.view.data.shapes import (
     Texture,
     Triangles,
 )
-from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
+from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
 from tfbus.view.frames import Floats, Frames
 from tfbus.view.guest import FIXED_NODE
 from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
@@ -168,9 +168,9 @@ class DataScenes:
     def close(self) -> None:
         """End the thread. Twice is fine."""
         self._ended.set()
-        self._source.close()
         if self._thread is not None:
             self._thread.join(_END_S)
+        self._source.close()
 
     def hold(self) -> None:
         """Leave everything as it is, for a picture."""
@@ -209,14 +209,23 @@ class DataScenes:
         sight = self._sight
         if sight is None or self._is_held:
             return
+        pace_s, now_s = now_s, self._source.catch_up(now_s)
         chosen = {each.topic: each for each in sight.settings.topics if each.shown}
         layers: dict[str, TopicLayer] = {}
         for topic in chosen:
             waiting = self._source.waiting(topic)
             if waiting is not None and topic in self.topics:
                 layer = self.layers.get(topic)
-                is_same = layer is not None and layer.waiting is waiting
-                layers[topic] = layer if layer and is_same else TopicLayer(waiting)
+                if (
+                    layer is None
+                    or layer.waiting is not waiting
+                    or (
+                        self._source.is_recorded
+                        and not layer.is_by(sight.fixed_frame, chosen[topic])
+                    )
+                ):
+                    layer = self._begun(topic, waiting, sight.fixed_frame, chosen[topic])
+                layers[topic] = layer
         # A browser that comes back finds what it left.
         kept = {name: each for name, each in self.layers.items() if name in chosen}
         self.layers = kept | layers
@@ -225,7 +234,9 @@ class DataScenes:
                 break
             camera = self._camera(topic)
             try:
-                layer.step(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera)
+                layer.step(
+                    *(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera), pace_s=pace_s
+                )
             except Exception as error:  # the other topics are drawn all the same
                 layer.fail(error)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
@@ -237,6 +248,19 @@ class DataScenes:
         now_ns = self._source.now_ns()
         for layer in layers.values():
             layer.was_sent(now_ns)
+
+    def _begun(
+        self, topic: str, waiting: Waiting, fixed_frame: str, settings: TopicSettings
+    ) -> TopicLayer:
+        """A layer with what came before."""
+        layer = TopicLayer(waiting)
+        try:
+            past = self._source.past(topic, settings)
+            layer.recall(past, fixed_frame, settings, self._camera(topic))
+        except Exception as error:  # the other topics are drawn all the same
+            layer.fail(error)
+            self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
+        return layer
 
     def _camera(self, topic: str) -> messages.CameraInfo | None:
         beside = self._camera_of.get(topic, "")

@@ -15,6 +15,8 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet
 from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import (
     CameraInfo,
     ColorRGBA,
@@ -42,6 +44,7 @@ from tfbus.messages import (
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
 from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
+from tfbus.view.frames import frames_of
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import (
     TopicSettings,
@@ -201,7 +204,9 @@ def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None
 
 
 @pytest.mark.parametrize("kind", range(13))
-def test_a_marker_of_each_kind_is_drawn_but_meshes_of_files(kind: int, buffer: Buffer) -> None:
+def test_a_marker_of_each_kind_is_drawn_but_meshes_without_a_file(
+    kind: int, buffer: Buffer
+) -> None:
     """The others of the array are drawn in any case."""
     points = np.array([(0, 0, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0)], float)
     one = marker(0, type=kind, points=points, color=ColorRGBA(1, 0, 0, 1), text="here")
@@ -364,7 +369,7 @@ def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -
     """Of a tree of its own, or that their frame is not there at all."""
     buffer.set_transform(moved(S, "odom", "arm", 1.0))
     scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
-    frames = frames_of(bus_moment(buffer), buffer, "map")
+    frames = frames_of(BusMoment(at_ns=0, tree=frame_tree(buffer, (), 0)), buffer, "map")
     assert scenes.note("map", frames) == ""
     for frame, advice in (("arm", "choose as the fixed frame odom"), ("hand", "no frame hand")):
         layer = scenes.layers["points"] = layer_of(cloud(S, frame), cloud(2 * S, frame))

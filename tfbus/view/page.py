@@ -165,7 +165,8 @@ class Page:
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self.server.scene)
-        self.data = DataScenes(self.server, data, host.log) if data else None
+        named = self.robots.mesh_named
+        self.data = DataScenes(self.server, data, host.log, named) if data else None
         self._tools = None if serving.read_only else tools
         self.panel = Panel(
             self.server,

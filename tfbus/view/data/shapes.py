@@ -70,6 +70,16 @@ class Triangles:
 
 
 @dataclass(frozen=True, eq=False)
+class MeshFromFile:
+    """The mesh of a file of a robot, scaled along x, y and z; in its own colours without `rgb`."""
+
+    name: str
+    scale: tuple[float, float, float]
+    rgb: tuple[int, int, int] | None
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
 class Text:
     """A text that faces the browser, `height_m` high."""
 
@@ -96,7 +106,7 @@ class Frustum:
     quality: int = 75
 
 
-Shape = Points | Lines | Bodies | Triangles | Text | Texture | Frustum
+Shape = Points | Lines | Bodies | Triangles | MeshFromFile | Text | Texture | Frustum
 
 
 _HERE = Transform()

@@ -25,6 +25,7 @@ from tfbus.view.data.shapes import (
     Bodies,
     Frustum,
     Lines,
+    MeshFromFile,
     Points,
     Shape,
     Text,
@@ -34,6 +35,7 @@ from tfbus.view.data.shapes import (
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
 from tfbus.view.frames import Floats, Frames
 from tfbus.view.guest import FIXED_NODE
+from tfbus.view.meshes.loader import ReadMesh
 from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
 from tfbus.view.scene.picking import Ray
 from tfbus.view.settings import TopicSettings, ViewSettings
@@ -62,16 +64,35 @@ class _DrawnItem:
     node: Any
     handles: list[Any]
 
+    @property
+    def awaits(self) -> bool:
+        """Whether its mesh is not loaded yet."""
+        return not self.handles and any(
+            isinstance(shape, MeshFromFile) for shape in self.placed.item.shapes
+        )
+
+
+class _NotDrawnError(ValueError):
+    """A message asks for something that is not drawn; it says what."""
+
 
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
     `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. Pictures
-    of the panel are set by this thread too: `show_picture[topic](picture)`.
+    of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
+    the mesh of a file of a robot, why there is none, or None while it is loaded.
     """
 
-    def __init__(self, server: viser.ViserServer, source: DataSource, log: logging.Logger) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        source: DataSource,
+        log: logging.Logger,
+        mesh_named: Callable[[str], ReadMesh | str | None] = lambda name: "there is no robot",
+    ) -> None:
         self._server = server
+        self._mesh_named = mesh_named
         self._source = source
         self._log_once = LogOnce(log)
         self.topics: dict[str, TopicInfo] = {}
@@ -293,6 +314,9 @@ class DataScenes:
                 is_shown = not (isinstance(key, tuple) and key[0] in settings.hidden)
                 if drawn.node.visible != is_shown:
                     drawn.node.visible = is_shown
+            except _NotDrawnError as error:
+                self._remove(at)
+                self.layers[topic].fail(error, key)
             except Exception as error:  # the others are drawn all the same
                 self._remove(at)
                 self.layers[topic].fail(error, key)
@@ -310,7 +334,7 @@ class DataScenes:
         if drawn.placed.pose != placed.pose:
             put = place_of(placed.pose)
             drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
-        if drawn.placed.item is not placed.item or drawn.size != size:
+        if drawn.placed.item is not placed.item or drawn.size != size or drawn.awaits:
             former, former_handles = drawn.placed, drawn.handles
             drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
             for handle in former_handles[len(drawn.handles) :]:
@@ -340,7 +364,12 @@ class DataScenes:
                 continue
             at = len(made)
             before = there[at] if at < len(there) else None
-            if handles and isinstance(shape, Bodies) and _is_alike(shape, before):
+            if isinstance(shape, MeshFromFile):
+                mesh = self._mesh_named(shape.name)
+                if isinstance(mesh, str):
+                    raise _NotDrawnError(f"mesh {printable(shape.name)}: {mesh}")
+                made += [] if mesh is None else [_mesh(self._scene, f"{path}/{at}", shape, mesh)]
+            elif handles and isinstance(shape, Bodies) and _is_alike(shape, before):
                 _move(handles[at], shape)
                 made.append(handles[at])
             else:
@@ -478,6 +507,27 @@ def _triangles(scene: viser.SceneApi, path: str, triangles: Triangles, size_cm: 
         triangles.corners, both, vertex_colors=triangles.rgba, process=False, validate=False
     )
     return scene.add_mesh_trimesh(path, mesh, cast_shadow=False, receive_shadow=False)
+
+
+def _mesh(scene: viser.SceneApi, path: str, shape: MeshFromFile, mesh: ReadMesh) -> Any:
+    node = scene.add_frame(path, show_axes=False)
+    for number, part in enumerate(mesh.parts):
+        if part.textured and shape.rgb is None:
+            scene.add_glb(f"{path}/{number}", part.textured, scale=shape.scale)
+            continue
+        opacity = part.opacity if shape.rgb is None else shape.opacity
+        scene.add_mesh_simple(
+            f"{path}/{number}",
+            part.vertices,
+            part.faces,
+            color=shape.rgb or part.color or (180, 182, 186),
+            opacity=None if opacity >= 1.0 else opacity,
+            scale=shape.scale,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+    return node
 
 
 def _text(scene: viser.SceneApi, path: str, text: Text, size_cm: float) -> Any:

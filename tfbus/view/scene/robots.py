@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -11,10 +11,11 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
 from tfbus.view.guest import FIXED_NODE
-from tfbus.view.meshes.loader import MeshLoader, MeshSource
+from tfbus.view.meshes.loader import MeshLoader, MeshSource, ReadMesh
 from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
 from tfbus.view.robots import RobotSource, ShownRobot
 from tfbus.view.scene.drawn import unit_mesh
@@ -352,6 +353,9 @@ def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
             yield f"{lead}{mistake}"
 
 
+# Markers come from anyone on the bus: of so many files, of robots, their meshes are loaded.
+_MOST_FOREIGN = 100
+
 # A picture must not wait for many meshes.
 _MESHES_A_STEP = 4
 
@@ -380,6 +384,8 @@ class RobotScenes:
         self._settings: ViewSettings | None = None
         self._logged: set[str] = set()
         self._still: dict[ShownRobot, Placed] = {}
+        # Of markers, by the names of their files.
+        self._foreign: dict[str, MeshSource] = {}
 
     @property
     def robots(self) -> Collection[ShownRobot]:
@@ -416,7 +422,7 @@ class RobotScenes:
                 self.by_robot[robot] = RobotScene(self._scene, path, robot, self._loader)
         self.by_robot = {robot: self.by_robot[robot] for robot in found}
         used = {source for scene in self.by_robot.values() for source in scene.sources}
-        self._loader.keep(used)
+        self._loader.keep(used | set(self._foreign.copy().values()))
 
     def take_meshes(self) -> bool:
         """Draw meshes that have come; whether there were any."""
@@ -424,6 +430,41 @@ class RobotScenes:
         if taken:
             self._log_mistakes()
         return taken
+
+    def mesh_named(self, name: str) -> ReadMesh | str | None:
+        """The mesh of a file that a marker names, why there is none, or None while it is loaded:
+        one that a robot in the scene has, or that lies in a package of one on this machine.
+        """
+        source = self._foreign.get(name)
+        if source is None:
+            source = self._source_named(name)
+            if isinstance(source, str):
+                return source
+            if len(self._foreign) >= _MOST_FOREIGN:
+                return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
+            self._foreign[name] = source
+            self._loader.load(source, "markers")
+        return self._loader.found(source)
+
+    def _source_named(self, name: str) -> MeshSource | str:
+        for robot in list(self.by_robot):
+            for shape in (*robot.visuals, *robot.collisions):
+                if isinstance(shape.shape, Mesh) and shape.shape.name == name:
+                    return robot.source_of(shape.shape)
+        package, inside = parts_of(name)
+        for robot in list(self.by_robot) if package else ():
+            for shape in (*robot.visuals, *robot.collisions):
+                mesh = shape.shape
+                if not isinstance(mesh, Mesh) or mesh.file is None:
+                    continue
+                folder = package_folder(mesh.name, mesh.file)
+                if folder is None or parts_of(mesh.name)[0] != package:
+                    continue
+                # Anyone on the bus names files: none outside of the package is opened.
+                file = (folder / inside).resolve()
+                if file.is_relative_to(folder.resolve()) and file.is_file():
+                    return robot.source_of(replace(mesh, name=name, file=file))
+        return "it is no mesh of a robot in the view, nor in one of their packages"
 
     def _log_mistakes(self) -> None:
         for mistake in self._lacking():

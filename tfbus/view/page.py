@@ -156,6 +156,7 @@ class Page:
         self._seen_from = ""
         self._fixed_node = self.server.scene.add_frame(FIXED_NODE, show_axes=False)
         self.cameras = Cameras(self.server)
+        self._fixed_at = self.cameras.fixed
         self._names = FrameLabels(self.server, self._selections, self.cameras.window)
         self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
@@ -430,9 +431,10 @@ class Page:
         pose = None if row is None else self.whole.pose(row)
         radius_m = _FOCUS * self._scene.size_m
         self.cameras.follow(settings.follow, pose, radius_m, turns=settings.follow_yaw)
-        put, node = place_of(self.cameras.fixed), self._fixed_node
-        if tuple(node.position) != put["position"] or tuple(node.wxyz) != put["wxyz"]:
-            node.position, node.wxyz = put["position"], put["wxyz"]
+        if self.cameras.fixed != self._fixed_at:
+            self._fixed_at = self.cameras.fixed
+            put = place_of(self._fixed_at)
+            self._fixed_node.position, self._fixed_node.wxyz = put["position"], put["wxyz"]
 
     # The tools
 

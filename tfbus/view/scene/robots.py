@@ -447,12 +447,10 @@ class RobotScenes:
         return self._loader.found(source)
 
     def _source_named(self, name: str) -> MeshSource | str:
-        shapes: list[tuple[ShownRobot, Visual | Collision]] = [
-            (robot, shape)
-            for robot in list(self.by_robot)
-            for shape in [*robot.visuals, *robot.collisions]
-        ]
-        meshes = [(robot, each.shape) for robot, each in shapes if isinstance(each.shape, Mesh)]
+        meshes: list[tuple[ShownRobot, Mesh]] = []
+        for robot in list(self.by_robot):
+            drawn: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
+            meshes += [(robot, each.shape) for each in drawn if isinstance(each.shape, Mesh)]
         for robot, mesh in meshes:
             if mesh.name == name:
                 return robot.source_of(mesh)

@@ -57,6 +57,7 @@ CHECKS: dict[str, Check] = {
     "rights": Check(host_checks.check_rights, "bus"),
     "complete": Check(flow_checks.check_complete, "recording"),
     "nodes": Check(tree_checks.check_nodes, "bus"),
+    "robots": Check(tree_checks.check_robots),
     "node-names": Check(tree_checks.check_node_names),
     "callbacks": Check(tree_checks.check_callbacks, "bus"),
     "conflicts": Check(tree_checks.check_conflicts),

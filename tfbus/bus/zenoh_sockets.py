@@ -151,8 +151,9 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
                 each.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
-    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4.
+def admit_datagrams(port: int, hosts: Iterable[str]) -> str:
+    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4; why it
+    does not, "" if it does.
 
     Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
     each other by it what they have declared, and some of it would not arrive.
@@ -160,10 +161,16 @@ def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
     program = _only_from(hosts)
     code = ctypes.create_string_buffer(program)
     filter_of = struct.pack("HL", len(program) // _INSTRUCTION.size, ctypes.addressof(code))
+    why_not = "its socket was not found"
     for each in _of_type(socket.SOCK_DGRAM):
-        with each, suppress(OSError):
-            if each.getsockname()[1] == port and not _is_connected(each):
-                each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+        with each:
+            try:
+                if each.getsockname()[1] == port and not _is_connected(each):
+                    each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+                    why_not = ""
+            except OSError as error:  # such as a filter larger than net.core.optmem_max
+                why_not = error.strerror or str(error)
+    return why_not
 
 
 # A program for the kernel, after <linux/filter.h>: a code, two jumps and a number.

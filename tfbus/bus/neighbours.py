@@ -37,6 +37,7 @@ from tfbus.bus.zenoh_sockets import (
     end_datagrams,
     end_links,
     fit_to_losses,
+    hold_back,
     shorten_close,
 )
 from tfbus.runtime import scheduler
@@ -197,6 +198,7 @@ class Neighbours:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            hold_back(_ends(new), self._network.unsent_bytes)
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,

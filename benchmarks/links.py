@@ -114,8 +114,8 @@ def measure(link: Link, network: str, *, film: bool = False) -> Row:
 
 
 def measure_here(*, film: bool) -> Heard:
-    """A robot and a listener that are peers on this host; with `film` a camera fills its own link to
-    the listener.
+    """A robot and a listener that are peers on this host; with `film` a camera fills its own link
+    to the listener.
     """
     with place() as at, ExitStack() as stack:
 

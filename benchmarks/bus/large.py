@@ -40,10 +40,8 @@ _TURN_S, _FEWEST = 1.0, 12
 _WARM_UP = 3
 _UNTIL_ALL_CAME_S = 0.5
 _KEY = "points"
-_SHARED_MEMORY = (
-    "{enabled: true, mode: 'lazy', transport_optimization: {pool_size: 134217728, "
-    "message_size_threshold: 3072}}"
-)
+# Zenoh's defaults, with room for several of the largest messages.
+_SHARED_MEMORY = "{enabled: true, transport_optimization: {pool_size: 134217728}}"
 
 
 class Missing(Exception):
@@ -88,8 +86,9 @@ class Pair:
         here, there = at.listening(), at.connecting()
         functions = {BARE: "bare", RCLPY: "rclpy", RERUN: "rerun", FOXGLOVE: "foxglove"}
         name = functions.get(peer.removesuffix(", shared memory"), "tfbus")
-        if peer in (SHARED, BARE_SHARED):
-            here, there = (_with_shared_memory(at, env) for env in (here, there))
+        if name in ("tfbus", "bare"):
+            shared = _SHARED_MEMORY if peer in (SHARED, BARE_SHARED) else "{enabled: false}"
+            here, there = (_with_shared_memory(at, env, shared) for env in (here, there))
         elif peer == RCLPY:
             how["python"] = _python_of_rclpy()
             domain = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -162,10 +161,11 @@ def _python_of_rclpy() -> str:
     return str(Path(folder, "bin", "python"))
 
 
-def _with_shared_memory(at: Place, env: dict[str, str]) -> dict[str, str]:
+def _with_shared_memory(at: Place, env: dict[str, str], shared: str) -> dict[str, str]:
+    """The environment with Zenoh's settings of shared memory, which is on unless it is told."""
     path = at.folder / "shared.json5"
     former = Path(env["TFBUS_CONFIG"]).read_text().rstrip().removesuffix("}")
-    path.write_text(f"{former}, transport: {{shared_memory: {_SHARED_MEMORY}}}}}")
+    path.write_text(f"{former}, transport: {{shared_memory: {shared}}}}}")
     return {**env, "TFBUS_CONFIG": str(path)}
 
 
@@ -353,7 +353,7 @@ def send_rerun() -> None:
         rr.log("points", rr.Points3D(points))
 
     # Points3D has three numbers a point.
-    _turns(send, lambda size: _points(size).reshape(-1)[: size // 12 * 3].reshape(-1, 3))
+    _turns(send, lambda size: _points(size * 4 // 3)[:, :3].copy())
     os._exit(0)
 
 

@@ -74,7 +74,7 @@ def publish(hz: float) -> None:
 
 
 def film(size: int, hz: float) -> None:
-    """A camera beside the robot, until its input ends; it says for how long its longest send took."""
+    """A camera beside the robot, until its input ends; it says how long its longest send took."""
     import numpy as np
 
     import tfbus

@@ -22,6 +22,7 @@ _CLOSE_WITHIN_S = 1
 
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
+_UNSENT_AT_MOST = 25
 _THIN_LINEAR_TIMEOUTS = 16
 _LONGEST_PAUSE_MS = 44
 
@@ -134,6 +135,16 @@ def shorten_close(links: Container[Ends]) -> None:
     """
     for each in _connections(links):
         _set_linger(each, _CLOSE_WITHIN_S)
+
+
+def hold_back(links: Container[Ends], unsent_bytes: int) -> None:
+    """Have these links of TCP take further bytes only while fewer than so many wait to be sent.
+
+    Linux takes up to 4 MB, and a transform that is sent then comes after all of it.
+    """
+    for each in _connections(links):
+        with suppress(OSError):  # the system has not got it
+            each.setsockopt(socket.IPPROTO_TCP, _UNSENT_AT_MOST, unsent_bytes)
 
 
 def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:

@@ -114,6 +114,16 @@ def test_auto_is_the_network_of_the_interface(
     assert network_of("auto", ["tcp/127.0.0.1:7447"]).name == expected
 
 
+def test_a_session_looks_once_for_its_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the network that a session has, its configuration is made: not by another look, which may
+    find another one where an interface has come meanwhile.
+    """
+    wifi, settings = NETWORKS["wifi"], NodeSettings("sim", network="auto")
+    monkeypatch.setattr("tfbus.bus.zenoh_config.network_of", None)
+    config = zenoh_config(settings, network=wifi)
+    assert json.loads(config.get_json("transport/link/tx/lease")) == wifi.lease_s * 1e3
+
+
 @pytest.mark.real
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "[::1]", f"{'ä' * 64}.local"])
 def test_auto_resolves_no_name(monkeypatch: pytest.MonkeyPatch, host: str) -> None:

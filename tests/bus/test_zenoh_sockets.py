@@ -124,7 +124,7 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
                 sender.bind((host, 0))
                 sender.sendto(host.encode(), ("127.0.0.1", port))
 
-        admit_datagrams(port, ["127.0.0.3", "fe80::1"])
+        assert admit_datagrams(port, ["127.0.0.3", "fe80::1"]) == ""
         send("127.0.0.2")
         send("127.0.0.3")
         assert listening.recv(100) == b"127.0.0.3"
@@ -132,6 +132,7 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
         send("127.0.0.3")
         send("127.0.0.4")
         assert listening.recv(100) == b"127.0.0.4"
+    assert admit_datagrams(port, ["127.0.0.2"]) == "its socket was not found"
 
 
 def test_a_session_of_datagrams_ends_here_before_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,17 +61,22 @@ _PORT = re.compile(r':\d{1,5}(?=["?#])')
 
 
 def zenoh_config(
-    settings: NodeSettings, scouting_s: float | None = None, *, is_second: bool = False
+    settings: NodeSettings,
+    scouting_s: float | None = None,
+    network: Network | None = None,
+    *,
+    is_second: bool = False,
 ) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file's, overridden by what is given.
 
     A session opens without others after `scouting_s` seconds of scouting (None: as configured). The
     second one of a process has another id, and listens as the first does, on ports that are free.
+    `network` is the one that a session has found by the settings, None to find it.
     Raises SettingsError if the file is not a configuration.
     """
     config = _config_of(settings.config)
     named = _named_in_file(settings.config)
-    network = network_of(settings.network, settings.connect)
+    network = network or network_of(settings.network, settings.connect)
     defaults = {
         # Late joiners order retained messages by their time.
         "timestamping/enabled": True,

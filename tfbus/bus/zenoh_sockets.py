@@ -22,6 +22,7 @@ _CLOSE_WITHIN_S = 1
 
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
+_UNSENT_AT_MOST = 25
 _THIN_LINEAR_TIMEOUTS = 16
 _LONGEST_PAUSE_MS = 44
 
@@ -136,6 +137,16 @@ def shorten_close(links: Container[Ends]) -> None:
         _set_linger(each, _CLOSE_WITHIN_S)
 
 
+def hold_back(links: Container[Ends], unsent_bytes: int) -> None:
+    """Have these links of TCP take further bytes only while fewer than so many wait to be sent.
+
+    Linux takes up to 4 MB, and a transform that is sent then comes after all of it.
+    """
+    for each in _connections(links):
+        with suppress(OSError):  # the system has not got it
+            each.setsockopt(socket.IPPROTO_TCP, _UNSENT_AT_MOST, unsent_bytes)
+
+
 def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
     """Have these links of TCP hold at most so many bytes that have not arrived, repeat lost packets
     at a steady pace where they carry little, and take no loss for a full link.
@@ -153,8 +164,9 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
                 each.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
-    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4.
+def admit_datagrams(port: int, hosts: Iterable[str]) -> str:
+    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4; why it
+    does not, "" if it does.
 
     Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
     each other by it what they have declared, and some of it would not arrive.
@@ -162,10 +174,16 @@ def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
     program = _only_from(hosts)
     code = ctypes.create_string_buffer(program)
     filter_of = struct.pack("HL", len(program) // _INSTRUCTION.size, ctypes.addressof(code))
+    why_not = "its socket was not found"
     for each in _of_type(socket.SOCK_DGRAM):
-        with each, suppress(OSError):
-            if each.getsockname()[1] == port and not _is_connected(each):
-                each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+        with each:
+            try:
+                if each.getsockname()[1] == port and not _is_connected(each):
+                    each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+                    why_not = ""
+            except OSError as error:  # such as a filter larger than net.core.optmem_max
+                why_not = error.strerror or str(error)
+    return why_not
 
 
 # A program for the kernel, after <linux/filter.h>: a code, two jumps and a number.

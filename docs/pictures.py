@@ -165,7 +165,7 @@ def mujoco_robot() -> None:
         time.sleep(4.0)
         with view_of(*topics, scale=0.8) as url:
             time.sleep(4.0)
-            photograph("mujoco_robot", url, (-1.6, -2.6, 3.4), (0.9, 0.9, 0.2))
+            photograph("mujoco_robot", url, (-2.4, -3.6, 4.2), (0.6, 0.4, 0.0))
 
 
 def drone_log() -> None:

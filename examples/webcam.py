@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformStamped
-from tfbus.messages import CompressedImage
+from tfbus.messages import CameraInfo, CompressedImage
 
 
 def main() -> None:
@@ -34,6 +34,7 @@ def main() -> None:
             TransformStamped(0, "world", "camera", place)
         )
         images = node.create_publisher(CompressedImage, "camera/image/compressed")
+        infos = node.create_publisher(CameraInfo, "camera/camera_info")
         while node.ok:
             is_read, pixels = camera.read()
             if not is_read:
@@ -43,6 +44,10 @@ def main() -> None:
             images.publish(
                 CompressedImage(stamp_ns, "camera", "jpeg", np.asarray(jpeg).reshape(-1))
             )
+            height, width, _ = pixels.shape
+            # About that of a webcam; a calibration, as by cv2.calibrateCamera, has the true one.
+            k = (width, 0, width / 2, 0, width, height / 2, 0, 0, 1)
+            infos.publish(CameraInfo(stamp_ns, "camera", height, width, k=k))
             node.wait(pause_s)
 
 

@@ -160,7 +160,7 @@ class Links:
         self._events.append(_Event(str(link.zid), ends, has_come, scheduler.monotonic()))
 
     def end_history(self) -> None:
-        """What was noted so far was there before, in no order."""
+        """Take all that was noted so far as there before, in no order."""
         events = sorted(
             self._events, key=lambda each: bool(each.link and each.link.is_of_datagrams)
         )

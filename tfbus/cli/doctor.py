@@ -1,7 +1,6 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
 import re
-import textwrap
 import time
 from collections import Counter
 from collections.abc import Iterable
@@ -29,7 +28,7 @@ from tfbus.doctor.examination import Finding, Verdict
 from tfbus.frames.fleet import FleetWatch
 from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut, duration, listed, natural_order, near_names
+from tfbus.wording import counted, cut, duration, listed, natural_order, near_names, wrapped
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
@@ -228,7 +227,7 @@ def _print(findings: dict[str, Finding], as_json: bool, by_robot: "_ByRobot | No
                 )
         if left_out and not alone:
             names = ", ".join(left_out)
-            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", "", ""))
+            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", ""))
         else:
             print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
@@ -277,18 +276,12 @@ def _lines(name: str, finding: Finding) -> list[str]:
         return [f"{head}{paint('; '.join(finding.evidence), 'faint')}".rstrip()]
     lines = [head.rstrip()]
     for sentence in finding.evidence:
-        lines += _wrapped(sentence, "- ")
-    return [*lines, *_wrapped(f"Fix: {finding.remedy}", "")]
+        lines += _wrapped(sentence, f"{_INDENT}- ")
+    return [*lines, *_wrapped(f"Fix: {finding.remedy}", _INDENT)]
 
 
-def _wrapped(text: str, bullet: str, indent: str = _INDENT) -> list[str]:
-    return textwrap.wrap(
-        text,
-        max(width(), 40),
-        initial_indent=f"{indent}{bullet}",
-        subsequent_indent=indent + " " * len(bullet),
-        break_on_hyphens=False,
-    )
+def _wrapped(text: str, lead: str) -> list[str]:
+    return wrapped(text, max(width(), 40), lead)
 
 
 def _summary(findings: dict[str, Finding]) -> str:

@@ -23,8 +23,7 @@ from tfbus.cli.output import (
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
-from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
-from tfbus.doctor.examination import Finding, Verdict
+from tfbus.doctor.examination import CHECKS, OF_A_BUS, Finding, Verdict, examined
 from tfbus.frames.fleet import FleetWatch
 from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.wire.fleet import Fleet

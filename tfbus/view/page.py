@@ -66,8 +66,9 @@ _RESTS_PER_LOOK = 8.0
 # So long after the cameras have moved the names of frames have found their places.
 _NAMES_AFTER_S = 0.5
 
-# The ball around a frame that a camera looks at, in lengths of its axes.
+# The balls around a frame that a camera looks at, or follows, in lengths of its axes.
 _FOCUS = 4.0
+_FOLLOW = 10.0
 
 # What a tool has sent is so many times as long as axes; a shorter drag has no heading.
 _MARK = 2.0
@@ -156,6 +157,7 @@ class Page:
         self._seen_from = ""
         self._fixed_node = self.server.scene.add_frame(FIXED_NODE, show_axes=False)
         self.cameras = Cameras(self.server)
+        self._fixed_at = self.cameras.fixed
         self._names = FrameLabels(self.server, self._selections, self.cameras.window)
         self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
@@ -428,11 +430,12 @@ class Page:
         """Let the cameras move with the frame that they follow."""
         row = self.whole.index.get(settings.follow)
         pose = None if row is None else self.whole.pose(row)
-        radius_m = _FOCUS * self._scene.size_m
+        radius_m = _FOLLOW * self._scene.size_m
         self.cameras.follow(settings.follow, pose, radius_m, turns=settings.follow_yaw)
-        put, node = place_of(self.cameras.fixed), self._fixed_node
-        if tuple(node.position) != put["position"] or tuple(node.wxyz) != put["wxyz"]:
-            node.position, node.wxyz = put["position"], put["wxyz"]
+        if self.cameras.fixed != self._fixed_at:
+            self._fixed_at = self.cameras.fixed
+            put = place_of(self._fixed_at)
+            self._fixed_node.position, self._fixed_node.wxyz = put["position"], put["wxyz"]
 
     # The tools
 

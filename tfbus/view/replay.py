@@ -408,7 +408,7 @@ class RecordedData:
 
     def past(self, topic: str, settings: TopicSettings) -> Iterator[Past]:
         """The messages up to the cursor that have to do with what is drawn there."""
-        waiting, cursor = self._waiting[topic], self._cursor
+        waiting = self._waiting[topic]
         waiting.take()
         found = self._found_before(topic, waiting.message_type, settings)
         if waiting.message_type in _APART or settings.decay_s:

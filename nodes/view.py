@@ -177,8 +177,6 @@ def main(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {shlex.quote(settings.config)}"
         )
-    if roster and fleet is None:
-        raise click.UsageError("--expect names the robots of a fleet: give --fleet too")
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()

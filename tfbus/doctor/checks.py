@@ -65,6 +65,7 @@ CHECKS: dict[str, Check] = {
     "disconnected": Check(tree_checks.check_disconnected),
     "static-dynamic": Check(tree_checks.check_static_dynamic),
     "gone": Check(tree_checks.check_gone),
+    "robots": Check(tree_checks.check_robots),
     "restarts": Check(tree_checks.check_restarts, "recording"),
     "stale": Check(tree_checks.check_stale),
     "silent": Check(tree_checks.check_silent),

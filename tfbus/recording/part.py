@@ -107,6 +107,12 @@ class Part:
         return printable(str(self.path))
 
     @property
+    def end_ns(self) -> int:
+        """The log time of the last item; 0 if there is none."""
+        events = [event.log_ns for event in self.events]
+        return max([*(chunk.to_ns for chunk in self.chunks), *events], default=0)
+
+    @property
     def about(self) -> Mapping[str, str]:
         """What the recorder said of itself, and a tool that wrote the file of others."""
         said: dict[str, str] = {}

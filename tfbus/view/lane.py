@@ -118,8 +118,8 @@ async def in_lanes(
     marker: Any,
     clock_s: Callable[[], float] = time.monotonic,
 ) -> AsyncGenerator[Sequence[Any], None]:
-    """What to send a browser, of what viser would send it. Whoever takes it asks for the next once
-    the link has taken the one before.
+    """The windows to send a browser, made of those that viser would send. The sender asks for the
+    next once the link has taken the one before.
 
     All that is there when the browser comes, which ends with the `marker`, goes first, as it is.
     """

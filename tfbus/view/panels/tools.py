@@ -107,7 +107,7 @@ class ToolsPanel:
 
 
 def sent_text(topic: str, frame_id: str, xyz: tuple[float, float, float], yaw_rad: float) -> str:
-    """What was sent, in a line."""
+    """A line about a message that was sent."""
     x, y, z = xyz
     turn = f", {math.degrees(yaw_rad):.0f}°" if yaw_rad else ""
     height = f", {z:.2f}" if abs(z) >= 0.005 else ""

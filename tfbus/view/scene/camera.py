@@ -202,7 +202,7 @@ class Cameras:
         return any(np.allclose(camera.position, at, atol=1e-3) for at in put_at)
 
     def window(self, client: int) -> Viewport | None:
-        """What one browser sees, in the fixed frame; None if it has left."""
+        """The window of one browser, in the fixed frame; None if it has left."""
         handle = self._server.get_clients().get(client)
         return None if handle is None else Viewport.of(handle.camera, self.fixed)
 

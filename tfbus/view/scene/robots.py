@@ -437,33 +437,32 @@ class RobotScenes:
         """
         source = self._foreign.get(name)
         if source is None:
-            source = self._source_named(name)
-            if isinstance(source, str):
-                return source
+            found = self._source_named(name)
+            if isinstance(found, str):
+                return found
             if len(self._foreign) >= _MOST_FOREIGN:
                 return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
-            self._foreign[name] = source
+            source = self._foreign[name] = found
             self._loader.load(source, "markers")
         return self._loader.found(source)
 
     def _source_named(self, name: str) -> MeshSource | str:
+        meshes: list[tuple[ShownRobot, Mesh]] = []
         for robot in list(self.by_robot):
-            for shape in (*robot.visuals, *robot.collisions):
-                if isinstance(shape.shape, Mesh) and shape.shape.name == name:
-                    return robot.source_of(shape.shape)
+            drawn: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
+            meshes += [(robot, each.shape) for each in drawn if isinstance(each.shape, Mesh)]
+        for robot, mesh in meshes:
+            if mesh.name == name:
+                return robot.source_of(mesh)
         package, inside = parts_of(name)
-        for robot in list(self.by_robot) if package else ():
-            for shape in (*robot.visuals, *robot.collisions):
-                mesh = shape.shape
-                if not isinstance(mesh, Mesh) or mesh.file is None:
-                    continue
-                folder = package_folder(mesh.name, mesh.file)
-                if folder is None or parts_of(mesh.name)[0] != package:
-                    continue
-                # Anyone on the bus names files: none outside of the package is opened.
-                file = (folder / inside).resolve()
-                if file.is_relative_to(folder.resolve()) and file.is_file():
-                    return robot.source_of(replace(mesh, name=name, file=file))
+        for robot, mesh in meshes:
+            folder = None if mesh.file is None else package_folder(mesh.name, mesh.file)
+            if folder is None or mesh.package != package:
+                continue
+            # Anyone on the bus names files: none outside of the package is opened.
+            file = (folder / inside).resolve()
+            if file.is_relative_to(folder.resolve()) and file.is_file():
+                return robot.source_of(replace(mesh, name=name, file=file))
         return "it is no mesh of a robot in the view, nor in one of their packages"
 
     def _log_mistakes(self) -> None:

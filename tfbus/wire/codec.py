@@ -133,6 +133,21 @@ def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
     return value
 
 
+def stamp_in(message: Mapping[str, Any]) -> int | None:
+    """The stamp_ns of a message or of its header, or the stamp of ROS; None if it has none."""
+    header = message.get("header")
+    for fields in (message, header if isinstance(header, dict) else {}):
+        stamp_ns = fields.get("stamp_ns")
+        if type(stamp_ns) is int:
+            return stamp_ns
+        stamp = fields.get("stamp")
+        if isinstance(stamp, dict):
+            sec, nanosec = stamp.get("sec"), stamp.get("nanosec")
+            if type(sec) is int and type(nanosec) is int:
+                return sec * 1_000_000_000 + nanosec
+    return None
+
+
 def is_of_ros(data: bytes) -> bool:
     """Whether a message is one of ROS 2, in CDR, which is never a msgpack map.
 

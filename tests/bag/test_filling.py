@@ -45,7 +45,7 @@ class Robot:
     def start(self, name: str = "recorder") -> Program:
         """Its recorder, which is started again after a power cut."""
         started = self.bus.start(
-            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/"),
+            *("bag", "record", "--keep", "1h", "-o", str(self.folder)),
             *("--namespace", "robot7", "--name", name),
             *(word for each in self.connect for word in ("--connect", each)),
         )

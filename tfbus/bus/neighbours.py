@@ -37,6 +37,7 @@ from tfbus.bus.zenoh_sockets import (
     end_datagrams,
     end_links,
     fit_to_losses,
+    hold_back,
     shorten_close,
 )
 from tfbus.runtime import scheduler
@@ -207,6 +208,9 @@ class Neighbours:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            # Within a host TCP holds nothing up, and smaller pieces cost both ends CPU.
+            beyond = {link for link in new if not is_local(host_of(link.dst))}
+            hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,

@@ -13,7 +13,7 @@ from tfbus.bus.interfaces import scouted
 from tfbus.bus.links import split_endpoint
 from tfbus.bus.networks import Network, network_of
 from tfbus.bus.scouting import Scouting
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import PROTOCOLS, NodeSettings
 from tfbus.bus.zenoh_library import first_sentence
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
@@ -47,6 +47,10 @@ _MOST_OF_ZENOH = 2**32 - 1
 
 # From this number on, rules of access control are read faster from a file.
 _MANY_RULES = 300
+
+# A process that is to have no datagrams takes none either that a router offers to all who scout:
+# Zenoh tries what it is offered in any order, and a connection must not begin by them.
+_LINK_PROTOCOLS = "transport/link/protocols"
 
 _INTERFACE = "scouting/multicast/interface"
 _DEFAULT_GROUP = "224.0.0.224:7446"
@@ -121,6 +125,9 @@ def zenoh_config(
             config.insert_json5(key, json.dumps(value))
     if control:
         config = _with_access_control(config, control)
+    if not _is_in(named, _LINK_PROTOCOLS) and not _has_udp(config):
+        others = [each for each in PROTOCOLS if each != "udp"]
+        config.insert_json5(_LINK_PROTOCOLS, json.dumps(others))
     if is_second:
         # Not the id that a file gives to the first; without a leading zero, as Zenoh wants it.
         config.insert_json5("id", json.dumps(f"a{os.urandom(15).hex()}"))
@@ -158,6 +165,12 @@ def _with_datagrams(endpoints: Iterable[str]) -> list[str]:
         else:
             found.append(each)
     return found
+
+
+def _has_udp(config: zenoh.Config) -> bool:
+    """Whether an endpoint of this configuration is one of UDP."""
+    ends = config.get_json("connect/endpoints") + config.get_json("listen/endpoints")
+    return '"udp/' in ends
 
 
 def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh.Config:

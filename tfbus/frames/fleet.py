@@ -13,7 +13,7 @@ from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
 from tfbus.listen.watch import MOST_GONE
 from tfbus.wire.keys import namespace_of_node, relative
-from tfbus.wording import duration, natural_order
+from tfbus.wording import duration, listed, natural_order
 
 RobotState = Literal["gone", "missing", "there"]
 
@@ -42,7 +42,8 @@ class RobotStatus:
     ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
     an estimate of what they take on the air: their payloads, and what the network adds to each. All
     are None while not known. `versions` are those of tfbus in its nodes. `problems` are those of
-    its frames, `stale` counts frames that are silent.
+    its frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
+    same name run at once, as where a robot and the one that takes its place are both on.
     """
 
     name: str
@@ -58,11 +59,12 @@ class RobotStatus:
     frames: int = 0
     stale: int = 0
     problems: tuple[Problem, ...] = ()
+    twice: tuple[str, ...] = ()
 
     @property
     def is_well(self) -> bool:
         """Whether it is there, without any problem."""
-        return self.state == "there" and not self.problems and not self.stale
+        return self.state == "there" and not (self.problems or self.stale or self.twice)
 
     @property
     def trouble(self) -> str:
@@ -72,6 +74,7 @@ class RobotStatus:
         count = Counter(each.kind for each in self.problems)
         words = [kind if times == 1 else f"{times} {kind}" for kind, times in count.items()]
         words += [f"{self.stale} stale"] if self.stale else []
+        words += [f"twice, on {listed(self.twice, most=2)}"] if self.twice else []
         return ", ".join(words if self.is_expected else [*words, "not expected"])
 
     def state_text(self, at_ns: int) -> str:
@@ -306,7 +309,17 @@ class FleetWatch:
             parts.frames.count,
             parts.frames.stale,
             tuple(parts.frames.problems),
+            _twice(parts, moment),
         )
+
+
+def _twice(parts: _Parts, moment: BusMoment) -> tuple[str, ...]:
+    """The hosts of those nodes of a robot that run more than once."""
+    names = set(parts.nodes)
+    nodes = [each for each in moment.nodes if each.name in names]
+    count = Counter(each.name for each in nodes)
+    hosts = {each.host for each in nodes if count[each.name] > 1}
+    return tuple(sorted(hosts, key=natural_order))
 
 
 def _age_s(parts: _Parts, moment: BusMoment) -> float | None:

@@ -31,9 +31,9 @@ from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Damage, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
-from tfbus.ros.counterparts import Counterpart, counterpart_of_ros
+from tfbus.ros.counterparts import AS_IN_ROS, Counterpart, counterpart_of_ros, on_bus
 from tfbus.ros.definitions import TF_MESSAGE, Definition
-from tfbus.ros.message_type import PACKAGE
+from tfbus.ros.message_type import PACKAGE, message_of
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader, equal_parts, read_many
 from tfbus.wording import printable
@@ -216,9 +216,13 @@ def _decoder(
         return None
     try:
         definition = Definition(schema.name, schema.data.decode())
-        return MessageCodec.of_definition(definition, counterpart).decode
+        codec = MessageCodec.of_definition(definition, counterpart)
     except (DecodeError, UnicodeDecodeError):
         return None
+    if definition.name not in AS_IN_ROS:
+        return codec.decode
+    message = message_of(definition)
+    return lambda data: on_bus(codec.decode(data, arrays=True), message)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Literal
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import RobotStatus
-from tfbus.frames.moment import BusMoment
+from tfbus.frames.moment import BusMoment, name_here
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.report import Edge, EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import relative_name
 from tfbus.wording import and_more
 
 if TYPE_CHECKING:
@@ -169,11 +168,11 @@ class Examination:
     @property
     def below(self) -> tuple[str, ...]:
         """The relative names of nodes in namespaces below that only a fleet's scope has."""
-        names = [relative_name(name, self.moment.namespace) for name in self.moment.node_names]
+        names = [name_here(node, self.moment) for node in self.moment.node_names]
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
     def _is_in_scope(self, node: str) -> bool:
-        name = relative_name(node, self.moment.namespace)
+        name = name_here(node, self.moment)
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:

@@ -38,7 +38,7 @@ from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
 from tfbus.runtime import structs
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-from tfbus.wire.keys import namespace_of_node, stream_key
+from tfbus.wire.keys import namespace_of_node, relative_name, stream_key
 from tfbus.wording import age, duration
 
 K = TypeVar("K", bound=Hashable)
@@ -325,6 +325,13 @@ class BusView(Protocol):
 
     def hint(self, frame: str = "") -> str:
         """The place of a frame, or of any frame; "" if that is not known."""
+
+
+def name_here(node: str, moment: BusMoment) -> str:
+    """The full name of a node relative to the namespace of a moment: `sim`, `robot7/sim`; that of a
+    node elsewhere stays absolute, with its slash.
+    """
+    return relative_name(node, moment.namespace)
 
 
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:

@@ -14,8 +14,7 @@ import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
-from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, ExaminedHost
+from tfbus.doctor.examination import CHECKS, Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment

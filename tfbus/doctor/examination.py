@@ -1,6 +1,8 @@
-"""The evidence that the checks judge, as one value, and the findings that they return."""
+"""The evidence that the checks judge, as one value, the findings that they return, and all checks
+by their stable names.
+"""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -235,3 +237,56 @@ def first_of(sentences: list[str]) -> list[str]:
     """The first ten sentences, and how many more there are."""
     more = and_more(len(sentences), _MOST_SENTENCES)
     return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]
+
+
+# The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and
+# what nodes count; a recording has a span of time, with all that came and went in it.
+Need = Literal["tree", "bus", "recording"]
+
+Find = Callable[[Examination], Finding]
+
+OF_A_BUS = skipped("it needs a live bus: a recording does not have that")
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check, and the evidence that it needs; it is skipped if an examination has none."""
+
+    find: Find
+    needs: Need = "tree"
+
+    @property
+    def promise(self) -> str:
+        """The sentence that holds if it finds nothing."""
+        return self.find.__doc__ or ""
+
+    def applies(self, *, to_recording: bool) -> bool:
+        """Whether a recording, or a live bus, has the evidence."""
+        return self.needs == "tree" or to_recording == (self.needs == "recording")
+
+    def __call__(self, seen: Examination) -> Finding:
+        if self.applies(to_recording=seen.span is not None):
+            return self.find(seen)
+        if self.needs == "recording":
+            return skipped("it needs a recording: give --bag FILE")
+        return OF_A_BUS
+
+
+# In the order in which they are printed: of this host, of the tree of frames, of what comes.
+CHECKS: dict[str, Check] = {}
+
+
+def check(name: str, *, needs: Need = "tree") -> Callable[[Find], Find]:
+    """List a function as the check of this name; its docstring is the promise."""
+
+    def listed(find: Find) -> Find:
+        CHECKS[name] = Check(find, needs)
+        return find
+
+    return listed
+
+
+def examined(seen: Examination, names: Iterable[str] = ()) -> dict[str, Finding]:
+    """The findings of all checks, or of these, by their names."""
+    wanted = set(names) or CHECKS.keys()
+    return {name: check(seen) for name, check in CHECKS.items() if name in wanted}

@@ -1,6 +1,10 @@
-"""Python processes for files of strangers: they bear the cost of one, and not their parent."""
+"""Limits of this process: what it may lock, and those of processes for files of strangers, which
+bear the cost of one in place of their parent.
+"""
 
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 
 def command_of(module: str) -> list[str]:
@@ -27,3 +31,23 @@ def limit_this_process(*, memory_bytes: int, cpu_s: float | None = None) -> None
         resource.setrlimit(
             limit, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard)
         )
+
+
+# From Linux's <linux/capability.h>.
+_MAY_LOCK_ALL = 1 << 14
+
+
+def lockable_bytes() -> int:
+    """How much memory this process may lock, 2^63 without a limit."""
+    unlimited: int = 2**63
+    try:
+        import resource
+    except ImportError:  # Windows
+        return unlimited
+    with suppress(OSError, StopIteration, ValueError):  # not Linux
+        lines = Path("/proc/self/status").read_text().splitlines()
+        capabilities = next(line for line in lines if line.startswith("CapEff:"))
+        if int(capabilities.split()[1], 16) & _MAY_LOCK_ALL:
+            return unlimited
+    soft = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    return unlimited if soft == resource.RLIM_INFINITY else soft

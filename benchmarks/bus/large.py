@@ -209,7 +209,7 @@ def _points(size: int) -> Any:
     return np.random.default_rng(1).random((size // _POINT, 4), np.float32)
 
 
-def send_tfbus() -> None:
+def send_tfbus(topic: str = _KEY) -> None:
     """A node that publishes a new cloud on the same array each time."""
     import numpy as np
 
@@ -219,7 +219,7 @@ def send_tfbus() -> None:
     columns = tuple(PointField(name, 4 * at, 7, 1) for at, name in enumerate("xyzi"))
 
     with tfbus.Node("lidar") as node:
-        publisher = node.create_publisher(PointCloud, _KEY)
+        publisher = node.create_publisher(PointCloud, topic)
 
         def send(data: Any) -> None:
             width = len(data) // _POINT
@@ -234,7 +234,7 @@ def send_tfbus() -> None:
         _turns(send, lambda size: _points(size).reshape(-1).view(np.uint8))
 
 
-def receive_tfbus() -> None:
+def receive_tfbus(topic: str = _KEY) -> None:
     """A node with a subscription."""
     import tfbus
     from tfbus.messages import PointCloud
@@ -245,7 +245,7 @@ def receive_tfbus() -> None:
         came.append((cloud.stamp_ns, time.time_ns()))
 
     with tfbus.Node("mapper") as node:
-        node.create_subscription(PointCloud, _KEY, on_points)
+        node.create_subscription(PointCloud, topic, on_points)
         _told(came)
 
 
@@ -286,7 +286,7 @@ def receive_bare() -> None:
         _told(came)
 
 
-def send_rclpy() -> None:
+def send_rclpy(topic: str = _KEY) -> None:
     """A node of ROS 2; the array is of the kind that rclpy copies at once."""
     from array import array
 
@@ -295,7 +295,7 @@ def send_rclpy() -> None:
 
     rclpy.init()
     node = rclpy.create_node("lidar")
-    publisher = node.create_publisher(PointCloud2, _KEY, 10)
+    publisher = node.create_publisher(PointCloud2, topic, 10)
 
     def make(size: int) -> Any:
         data = _points(size)
@@ -318,7 +318,7 @@ def send_rclpy() -> None:
     os._exit(0)
 
 
-def receive_rclpy() -> None:
+def receive_rclpy(topic: str = _KEY) -> None:
     """A node of ROS 2 with a subscription."""
     import threading
 
@@ -335,7 +335,7 @@ def receive_rclpy() -> None:
 
     rclpy.init()
     node = rclpy.create_node("mapper")
-    node.create_subscription(PointCloud2, _KEY, on_points, 10)
+    node.create_subscription(PointCloud2, topic, on_points, 10)
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
     _told(came)
     os._exit(0)

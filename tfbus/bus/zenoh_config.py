@@ -142,8 +142,8 @@ def end_shared_memory(config: zenoh.Config) -> str:
     config.insert_json5("transport/shared_memory/enabled", "false")
     return (
         f"this process may lock {size_text(may_lock)} of memory, and would lose large messages of "
-        f"others without a word: let it lock {size_text(_LOCKED_AT_LEAST)} (ulimit -l, LimitMEMLOCK "
-        "of systemd)"
+        f"others without a word: let it lock {size_text(_LOCKED_AT_LEAST)} (ulimit -l, "
+        "LimitMEMLOCK of systemd)"
     )
 
 

@@ -1,6 +1,7 @@
 """Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
 import re
+import textwrap
 import unicodedata
 from collections.abc import Collection, Iterable
 
@@ -94,6 +95,24 @@ def cut_apart(texts: Iterable[str], most: int) -> dict[str, str]:
     return {text: text for text in all_texts}
 
 
+def wrapped(
+    text: str, longest: int, lead: str = "", after: str | None = None, *, break_words: bool = True
+) -> list[str]:
+    """The text in lines of at most `longest` letters; no break at `-`, since an option is one word.
+
+    The first line begins with `lead`, each further one with `after` (None: as many spaces as `lead`
+    has letters). Without `break_words` a word that is longer has a line of its own.
+    """
+    return textwrap.wrap(
+        text,
+        longest,
+        initial_indent=lead,
+        subsequent_indent=" " * len(lead) if after is None else after,
+        break_long_words=break_words,
+        break_on_hyphens=False,
+    )
+
+
 def _end(text: str, room: int) -> str:
     """The end of a text that fits into this many columns."""
     end = _fitting(text[::-1], room)[::-1]
@@ -154,7 +173,17 @@ def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str
         known = alike[place : place + _MOST_COUNTED]
     if len(known) > _MOST_COMPARED:
         known = nlargest(_MOST_COMPARED, known, lambda other: _letters_of_ends(name, other))
-    return tuple(get_close_matches(name, known, n=most))
+    likely = [other for other in known if _may_be_meant(name, other)]
+    return tuple(get_close_matches(name, likely, n=most))
+
+
+def _may_be_meant(one: str, other: str) -> bool:
+    """Whether names begin alike, or have the same letters, or most of their ends: `room` is not a
+    slip of `odom`, though three letters of four are in it.
+    """
+    if one[:1] == other[:1] or sorted(one) == sorted(other):
+        return True
+    return 2 * _letters_of_ends(one, other) > min(len(one), len(other))
 
 
 def _letters_of_ends(one: str, other: str) -> int:

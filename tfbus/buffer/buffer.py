@@ -13,12 +13,12 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
-from tfbus.buffer.info import Change, ExpiredLookups, Rejections
+from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
-from tfbus.buffer.store import Store
+from tfbus.buffer.store import ExpiredLookups, Store
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.core.sampling import TF2, Contents, Held, Sampling
 from tfbus.errors import (
@@ -736,13 +736,13 @@ class Buffer:
         """A message of `tfbus.messages` in the target frame, by the transform at its stamp; a stamp
         of 0 stands for the latest.
 
-        PointCloud (with normals), PoseStamped, PoseArray, Path, PoseWithCovarianceStamped, Odometry
-        (its pose), Imu, OccupancyGrid (its origin), Marker and MarkerArray stay of their type; a
-        LaserScan becomes a PointCloud, NaN for no measurement. If points have a time each, each is
-        moved by the transform at that, and is then as of the stamp: say the `fixed_frame` if the
-        target itself moves meanwhile. Covariances of x, y, z and rotations about fixed axes turn to
-        the target's axes; unknown ones stay so. Waits and raises as `lookup_transform`, and
-        InvalidArgumentException for a message of another type.
+        PointCloud (with normals), PointStamped, PoseStamped, PoseArray, Path,
+        PoseWithCovarianceStamped, Odometry (its pose), Imu, OccupancyGrid (its origin), Marker and
+        MarkerArray stay of their type; a LaserScan becomes a PointCloud, NaN for no measurement. If
+        points have a time each, each is moved by the transform at that, and is then as of the
+        stamp: say the `fixed_frame` if the target itself moves meanwhile. Covariances of x, y, z
+        and rotations about fixed axes turn to the target's axes; unknown ones stay so. Waits and
+        raises as `lookup_transform`, and InvalidArgumentException for a message of another type.
         """
         from tfbus.buffer.messages import transformed
 

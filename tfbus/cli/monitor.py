@@ -2,7 +2,6 @@
 
 import itertools
 import shlex
-import textwrap
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -49,7 +48,7 @@ from tfbus.monitor.report import (
 )
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut_middle, duration, listed, stamp_text
+from tfbus.wording import counted, cut_middle, duration, listed, stamp_text, wrapped
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
@@ -301,7 +300,7 @@ def _cut(name: str) -> str:
 
 
 def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
+    return wrapped(line, longest_line(), after="  ")
 
 
 def _clock_lines(report: Report) -> list[str]:

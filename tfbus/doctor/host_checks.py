@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
-from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
+from tfbus.doctor.examination import Examination, Finding, check, first_of, found, ok, skipped
 from tfbus.ros.rmw import HIGHEST_DOMAIN, is_bridge
 from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
@@ -15,6 +15,7 @@ _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _ZENOH = "1.10"
 
 
+@check("install", needs="bus")
 def check_install(seen: Examination) -> Finding:
     """tfbus and what it needs are installed."""
     versions = seen.host.versions
@@ -23,6 +24,7 @@ def check_install(seen: Examination) -> Finding:
     return found("fail", missing, "pip install tfbus", fine)
 
 
+@check("kernel", needs="bus")
 def check_kernel(seen: Examination) -> Finding:
     """The buffer is compiled."""
     if seen.host.is_compiled:
@@ -34,6 +36,7 @@ def check_kernel(seen: Examination) -> Finding:
     )
 
 
+@check("zenoh", needs="bus")
 def check_zenoh(seen: Examination) -> Finding:
     """tfbus is tested with this version of Zenoh."""
     version = seen.host.versions.get("eclipse-zenoh", "")
@@ -46,6 +49,7 @@ def check_zenoh(seen: Examination) -> Finding:
     )
 
 
+@check("scouting", needs="bus")
 def check_scouting(seen: Examination) -> Finding:
     """Processes find each other by multicast."""
     if seen.host.scouted is None:
@@ -68,6 +72,7 @@ def check_scouting(seen: Examination) -> Finding:
     return Finding("fail", tuple(evidence), remedy)
 
 
+@check("alone", needs="bus")
 def check_alone(seen: Examination) -> Finding:
     """The processes of this host that scout run, and are on the bus."""
     if seen.host.scouted is None:
@@ -82,7 +87,7 @@ def check_alone(seen: Examination) -> Finding:
             "no link opens to a program that does not run: let it go on (fg, kill -CONT, the "
             "debugger), or end it",
         )
-    met = {node.pid for node in seen.nodes} & scouts.keys()
+    met = {node.pid for node in seen.moment.nodes} & scouts.keys()
     if met:
         return ok(f"{len(met)} of {counted(len(scouts), 'program')} of this host that scout: met")
     names = _programs(scouts, scouts)
@@ -98,6 +103,7 @@ def _programs(scouts: Mapping[int, str], pids: Iterable[int]) -> str:
     return listed([f"{scouts[pid]} (pid {pid})" for pid in sorted(pids)])
 
 
+@check("routers", needs="bus")
 def check_routers(seen: Examination) -> Finding:
     """The endpoints of --connect answer."""
     endpoints = seen.settings.connect
@@ -119,6 +125,7 @@ _SOON = timedelta(days=30)
 _OPEN = "it is an open bus"
 
 
+@check("encryption", needs="bus")
 def check_encryption(seen: Examination) -> Finding:
     """The bus is closed, or no other machine is on it."""
     closed = seen.settings.closed
@@ -128,7 +135,7 @@ def check_encryption(seen: Examination) -> Finding:
     beyond = list(seen.host.listens_beyond)
     if not beyond:
         return ok("open, to this machine only")
-    others = sorted({node.host for node in seen.nodes} - {seen.host.name})
+    others = sorted({node.host for node in seen.moment.nodes} - {seen.host.name})
     if not others and not seen.host.routers:
         return ok("open; no other machine is on it now; --secure closes it")
     who = f"{listed(others)} {'is' if len(others) == 1 else 'are'} on it" if others else "routed"
@@ -143,6 +150,7 @@ def check_encryption(seen: Examination) -> Finding:
     )
 
 
+@check("certificate", needs="bus")
 def check_certificate(seen: Examination) -> Finding:
     """The certificate of this identity is valid for a while."""
     closed = seen.settings.closed
@@ -159,12 +167,15 @@ def check_certificate(seen: Examination) -> Finding:
     )
 
 
+@check("rights", needs="bus")
 def check_rights(seen: Examination) -> Finding:
     """All nodes enforce the same rights, and none is wider than its role needs."""
     closed = seen.settings.closed
     if closed is None:
         return skipped(_OPEN)
-    others = [each.name for each in seen.nodes if each.rights and each.rights != closed.digest]
+    others = [
+        each.name for each in seen.moment.nodes if each.rights and each.rights != closed.digest
+    ]
     wide = [
         f"{identity.name} may be any node, and so publish any stream"
         for identity in closed.rights.identities.values()
@@ -194,6 +205,7 @@ _BRIDGED_1 = "ros1"
 _BRIDGE_TYPE = "RosBridge"
 
 
+@check("ros", needs="bus")
 def check_ros(seen: Examination) -> Finding:
     """The ROS that is there, and how its frames come to tfbus."""
     sentences = [*_rmw_zenoh(seen), *_ros2dds(seen), *_dds(seen), *_sourced(seen), *_ros1(seen)]
@@ -268,7 +280,7 @@ def _maybe_ros2(seen: Examination, where: str) -> str:
 
 def _brings(seen: Examination, kind: str) -> str:
     """Which nodes are bridges to ROS already; "" for none."""
-    bridges = [printable(node.name) for node in seen.nodes if kind in _kinds(node)]
+    bridges = [printable(node.name) for node in seen.moment.nodes if kind in _kinds(node)]
     if not bridges and kind == _BRIDGED:
         in_ros = {name for names in seen.ros.nodes.values() for name in names}
         bridges = [printable(name) for name in sorted(in_ros) if is_bridge(name)]

@@ -8,6 +8,7 @@ from tfbus.doctor.examination import (
     PassingProblem,
     RecordedSpan,
     Verdict,
+    check,
     first_of,
     found,
     ok,
@@ -15,7 +16,7 @@ from tfbus.doctor.examination import (
 )
 from tfbus.frames.moment import silent_s, state
 from tfbus.frames.snapshot import REMEDIES, ProblemKind, who
-from tfbus.wording import counted, duration, listed
+from tfbus.wording import counted, duration, listed, natural_order
 
 # A sentence names at most this many namespaces.
 _NAMED = 5
@@ -27,29 +28,28 @@ _WHY_ENDED = "see why its node ended: its log, and its host's"
 _MOST_TIMES = 5
 
 
+@check("nodes", needs="bus")
 def check_nodes(seen: Examination) -> Finding:
-    """There are nodes in the namespace that the doctor looks at, and each answers."""
-    if unanswered := [name for name in seen.moment.unanswered if not _is_tool(name)]:
+    """There are nodes in the namespaces that the doctor looks at, and each answers."""
+    if unanswered := [name for name in seen.unanswered if not _is_tool(name)]:
         return Finding(
             "warn",
             tuple(f"{name} is there, and did not answer" for name in unanswered),
             "see whether the process is stopped (Ctrl-Z, a debugger) or too busy",
         )
-    namespace = seen.settings.namespace
-    inside = [node.name.strip("/") for node in seen.nodes if not _is_tool(node.name)]
-    inside = [name.removeprefix(f"{namespace}/") for name in inside if _is_below(name, namespace)]
-    robots = sorted({name.rpartition("/")[0] for name in inside} - {""})
-    here = sum("/" not in name for name in inside)
-    if here or seen.tree.frames:
-        also = [f"more are in {_namespaces(robots)}"] if robots else []
-        return ok(counted(here, "node"), *also)
-    if robots:
+    count = sum(not _is_tool(node.name) for node in seen.nodes)
+    robots = {name.rpartition("/")[0] for name in seen.below if not _is_tool(name)}
+    below = sorted(robots, key=natural_order)
+    if count or seen.tree.frames:
+        also = [f"not checked without --fleet: {_namespaces(below)}"] if below else []
+        return ok(f"{counted(count, 'node')} in {seen.scope}", *also)
+    if below:
         return Finding(
             "warn",
-            (f"no nodes here; robots are in {_namespaces(robots)}",),
-            f"look with --namespace {robots[0]}, or at all robots with --fleet",
+            (f"no node in {seen.scope}; robots are in {_namespaces(below)}",),
+            f"look with --namespace {below[0]}, or at all robots with --fleet",
         )
-    where = f" in namespace {namespace!r}" if namespace else ""
+    where = f" in {seen.scope}"
     if seen.out_of_reach:
         what, _, remedy = seen.out_of_reach.partition(": ")
         return Finding("warn", (f"no node was found{where}; {what}",), remedy)
@@ -65,14 +65,34 @@ def _is_tool(name: str) -> bool:
     return name.rpartition("/")[2].startswith("_")
 
 
-def _is_below(name: str, namespace: str) -> bool:
-    return not namespace or name.startswith(f"{namespace}/")
-
-
 def _namespaces(names: list[str]) -> str:
     return f"namespace{'s' * (len(names) > 1)} {listed(names, most=_NAMED)}"
 
 
+@check("robots")
+def check_robots(seen: Examination) -> Finding:
+    """Each robot of the roster is there, and no other."""
+    if not seen.roster:
+        return skipped("no roster was given: --fleet --expect ROBOTS")
+    lost = [each for each in seen.robots if each.is_expected and each.state != "there"]
+    others = [f"{each.name} is not in the roster" for each in seen.robots if not each.is_expected]
+    if lost:
+        states = [f"{each.name}: {each.state_text(seen.moment.at_ns)}" for each in lost]
+        return Finding(
+            "fail",
+            (*states, *others),
+            "start it, or check its link and the namespace of its nodes (tfbus fleet --watch shows "
+            "when it comes); take a robot that will not come from the roster",
+        )
+    return found(
+        "warn",
+        others,
+        "add it to the roster (--expect), or correct the namespace of its nodes",
+        f"{len(seen.roster):,} of {counted(len(seen.roster), 'robot')} there",
+    )
+
+
+@check("node-names")
 def check_node_names(seen: Examination) -> Finding:
     """No two nodes have the same name."""
     places = defaultdict(list)
@@ -94,6 +114,7 @@ def check_node_names(seen: Examination) -> Finding:
     )
 
 
+@check("callbacks", needs="bus")
 def check_callbacks(seen: Examination) -> Finding:
     """No callback holds up timers and topics of its node."""
     nodes = [node for node in seen.nodes if not _is_tool(node.name)]
@@ -107,21 +128,25 @@ def check_callbacks(seen: Examination) -> Finding:
     )
 
 
+@check("conflicts")
 def check_conflicts(seen: Examination) -> Finding:
     """Each frame has one publisher."""
     return _of_tree(seen, "conflict", "fail")
 
 
+@check("loops")
 def check_loops(seen: Examination) -> Finding:
     """No edges make a loop."""
     return _of_tree(seen, "loop", "fail")
 
 
+@check("orphans")
 def check_orphans(seen: Examination) -> Finding:
     """No frame is alone."""
     return _of_tree(seen, "orphan", "warn")
 
 
+@check("disconnected")
 def check_disconnected(seen: Examination) -> Finding:
     """All frames are in one tree."""
     apart = [each.frames[0] for each in seen.moment.problems if each.kind == "disconnected"]
@@ -137,6 +162,7 @@ def check_disconnected(seen: Examination) -> Finding:
     )
 
 
+@check("gone")
 def check_gone(seen: Examination) -> Finding:
     """The publisher of each frame runs."""
     span = seen.span
@@ -168,6 +194,7 @@ def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str
     return "check the link to its host: its node came back without a restart"
 
 
+@check("restarts", needs="recording")
 def check_restarts(seen: Examination) -> Finding:
     """No publisher was restarted."""
     evidence = []
@@ -180,6 +207,7 @@ def check_restarts(seen: Examination) -> Finding:
     return found("warn", first_of(evidence), _WHY_ENDED, counted(len(seen.tree.streams), "stream"))
 
 
+@check("stale")
 def check_stale(seen: Examination) -> Finding:
     """Samples of each dynamic frame still come."""
     tree = seen.tree
@@ -199,11 +227,13 @@ def check_stale(seen: Examination) -> Finding:
     )
 
 
+@check("silent")
 def check_silent(seen: Examination) -> Finding:
     """Each announced frame is sent."""
     return _of_tree(seen, "silent", "warn")
 
 
+@check("static-dynamic")
 def check_static_dynamic(seen: Examination) -> Finding:
     """No frame is both static and dynamic."""
     kinds = defaultdict(list)
@@ -237,6 +267,7 @@ def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str
 _FEW_UNREAD = 10
 
 
+@check("unread", needs="bus")
 def check_unread(seen: Examination) -> Finding:
     """At most ten streams are unread."""
     if not any(node.streams for node in seen.nodes):
@@ -255,6 +286,7 @@ def check_unread(seen: Examination) -> Finding:
     )
 
 
+@check("buffers", needs="bus")
 def check_buffers(seen: Examination) -> Finding:
     """Buffers are long enough for their lookups."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
@@ -275,6 +307,7 @@ def check_buffers(seen: Examination) -> Finding:
     )
 
 
+@check("filters", needs="bus")
 def check_filters(seen: Examination) -> Finding:
     """Messages that wait for their transform get it."""
     filters = [(node, each) for node in seen.nodes for each in node.filters]
@@ -292,6 +325,7 @@ def check_filters(seen: Examination) -> Finding:
     )
 
 
+@check("dropped", needs="bus")
 def check_dropped(seen: Examination) -> Finding:
     """Listeners drop no messages."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]

@@ -60,8 +60,8 @@ class ValueCodec:
 class ValueReader(CdrReader):
     """Reads values, and not more of them than memory is for.
 
-    With `arrays` lists of numbers are arrays of numpy (N,) that share the memory of `data`, and
-    cannot be written to; those of many bytes are memoryviews.
+    With `arrays` lists of numbers are arrays of numpy (N,), and bytes a memoryview: they share the
+    memory of `data`, and cannot be written to.
     """
 
     def __init__(self, data: bytes, *, arrays: bool = False) -> None:
@@ -300,19 +300,14 @@ class _Items:
     read: Callable[[ValueReader, int], Any]
 
 
-# A sequence of so many bytes is not copied, if lists of numbers are not.
-_LARGE = 16 * 1024
-
-
 def _write_octets(writer: CdrWriter, value: Any) -> None:
     writer.data += value if type(value) is bytes else memoryview(value)
 
 
 def _read_octets(reader: ValueReader, count: int) -> bytes | memoryview:
     start = reader.skip(count)
-    if reader.arrays and count >= _LARGE:
-        return memoryview(reader.data)[start : start + count]
-    return reader.data[start : start + count]
+    data = memoryview(reader.data) if reader.arrays else reader.data
+    return data[start : start + count]
 
 
 _octets = _Items(bytes, 1, _write_octets, _read_octets)

@@ -1,21 +1,22 @@
 """The messages of one topic as they are drawn: which, where, and for how long."""
 
+import io
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
 from tfbus.geometry.transform import Transform
+from tfbus.messages import CompressedImage, Image
 from tfbus.view.data.markers import item_of
-from tfbus.view.data.pictures import Picture, picture_of
 from tfbus.view.data.shapes import (
-    MOST_POINTS,
     Frustum,
     Item,
     Shape,
@@ -25,21 +26,24 @@ from tfbus.view.data.shapes import (
     items_of,
     line_along,
 )
-from tfbus.view.data.topics import Waiting
+from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
+from tfbus.wire.fleet import FrameNames
 from tfbus.wording import printable
+
+Picture = NDArray[np.uint8]
 
 # A message whose transform is not known after so long is not drawn.
 _WAITS_S = 5.0
 _TROUBLE_AFTER_S = 1.0
 # Of clouds that decay, as many messages, and points, are drawn; of markers as many.
 _MOST_DECAYING = 60
-_MOST_DECAYING_POINTS = 5 * MOST_POINTS
+_MOST_DECAYING_POINTS = 500_000
 _MOST_MARKERS = 2000
 _MOST_TRAIL = 2000
 _MOST_LINES = 100
+_MOST_NAMESPACES = 50
 
-_POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
 
 
@@ -56,7 +60,9 @@ class TopicLayer:
     """The messages of one topic that are drawn: `placed` items by key, a `picture`, or log `lines`.
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
-    that points can be coloured by.
+    that points can be coloured by, `namespaces` those of markers. `age_s` is how old the message
+    drawn last was then. `waits_in` is the frame of messages that wait for a transform for some
+    time, `waiting_count` of them; "" if none does.
     """
 
     def __init__(self, waiting: Waiting) -> None:
@@ -65,6 +71,10 @@ class TopicLayer:
         self.picture: Picture | None = None
         self.lines: deque[messages.Log] = deque(maxlen=_MOST_LINES)
         self.columns: tuple[str, ...] = ()
+        self.namespaces: dict[str, None] = {}
+        self.age_s: float | None = None
+        self._newest_ns = 0
+        self.waits_in = ""
         self.drawn = 0
         self.dropped: Counter[str] = Counter()
         self._refusal = self._waits_for = ""
@@ -72,7 +82,7 @@ class TopicLayer:
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
         self._last: Any = None
-        self._due_s = 0.0
+        self._due_s = self._pace_s = 0.0
         self._waits_since_s: float | None = None
         self._count = 0
         self._trail: deque[tuple[float, float, float]] = deque(maxlen=_MOST_TRAIL)
@@ -82,6 +92,17 @@ class TopicLayer:
         """Why the last message, or part of it, is not drawn; "" if it is."""
         return self._refusal or self._waits_for
 
+    @property
+    def waiting_count(self) -> int:
+        """How many messages, or markers, wait."""
+        return len(self._unplaced) + len(self.waiting)
+
+    def was_sent(self, now_ns: int) -> None:
+        """Note that browsers get what is drawn, at this time of the bus."""
+        if self._newest_ns:
+            self.age_s = (now_ns - self._newest_ns) / 1e9
+            self._newest_ns = 0
+
     def step(
         self,
         buffer: Buffer,
@@ -89,8 +110,13 @@ class TopicLayer:
         now_s: float,
         settings: TopicSettings,
         camera: messages.CameraInfo | None = None,
+        *,
+        pace_s: float | None = None,
     ) -> None:
-        """Take the messages that came, and place what is drawn; `now_s` is of a steady clock."""
+        """Take the messages that came, and place what is drawn; `now_s` is of the clock by which
+        they come, and `pace_s` of that by which they are drawn, the same by default.
+        """
+        self._pace_s = now_s if pace_s is None else pace_s
         if fixed_frame != self._fixed_frame:
             self._fixed_frame = fixed_frame
             for key, each in [*self.placed.items()]:
@@ -100,11 +126,30 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
-        if now_s >= self._due_s and self.waiting.is_every:
+        if self._pace_s >= self._due_s and self.waiting.is_every:
             self._take_every(now_s, settings)
-        elif now_s >= self._due_s:
+        elif self._pace_s >= self._due_s:
             self._take_newest(buffer, now_s, settings, camera)
         self._place(buffer, now_s)
+
+    def recall(
+        self,
+        past: Iterable[Past],
+        fixed_frame: str,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None = None,
+    ) -> None:
+        """Draw what came before, each message at its time."""
+        for buffer, came_s, came in past:
+            for message in came:
+                self.waiting.put(message)
+            self._due_s = 0.0
+            self.step(buffer, fixed_frame, came_s, settings, camera)
+        self._due_s = 0.0
+
+    def is_by(self, fixed_frame: str, settings: TopicSettings) -> bool:
+        """Whether it was drawn so last."""
+        return (self._fixed_frame, self._settings) == (fixed_frame, settings)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
         """Draw the last message by other settings."""
@@ -127,7 +172,7 @@ class TopicLayer:
             return
         for at in range(len(taken) - 1, -1, -1):
             if self._try(buffer, taken[at], now_s, settings, camera):
-                self._due_s = now_s + 1.0 / settings.rate_hz
+                self._due_s = self._pace_s + 1.0 / settings.rate_hz
                 self._waits_since_s = None
                 self.waiting.put_back(taken[at + 1 :])
                 return
@@ -149,22 +194,24 @@ class TopicLayer:
     ) -> bool:
         """Draw a message; False if its transform is not known."""
         try:
-            items = self._items(buffer, message, settings, camera)
+            seen = called_outside(message, self.waiting.names)
+            items = self._items(buffer, seen, settings, camera)
         except TransformException as error:
-            self._wait(error, now_s, self._waits_since_s)
+            self._wait(error, now_s, self._waits_since_s, seen.frame_id)
             return False
         except _REFUSALS as error:
             self._refuse(error)
             return True
-        self._refusal = self._waits_for = ""
+        self._refusal = self._waits_for = self.waits_in = ""
         self._last = message
+        self._newest_ns = message.stamp_ns
         self.drawn += 1
         for item in items:
-            if isinstance(message, _POINTS) and settings.decay_s:
+            if isinstance(message, POINTS) and settings.decay_s:
                 self._count += 1
                 item = replace(item, key=self._count, lifetime_s=settings.decay_s)
             self._add(item, now_s)
-        if isinstance(message, _POINTS):
+        if isinstance(message, POINTS):
             self.columns = columns_of(message)
             self._bound_points()
         return True
@@ -185,7 +232,7 @@ class TopicLayer:
         # A map is older than the buffer: it is drawn where its frame is.
         if isinstance(message, messages.OccupancyGrid):
             settings = replace(settings, locked=True)
-        if isinstance(message, _POINTS) and not settings.locked:
+        if isinstance(message, POINTS) and not settings.locked:
             message = _straight(buffer, message, fixed_frame)
         stamp_ns = None if settings.locked else message.stamp_ns or None
         found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
@@ -208,11 +255,19 @@ class TopicLayer:
     def _take_every(self, now_s: float, settings: TopicSettings) -> None:
         taken = self.waiting.take()
         for message in taken:
-            _TAKERS[type(message)](self, message, now_s)
+            _TAKERS[type(message)](self, called_outside(message, self.waiting.names), now_s)
             self.drawn += 1
+        if taken:
+            last = (
+                taken[-1].markers[-1:]
+                if isinstance(taken[-1], messages.MarkerArray)
+                else taken[-1:]
+            )
+            self._newest_ns = last[0].stamp_ns if last else 0
         if taken and isinstance(taken[-1], messages.Odometry):
-            self._due_s = now_s + 1.0 / settings.rate_hz
-            self._draw_odometry(taken[-1], now_s, settings)
+            self._due_s = self._pace_s + 1.0 / settings.rate_hz
+            newest = called_outside(taken[-1], self.waiting.names)
+            self._draw_odometry(newest, now_s, settings)
 
     def _take_log(self, line: messages.Log, now_s: float) -> None:
         self.lines.append(line)
@@ -228,6 +283,8 @@ class TopicLayer:
 
     def _take_one(self, marker: messages.Marker, now_s: float) -> None:
         key = (marker.ns, marker.id)
+        if len(self.namespaces) < _MOST_NAMESPACES:
+            self.namespaces.setdefault(marker.ns)
         if marker.action == messages.Marker.DELETEALL:
             for kept in [*self.placed, *self._unplaced]:
                 if not marker.ns or (isinstance(kept, tuple) and kept[0] == marker.ns):
@@ -270,7 +327,7 @@ class TopicLayer:
             ends_s = since_s + item.lifetime_s if item.lifetime_s else math.inf
             pose = self._pose(buffer, item, now_s, since_s)
             if pose is not None:
-                self._waits_for = ""
+                self._waits_for = self.waits_in = ""
                 # Those that decay are in their order.
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
@@ -292,14 +349,17 @@ class TopicLayer:
         try:
             found = buffer.lookup_transform(self._fixed_frame, item.frame_id, stamp_ns)
         except TransformException as error:
-            self._wait(error, now_s, since_s)
+            self._wait(error, now_s, since_s, item.frame_id)
             return None
         return found.transform @ item.pose
 
-    def _wait(self, error: TransformException, now_s: float, since_s: float | None) -> None:
+    def _wait(
+        self, error: TransformException, now_s: float, since_s: float | None, frame_id: str
+    ) -> None:
         # A transform that comes a little after its message is no trouble.
         if since_s is not None and now_s - since_s > _TROUBLE_AFTER_S:
             self._waits_for = printable(str(error), 300)
+            self.waits_in = frame_id
 
     def fail(self, error: Exception, key: object = None) -> None:
         """Drop the item of this key, which cannot be drawn; without one all that wait."""
@@ -324,6 +384,18 @@ _TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
 }
 
 
+def called_outside(message: Any, names: FrameNames | None) -> Any:
+    """The message with its frames' names from outside of the namespace of its robot."""
+    if names is None or not names.namespace:
+        return message
+    if isinstance(message, messages.MarkerArray):
+        markers = tuple(called_outside(each, names) for each in message.markers)
+        return replace(message, markers=markers)
+    if isinstance(message, messages.Log):
+        return message
+    return replace(message, frame_id=names.outside(message.frame_id))
+
+
 def _straight(buffer: Buffer, message: Any, fixed_frame: str) -> Any:
     """A scan or cloud in the fixed frame, if its points have times of their own, else as it is."""
     if isinstance(message, messages.LaserScan):
@@ -343,5 +415,103 @@ def _frustum(
     if not (math.isfinite(focal) and focal > 0.0):
         return []
     fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / focal)
-    shape = Frustum(min(max(fov_y_rad, 0.01), 3.0), picture)
+    fov_y_rad = min(max(fov_y_rad, 0.01), 3.0)
+    shape = Frustum(fov_y_rad, picture, quality=int(settings.quality))
     return [Item("", image.frame_id, image.stamp_ns, (shape,), is_locked=settings.locked)]
+
+
+# More pixels are left out, and larger files are not opened.
+_MOST_SIDE = 1280
+_MOST_PIXELS = 50_000_000
+
+_CHANNELS = {"rgb": (0, 1, 2), "bgr": (2, 1, 0)}
+
+
+def picture_of(image: Image | CompressedImage) -> Picture:
+    """The picture (H, W, 3) of an image, at most 1280 wide and high.
+
+    Depths and other numbers are from dark to bright, of those in the image. Raises ValueError for
+    an image that cannot be read.
+    """
+    if isinstance(image, CompressedImage):
+        return _opened(image)
+    pixels = image.pixels()
+    if not pixels.size:
+        raise ValueError("the image has no pixels")
+    step = -(-max(pixels.shape[:2]) // _MOST_SIDE)
+    encoding = image.encoding
+    if encoding.startswith("bayer_"):
+        return _of_bayer(pixels, encoding, max(1, -(-step // 2)))
+    if encoding in ("yuv422", "uyvy", "yuv422_yuy2", "yuyv"):
+        return _of_yuv422(pixels, is_y_first=encoding in ("yuyv", "yuv422_yuy2"), step=step)
+    pixels = pixels[::step, ::step]
+    if pixels.ndim == 2:
+        return np.repeat(_bytes(pixels, encoding == "mono16")[:, :, None], 3, axis=2)
+    channels = pixels.shape[2]
+    if channels < 3:
+        return np.repeat(_bytes(pixels[:, :, 0], False)[:, :, None], 3, axis=2)
+    # Of OpenCV's names those with three channels are blue first.
+    order = _CHANNELS["rgb" if encoding.startswith("rgb") else "bgr"]
+    return np.ascontiguousarray(_bytes(pixels[:, :, order], encoding.endswith("16")))
+
+
+def _bytes(numbers: NDArray[Any], is_16_bit: bool) -> Picture:
+    if numbers.dtype == np.uint8:
+        return np.ascontiguousarray(numbers)
+    if is_16_bit:
+        return (numbers >> 8).astype(np.uint8)
+    values = numbers.astype(np.float64)
+    # 0 stands for no depth, as NaN does.
+    is_known = np.isfinite(values) & (values != 0.0)
+    shown = np.zeros(values.shape, np.uint8)
+    if is_known.any():
+        low, high = np.percentile(values[is_known], (1.0, 99.0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            parts = np.clip((values[is_known] - low) / max(high - low, 1e-9), 0.0, 1.0)
+        shown[is_known] = np.nan_to_num(30.0 + 225.0 * parts).astype(np.uint8)
+    return shown
+
+
+def _of_bayer(pixels: NDArray[Any], encoding: str, step: int) -> Picture:
+    """A pixel for each four."""
+    height, width = (side - side % 2 for side in pixels.shape)
+    if not height * width:
+        raise ValueError("an image of colour filters needs 2 by 2 pixels")
+    levels = pixels if pixels.dtype == np.uint8 else (pixels >> 8).astype(np.uint8)
+    four = [levels[y:height:2, x:width:2][::step, ::step] for y in (0, 1) for x in (0, 1)]
+    order = encoding[6:10]
+    greens = [four[at].astype(np.uint16) for at in range(4) if order[at] == "g"]
+    green = ((greens[0] + greens[1]) >> 1).astype(np.uint8)
+    return np.stack((four[order.index("r")], green, four[order.index("b")]), axis=2)
+
+
+def _of_yuv422(pixels: NDArray[Any], *, is_y_first: bool, step: int) -> Picture:
+    width = pixels.shape[1] - pixels.shape[1] % 2
+    if not width:
+        raise ValueError("an image of yuv422 needs 2 columns")
+    at_y, at_uv = (0, 1) if is_y_first else (1, 0)
+    rows = pixels[::step, :width]
+    y = rows[:, ::step, at_y].astype(np.float32)
+    # Both columns of a pair have the colour of the pair.
+    of_column = np.arange(0, width, step) // 2 * 2
+    u, v = (rows[:, of_column + at, at_uv].astype(np.float32) - 128.0 for at in (0, 1))
+    rgb = np.stack((y + 1.402 * v, y - 0.344 * u - 0.714 * v, y + 1.772 * u), axis=2)
+    picture: Picture = np.clip(rgb, 0.0, 255.0).astype(np.uint8)
+    return picture
+
+
+def _opened(image: CompressedImage) -> Picture:
+    from PIL import Image as Opener
+    from PIL import UnidentifiedImageError
+
+    try:
+        # Formats that may run programs or read files, such as EPS, are not among these.
+        opened = Opener.open(io.BytesIO(image.data.tobytes()), formats=("JPEG", "PNG", "WEBP"))
+        if opened.width * opened.height > _MOST_PIXELS:
+            raise ValueError(f"it has {opened.width} by {opened.height} pixels, too many to show")
+        # JPEG is made smaller while it is read.
+        opened.draft("RGB", (_MOST_SIDE, _MOST_SIDE))
+        opened.thumbnail((_MOST_SIDE, _MOST_SIDE))
+        return np.asarray(opened.convert("RGB"))
+    except (OSError, SyntaxError, UnidentifiedImageError, Opener.DecompressionBombError) as error:
+        raise ValueError(f"{image.format[:60]!r} cannot be read: {error}") from error

@@ -15,11 +15,11 @@ ROOT = Path(__file__).parents[1]
 # Lowest first. A package imports packages of lower storeys, and none of its own storey. A
 # folder of a package that is listed here is a room of its own.
 STOREYS = [
-    {"messages", "wording"},
+    {"wording"},
     {"errors", "names"},
     {"runtime"},
     {"core"},
-    {"geometry"},
+    {"geometry", "messages"},
     {"sensor_files", "trajectory"},
     {"buffer", "robot", "wire"},
     {"ros", "secure"},

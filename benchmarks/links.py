@@ -8,6 +8,7 @@ names. It needs root, and writes the table of docs/guide/scaling.md; `--print` d
 import argparse
 import json
 import os
+import sys
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,6 +22,11 @@ from tests.hosts.lossy_link import Conditions
 from tests.hosts.network import Hosts
 
 SECONDS = 15.0
+# 640 by 480 pixels in colour.
+IMAGE, IMAGES_HZ = 921_600, 15.0
+# More than this host carries.
+_FULL_HZ = 2_000.0
+_MOST_HZ = 50.0
 _KEPT = Path(__file__).parent / "measured" / "links.json"
 _PAGE = Path(__file__).parent.parent / "docs" / "guide" / "scaling.md"
 _BEGIN, _END = "<!-- made by benchmarks.links -->\n", "<!-- end of it -->\n"
@@ -66,8 +72,8 @@ class Row:
     bytes_a_second: float
 
 
-def measure(link: Link, network: str) -> Row:
-    """One row."""
+def measure(link: Link, network: str, *, film: bool = False) -> Row:
+    """One row; with `film` the robot has a camera, and the listener its images."""
     hosts = Hosts("robot", "desk", offline=("robot", "desk"))
     with place() as at, ExitStack() as stack:
         stack.callback(hosts.close)
@@ -89,15 +95,69 @@ def measure(link: Link, network: str) -> Row:
         client = {**env, "TFBUS_MODE": "client", "TFBUS_CONNECT": there}
         robot = start("robot", "links:publish", client, hz=link.hz)
         robot.hear()
-        listener = start("desk", "links:listen", client, seconds=SECONDS)
+        camera = None
+        if film:
+            camera = start("robot", "links:film", client, size=IMAGE, hz=IMAGES_HZ)
+            camera.hear()
+        listener = start("desk", "links:listen", client, seconds=SECONDS, camera=film)
         before = bad.counts()[0].bytes
         heard = Heard(**listener.hear())
         carried = bad.counts()[0].bytes - before
+        if camera is not None:
+            camera.tell()
+            camera.hear()
         robot.tell()
         longest_s = robot.hear()
         listener.tell()
         took_s = SECONDS + SETTLE_S + (heard.joined_s or 0.0)
         return Row(heard, longest_s, carried / took_s)
+
+
+def measure_here(*, film: bool) -> Heard:
+    """A robot and a listener that are peers on this host; with `film` a camera fills its own link
+    to the listener.
+    """
+    with place() as at, ExitStack() as stack:
+
+        def start(function: str, env: dict[str, str], **arguments: float) -> Process:
+            return stack.enter_context(Process(at, function, env, **arguments))
+
+        listener = start("links:listen", at.listening(), seconds=SECONDS, camera=film)
+        robot = start("links:publish", at.connecting(), hz=_MOST_HZ)
+        robot.hear()
+        if film:
+            start("links:film", at.connecting(), size=IMAGE, hz=_FULL_HZ).hear()
+        heard = Heard(**listener.hear())
+        listener.tell()
+        return heard
+
+
+# Beside a camera: a link as the table calls it, and its network. None is this host alone.
+BESIDE: tuple[tuple[str, Conditions | None, str], ...] = (
+    ("one host", None, "lan"),
+    ("100 Mbit/s, 10 ms", Conditions(0.005, bytes_a_second=100 * _MBIT, queue_s=0.02), "lan"),
+    ("100 Mbit/s, 10 ms", Conditions(0.005, bytes_a_second=100 * _MBIT, queue_s=0.02), "wifi"),
+    ("10 Mbit/s, 10 ms", Conditions(0.005, bytes_a_second=10 * _MBIT), "lan"),
+    ("10 Mbit/s, 10 ms", Conditions(0.005, bytes_a_second=10 * _MBIT), "wifi"),
+)
+
+
+def beside_camera() -> Table:
+    """The age of a robot's frames at 50 Hz, alone and beside a camera that fills the link."""
+    rows = []
+    for text, conditions, network in BESIDE:
+        alone, beside = (
+            measure_here(film=film)
+            if conditions is None
+            else measure(Link(text, conditions, _MOST_HZ), network, film=film).heard
+            for film in (False, True)
+        )
+        ages = [f"{1e3 * each:.0f} ms" for each in (alone.age_p99_s, beside.age_p99_s)]
+        ratio = f"{beside.age_p99_s / alone.age_p99_s:.2f} x"
+        rows.append([text, f"`{network}`", *ages, ratio, f"{beside.images_hz:.1f}"])
+        print(rows[-1], alone, beside, f"load {os.getloadavg()[0]:.0f}", file=sys.stderr)
+    headings = ["link, there and back", "network", "age p99 alone", "beside", "ratio", "images/s"]
+    return Table(headings, rows, words=2)
 
 
 def table(kept: dict[str, dict[str, Any]]) -> Table:

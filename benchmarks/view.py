@@ -5,12 +5,17 @@ measures the processor time of the view's process, and the bytes and messages a 
 browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
 pictures a second that it draws are counted; without a graphics card that is slow. With --write the
 pages about speed are written.
+
+With --data a robot also sends 300,000 points a second, in ten clouds, and images of 640 by 480 at
+15 Hz: printed are the processor time with and without them, how old clouds are when a browser gets
+them, and the pauses between two updates of its frames.
 """
 
 import argparse
 import math
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -80,8 +85,17 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5.0, help="for each row; 5")
     parser.add_argument("--pictures", action="store_true", help="draw the page in a Chromium")
     parser.add_argument("--write", action="store_true", help="write the pages about speed")
+    parser.add_argument("--data", action="store_true", help="measure clouds and images instead")
     parser.add_argument("--publish", type=int, metavar="N", help=argparse.SUPPRESS)
+    parser.add_argument("--publish-data", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.publish_data:
+        publish_data()
+        return
+    if arguments.data:
+        for topics in ((), ("points", "camera")):
+            print(measure_data(topics, arguments.seconds), flush=True)
+        return
     if arguments.publish:
         publish(arguments.publish)
         return
@@ -129,13 +143,100 @@ def publish(count: int) -> None:
             broadcaster.send_transform(tfbus.TransformBatch(names, edges, stamps_ns, poses.copy()))
 
 
+def publish_data() -> None:
+    """Send clouds of 30,000 points at 10 Hz and images at 15 Hz until killed. The first point of a
+    cloud has the time in milliseconds as its x.
+    """
+    import numpy as np
+
+    import tfbus
+    from tfbus.messages import Image, PointCloud
+
+    rng = np.random.default_rng(1)
+    xyz = rng.uniform(-10.0, 10.0, (30_000, 3)).astype(np.float32)
+    pixels = rng.integers(0, 255, (60, 80, 3), np.uint8).repeat(8, axis=0).repeat(8, axis=1)
+    with tfbus.Node("sensors") as node:
+        clouds = node.create_publisher(PointCloud, "points")
+        images = node.create_publisher(Image, "camera")
+
+        def cloud() -> None:
+            now_ns = node.now_ns()
+            xyz[0] = (now_ns // 1_000_000 % _AGAIN_MS, 0.0, 0.0)
+            clouds.publish(PointCloud.from_xyz(now_ns, "frame0", xyz))
+
+        def image() -> None:
+            rolled = np.roll(pixels, 8, axis=1)
+            images.publish(Image.from_pixels(node.now_ns(), "frame0", rolled))
+
+        node.create_timer(0.1, cloud)
+        node.create_timer(1.0 / 15.0, image)
+        node.spin()
+
+
+# Whole milliseconds that a float32 holds.
+_AGAIN_MS = 16_000_000
+
+
+@dataclass(frozen=True)
+class DataCost:
+    """Parts of a core; ages of clouds and pauses between updates of frames, in s: the median, 99 of
+    100, and the longest.
+    """
+
+    topics: tuple[str, ...]
+    load: float
+    server_cores: float
+    bytes_s: float
+    clouds_hz: float
+    cloud_age_s: tuple[float, ...]
+    frames_hz: float
+    frame_pause_s: tuple[float, ...]
+
+
+def measure_data(topics: Sequence[str], seconds: float) -> DataCost:
+    """The cost of a view with one browser that gets 30 frames and the data of these topics."""
+    import numpy as np
+
+    options = [part for topic in topics for part in ("--topic", topic)]
+    python = [sys.executable, "-m", "benchmarks.view"]
+    with ExitStack() as stack:
+        address, server = stack.enter_context(serving(30, options))
+        if topics:
+            stack.enter_context(running([*python, "--publish-data"]))
+        counter = stack.enter_context(Counter(address, looks=True))
+        # The box of a topic is ticked once the topic has been found.
+        time.sleep(_SETTLE_S + 4.0)
+        start_s, cpu_start_s, before = time.monotonic(), cpu_s(server), counter.bytes
+        counter.cloud_ages_s.clear()
+        counter.frames_at_s.clear()
+        time.sleep(seconds)
+        elapsed_s = time.monotonic() - start_s
+        cores, sent = (cpu_s(server) - cpu_start_s) / elapsed_s, counter.bytes - before
+        ages, pauses = counter.cloud_ages_s.copy(), np.diff(counter.frames_at_s.copy())
+
+    def shares(values: Sequence[float]) -> tuple[float, ...]:
+        found = np.percentile(values, (50, 99, 100)) if len(values) else ()
+        return tuple(round(float(each), 3) for each in found)
+
+    return DataCost(
+        tuple(topics),
+        os.getloadavg()[0],
+        round(cores, 3),
+        round(sent / elapsed_s),
+        round(len(ages) / elapsed_s, 1),
+        shares(ages),
+        round(len(pauses) / elapsed_s, 1),
+        shares(pauses),
+    )
+
+
 @contextmanager
-def serving(count: int) -> Iterator[tuple[str, int]]:
+def serving(count: int, options: Sequence[str] = ()) -> Iterator[tuple[str, int]]:
     """A view of `count` frames: its address, and the id of its process."""
     python = [sys.executable, "-m"]
     with ExitStack() as stack:
         log = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "log"
-        view = stack.enter_context(running([*python, "tfbus", "view"], log))
+        view = stack.enter_context(running([*python, "tfbus", "view", *options], log))
         address = wait_for_address(log)
         stack.enter_context(running([*python, "benchmarks.view", "--publish", str(count)]))
         yield address, view.pid
@@ -162,15 +263,21 @@ def measure(count: int, browsers: int, address: str, server: int, seconds: float
 
 
 class Counter:
-    """A browser that draws nothing, and counts what it is sent, on a thread of its own."""
+    """A browser that draws nothing, and counts what it is sent, on a thread of its own.
 
-    def __init__(self, address: str) -> None:
+    If it `looks`, it notes how old clouds are when they come, and when frames are moved.
+    """
+
+    def __init__(self, address: str, *, looks: bool = False) -> None:
         import viser
         from websockets.sync.client import connect
         from websockets.typing import Subprotocol
 
         self.bytes = 0
         self.messages = 0
+        self.cloud_ages_s: list[float] = []
+        self.frames_at_s: list[float] = []
+        self._looks = looks
         self._socket = connect(
             address.replace("http", "ws", 1),
             subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
@@ -192,6 +299,27 @@ class Counter:
         for message in self._socket:
             self.bytes += len(message)
             self.messages += 1
+            if self._looks:
+                self._look(bytes(message))
+
+    def _look(self, sent: bytes) -> None:
+        import zstandard
+
+        now_s = time.time()
+        size = int.from_bytes(sent[8:16], "little")
+        inner = msgpack.unpackb(zstandard.ZstdDecompressor().decompress(sent[16 : 16 + size]))
+        moves = False
+        for message in inner["messages"]:
+            name = str(message.get("name", ""))
+            if message["type"] == "PointCloudMessage":
+                # The buffers are behind, each at a multiple of 8; a cloud comes alone.
+                first = (16 + size + 7) // 8 * 8
+                (milliseconds,) = struct.unpack_from("<f", sent, first)
+                self.cloud_ages_s.append((now_s * 1e3 - milliseconds) % _AGAIN_MS / 1e3)
+            elif name.endswith("/frames/axes") and "Update" in message["type"]:
+                moves = True
+        if moves:
+            self.frames_at_s.append(now_s)
 
 
 def draw(address: str, seconds: float) -> float:

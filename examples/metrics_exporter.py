@@ -1,10 +1,12 @@
 """Exports the state of a bus to Prometheus: ages, rates and delays of frames, conflicts, losses.
 
     python examples/metrics_exporter.py
+    python examples/metrics_exporter.py --param fleet=true
     curl http://127.0.0.1:9464/metrics
 
-It needs `pip install prometheus-client`. Each scrape looks at the bus once. Only programs on this
-machine can scrape it, unless `--param address=0.0.0.0` is given. Ctrl-C ends it.
+The second one has all robots in namespaces below, as robot7/base_link. It needs `pip install
+prometheus-client`. Each scrape looks at the bus once. Only programs on this machine can scrape it,
+unless `--param address=0.0.0.0` is given. Ctrl-C ends it.
 """
 
 from collections.abc import Iterator
@@ -12,7 +14,7 @@ from collections.abc import Iterator
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from tfbus import Node
+from tfbus import Fleet, Node
 from tfbus.inspect import Watch
 
 FRAMES = {
@@ -59,7 +61,8 @@ class BusCollector:
 with Node.from_args("metrics_exporter") as node:
     port = node.declare_parameter("port", 9464, minimum=0, maximum=65535)
     address = node.declare_parameter("address", "127.0.0.1")
-    with Watch(node) as watch:
+    robots = node.declare_parameter("fleet", False, description="All robots below, too.").value
+    with Watch(node, fleet=Fleet() if robots else None) as watch:
         registry = CollectorRegistry()
         registry.register(BusCollector(watch))
         server, thread = start_http_server(port.value, address.value, registry)

@@ -39,7 +39,7 @@ from tfbus.command import (
     server_options,
 )
 from tfbus.frames import Listening as Bus
-from tfbus.view import ViewSettings, holds_settings, load_settings
+from tfbus.view import ViewSettings, holds_settings, load_settings, topic_named
 
 if TYPE_CHECKING:
     from tfbus import Fleet
@@ -139,8 +139,14 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     "--topic",
     "topics",
     multiple=True,
-    metavar="NAME",
-    help="Draw the messages of this topic from the start, such as scan; repeatable.",
+    metavar="NAME[:SETTINGS]",
+    help="Draw the messages of this topic from the start, such as scan, with settings of its own, "
+    "such as points:voxel=5,rate_hz=5; repeatable.",
+)
+@click.option(
+    "--follow",
+    metavar="FRAME",
+    help="Let the camera move along with this frame, such as base_link.",
 )
 @bag_options("at", "begin", "end")
 @roster_option
@@ -163,6 +169,7 @@ def main(
     after_s: float,
     size: tuple[int, int],
     topics: tuple[str, ...],
+    follow: str | None,
 ) -> None:
     """Show all frames in a browser, of the bus or with --bag of a recording."""
     if settings.config and holds_settings(Path(settings.config)):
@@ -170,21 +177,28 @@ def main(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {shlex.quote(settings.config)}"
         )
-    if roster and fleet is None:
-        raise click.UsageError("--expect names the robots of a fleet: give --fleet too")
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
-    if topics and bag is not None:
-        raise click.UsageError("--topic draws topics of a bus: give no --bag")
-    for name in topics:
-        others = tuple(each for each in chosen.topics if each.topic != name)
-        shown = replace(chosen.of_topic(name), shown=True)
+    if follow is not None:
+        chosen = replace(chosen, follow=follow)
+    for text in topics:
+        shown = topic_named(text, chosen)
+        others = tuple(each for each in chosen.topics if each.topic != shown.topic)
         chosen = replace(chosen, topics=(*others, shown))
     if screenshot and listening.is_public:
         raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
     _require_viser()
-    from tfbus.view import Access, DataOnBus, Page, RobotsOnBus, Screenshot, Serving, find_browser
+    from tfbus.view import (
+        Access,
+        DataOnBus,
+        Page,
+        RobotsOnBus,
+        Screenshot,
+        Serving,
+        ToolPublishers,
+        find_browser,
+    )
 
     # Of several tabs, each names its robot.
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
@@ -205,7 +219,7 @@ def main(
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes)
+        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes, topics)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
@@ -218,8 +232,9 @@ def main(
         with TransformListener(buffer, node, fleet=fleet) as listener:
             robots = RobotsOnBus(node, fleet, package_path, robot)
             bus = Bus(node, buffer, listener, fleet)
-            data = DataOnBus(node)
-            page = Page(node, bus, serving, robots, _guests(node), data=data)
+            data = DataOnBus(node, fleet)
+            tools = None if serving.read_only else ToolPublishers(node)
+            page = Page(node, bus, serving, robots, _guests(node), data=data, tools=tools)
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
@@ -232,7 +247,7 @@ def main(
             finally:
                 if shot:
                     shot.stop()
-            for name in topics if shot else ():
+            for name in (text.partition(":")[0] for text in topics if shot):
                 if page.data is not None and (why := page.data.why_not_drawn(name)):
                     node.log.warning("Topic %r is not drawn: %s", name, why)
             page.close()
@@ -250,11 +265,12 @@ def _show_recording(
     package_path: Sequence[Path],
     shot: "Screenshot | None",
     notes: Sequence[str],
+    topics: Sequence[str],
 ) -> None:
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import GivenRobots, Page, RecordedRobots, Replay, ShownRobot
+    from tfbus.view import GivenRobots, Page, RecordedData, RecordedRobots, Replay, ShownRobot
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span
@@ -275,7 +291,7 @@ def _show_recording(
         else:
             robots = RecordedRobots(opened.reader, replay, package_path)
         with replay.until_signal():
-            page = Page(replay, replay, serving, robots, replay=replay)
+            page = Page(replay, replay, serving, robots, replay=replay, data=RecordedData(replay))
             try:
                 if shot:
                     replay.measure()
@@ -293,6 +309,9 @@ def _show_recording(
                 if shot:
                     shot.stop()
                 page.close()
+            for name in topics if shot else ():
+                if page.data is not None and (why := page.data.why_not_drawn(name)):
+                    click.echo(f"Warning: topic {name!r} is not drawn: {why}", err=True)
 
 
 def announce(node: Node, page: "Page", port: int, host: str) -> None:

@@ -164,7 +164,7 @@ STARS: dict[str, set[str]] = {
     "compat": {"buffer", "bus", "core", "discover", "node", "ros", "wire"},
     "monitor": {"core", "geometry", "listen", "recording", "wire"},
     "top": {"monitor"},
-    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros"},
+    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros", "wire"},
     "bag": {
         *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
         "wire",

@@ -39,6 +39,7 @@ MESSAGES: tuple[Any, ...] = (
             ),
         ),
     ),
+    messages.PointStamped(STAMP_NS, "map", messages.Vector3(1.5, -2.0, 0.25)),
     messages.PoseWithCovarianceStamped(
         STAMP_NS,
         "map",

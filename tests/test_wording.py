@@ -53,6 +53,8 @@ def test_a_name_that_is_cut_in_the_middle_keeps_its_ends(text: str, most: int, s
 def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
     """A near name is suggested; where none is near the known ones are listed."""
     assert did_you_mean("pse", ["pose", "color"]) == "; did you mean 'pose'?"
+    assert near_names("odom", ["room"]) == near_names("oodm", ["romo"]) == ()
+    assert near_names("odom", ["dom", "odmo", "odomm", "Odom"], most=4) != ()
     assert did_you_mean("x", ["pose", "color"]) == "; available: color, pose"
     assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
     assert near_names("turtle", ["turtle1", "turtle2", "world"]) == ("turtle2", "turtle1")

@@ -173,7 +173,17 @@ def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str
         known = alike[place : place + _MOST_COUNTED]
     if len(known) > _MOST_COMPARED:
         known = nlargest(_MOST_COMPARED, known, lambda other: _letters_of_ends(name, other))
-    return tuple(get_close_matches(name, known, n=most))
+    likely = [other for other in known if _may_be_meant(name, other)]
+    return tuple(get_close_matches(name, likely, n=most))
+
+
+def _may_be_meant(one: str, other: str) -> bool:
+    """Whether names begin alike, or have the same letters, or most of their ends: `room` is not a
+    slip of `odom`, though three letters of four are in it.
+    """
+    if one[:1] == other[:1] or sorted(one) == sorted(other):
+        return True
+    return 2 * _letters_of_ends(one, other) > min(len(one), len(other))
 
 
 def _letters_of_ends(one: str, other: str) -> int:

@@ -14,14 +14,15 @@ JOIN_WITHIN_S = 20.0
 # The link of datagrams opens after that of TCP, and some tries are lost.
 SETTLE_S = 6.0
 _LOOKS_A_SECOND = 50.0
+CAMERA = "camera"
 
 
 @dataclass(frozen=True)
 class Heard:
     """A listener: seconds until it had all static transforms (None: not in time) and the first of
     each dynamic one, the ages of the newest transform of each frame (p50 and p99, in s), the share
-    of lookups at PAST_S ago that were answered, messages a second, and how often it took a frame
-    for gone.
+    of lookups at PAST_S ago that were answered, messages a second, how often it took a frame for
+    gone, and images a second.
     """
 
     statics_s: float | None
@@ -31,6 +32,7 @@ class Heard:
     answered: float
     messages_hz: float
     gone: int
+    images_hz: float = 0.0
 
 
 def publish(hz: float) -> None:
@@ -71,9 +73,33 @@ def publish(hz: float) -> None:
         say(longest_s)
 
 
-def listen(seconds: float) -> None:
-    """The listener, from its start on."""
+def film(size: int, hz: float) -> None:
+    """A camera beside the robot, until its input ends; it says how long its longest send took."""
+    import numpy as np
+
     import tfbus
+    from tfbus.messages import Image
+
+    pixels = np.random.default_rng(1).integers(0, 255, size, np.uint8)
+    with tfbus.Node("camera") as node:
+        publisher = node.create_publisher(Image, CAMERA)
+        ended = threading.Event()
+        threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
+        say("ready")
+        longest_s = 0.0
+        while not ended.wait(1.0 / hz):
+            began_s = time.monotonic()
+            publisher.publish(
+                Image(time.time_ns(), "camera", 1, size, "mono8", False, size, pixels)
+            )
+            longest_s = max(longest_s, time.monotonic() - began_s)
+        say(longest_s)
+
+
+def listen(seconds: float, camera: bool = False) -> None:
+    """The listener, from its start on; with `camera` it has that one's images, too."""
+    import tfbus
+    from tfbus.messages import Image
 
     moving = ("base", *(f"moving{number:02}" for number in range(DYNAMIC - 1)))
     fixed = {f"fixed{number}" for number in range(STATICS)}
@@ -81,6 +107,13 @@ def listen(seconds: float) -> None:
         began_s = time.monotonic()
         buffer = tfbus.Buffer()
         listener = tfbus.TransformListener(buffer, node)
+        images = [0]
+        if camera:
+
+            def on_image(image: Image) -> None:
+                images[0] += 1
+
+            node.create_subscription(Image, CAMERA, on_image)
         statics_s = joined_s = None
         while time.monotonic() < began_s + JOIN_WITHIN_S:
             known = {*buffer.frames()}
@@ -93,6 +126,7 @@ def listen(seconds: float) -> None:
         time.sleep(SETTLE_S)
         ages, answered, asked, gone, were_gone = [], 0, 0, 0, False
         messages, since_s = _messages(listener), time.monotonic()
+        images[0] = 0
         moving = tuple({*moving} & {*buffer.frames()})
         at = 0
         while (now_s := time.monotonic()) < since_s + seconds:
@@ -112,7 +146,8 @@ def listen(seconds: float) -> None:
         ages.sort()
         p50, p99 = (ages[int(part * len(ages))] if ages else -1.0 for part in (0.5, 0.99))
         share = answered / max(asked, 1)
-        say(asdict(Heard(statics_s, joined_s, p50, p99, share, hz, gone)))
+        images_hz = images[0] / passed_s
+        say(asdict(Heard(statics_s, joined_s, p50, p99, share, hz, gone, images_hz)))
         wait_for_line()
 
 

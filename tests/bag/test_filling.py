@@ -23,12 +23,13 @@ from tfbus.testing.programs import Program
 class Robot:
     """A robot on a host of its own, which sends a frame and a topic, and records itself."""
 
-    def __init__(self, bus: Bus, folder: Path) -> None:
+    def __init__(self, bus: Bus, folder: Path, connect: tuple[str, ...] = ()) -> None:
         self.bus = Bus(bus.network, "robot")
         self.folder = folder
+        self.connect = connect
         self.sent: list[int] = []
         with bus.network.process("robot", "sim"):
-            self.node = Node(settings=NodeSettings("sim", namespace="robot7"))
+            self.node = Node(settings=NodeSettings("sim", namespace="robot7", connect=connect))
             broadcaster = TransformBroadcaster(self.node)
             flags = self.node.create_publisher(Vector3, "flag")
 
@@ -44,8 +45,9 @@ class Robot:
     def start(self, name: str = "recorder") -> Program:
         """Its recorder, which is started again after a power cut."""
         started = self.bus.start(
-            *("bag", "record", "--keep", "1h", "-o", f"{self.folder}/"),
+            *("bag", "record", "--keep", "1h", "-o", str(self.folder)),
             *("--namespace", "robot7", "--name", name),
+            *(word for each in self.connect for word in ("--connect", each)),
         )
         started.wait_for_line("Keeping the last 60 min in")
         return started
@@ -103,6 +105,34 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     events = [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
     assert ("stream gone", "robot7/sim") not in events
     assert events.count(("filled", "/robot7/recorder")) == 2
+
+
+def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> None:
+    """On a link of datagrams all that is sent in a second without it is lost, though no token is:
+    by the missing numbers of a stream the recording asks for that time.
+    """
+    network, path = bus.network, tmp_path / "base.mcap"
+    base, host = network.host("base"), network.host("robot")
+    network.path(host, base, delay_s=0.05, multicast=False)
+    options = ("--fleet", "--listen", "udp/[::]:7447", "-o", str(path))
+    process = Bus(network, "base").start("bag", "record", *options)
+    process.wait_for_line("Recording to")
+    robot = Robot(bus, tmp_path / "kept", ("udp/base:7447",))
+    network.run(20.0)
+    for _ in range(2):
+        network.partition("robot", "base")
+        network.run(1.3)
+        network.heal()
+        network.run(30.0)
+    assert process.stop() == 0
+    assert process.stderr.count("Filled the") == 2
+    came = stamps_in(path)
+    assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
+    assert len(came) > 250
+    items = items_of(path)
+    flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
+    assert abs(len(flags) - len(came) // 5) <= 1
+    assert not [item for item in items if isinstance(item, EventItem) and "gone" in item.kind]
 
 
 def test_of_a_part_that_part_is_filled(bus: Bus, robot: Robot, tmp_path: Path) -> None:

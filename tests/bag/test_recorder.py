@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 
@@ -515,7 +516,7 @@ def a_past(
     is_complete: Callable[[], bool], held: Iterable[bytes] = (), most_bytes: int = 1_500
 ) -> Past:
     """The history that one stream holds, all of which has come."""
-    past: Any = Past(cast(Any, Holding(held)), cast(Any, None), most_bytes)
+    past: Any = Past(cast(Any, Holding(held)), cast(Any, Mock()), most_bytes)
     past.is_complete = is_complete
     past.meet(live_stream("sim", replace(DESCRIBED["sim"], history_s=10.0)))
     return past

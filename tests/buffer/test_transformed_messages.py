@@ -177,6 +177,8 @@ def test_poses_are_those_of_the_product_of_matrices() -> None:
     )
     for pose in found:
         np.testing.assert_allclose(matrix(pose), expected, atol=1e-12)
+    point = buffer.transform(messages.PointStamped(S, "lidar", POSE.position), "base").point
+    np.testing.assert_allclose((point.x, point.y, point.z), expected[:3, 3], atol=1e-12)
     moved = buffer.transform(messages.PoseArray(S, "lidar", np.array([row, row])), "base").poses
     for x, y, z, *turn in moved.tolist():
         pose = messages.Pose3D(messages.Vector3(x, y, z), messages.Quaternion(*turn))

@@ -56,6 +56,27 @@ def test_routers_have_datagrams_beside_tcp(mode: str, network: str, expected: li
         assert value_of("listen/endpoints", listen=[HUB], **given) == expected
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, False),
+        ({"network": "wifi"}, False),
+        ({"network": "wifi", "mode": "client", "connect": [HUB]}, False),
+        ({"network": "wifi", "connect": [HUB]}, True),
+        ({"connect": ["udp/10.0.0.1:7447"]}, True),
+    ],
+)
+def test_datagrams_are_not_taken_from_whoever_offers_them(
+    given: dict[str, Any], expected: bool
+) -> None:
+    """A process without an endpoint of UDP opens no such link to a router that it meets by
+    multicast: with several tools on one host that would be its first.
+    """
+    protocols = value_of("transport/link/protocols", **given)
+    assert (protocols is None) == expected
+    assert expected or ("tcp" in protocols and "udp" not in protocols)
+
+
 def test_other_endpoints_stay_as_they_are() -> None:
     """An endpoint that says what kind of link it is has no other beside it."""
     given = ["tcp/10.0.0.1:7447?prio=1-7", "tcp/10.0.0.1:7448#iface=eth0", "ws/10.0.0.1:7449"]
@@ -91,6 +112,16 @@ def test_auto_is_the_network_of_the_interface(
     monkeypatch.setattr(networks, "_DEVICES", str(tmp_path))
     monkeypatch.setattr(interfaces, "interfaces", lambda: [radio])
     assert network_of("auto", ["tcp/127.0.0.1:7447"]).name == expected
+
+
+def test_a_session_looks_once_for_its_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the network that a session has, its configuration is made: not by another look, which may
+    find another one where an interface has come meanwhile.
+    """
+    wifi, settings = NETWORKS["wifi"], NodeSettings("sim", network="auto")
+    monkeypatch.setattr("tfbus.bus.zenoh_config.network_of", None)
+    config = zenoh_config(settings, network=wifi)
+    assert json.loads(config.get_json("transport/link/tx/lease")) == wifi.lease_s * 1e3
 
 
 @pytest.mark.real

@@ -5,14 +5,21 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.buses import DEADLINE_S
-from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets, admit_datagrams, with_sockets
+from tfbus.bus.zenoh_sockets import (
+    SocketMarks,
+    ZenohSockets,
+    admit_datagrams,
+    end_datagrams,
+    with_sockets,
+)
+from tfbus.runtime import scheduler
 
 pytestmark = pytest.mark.real
 
@@ -117,7 +124,7 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
                 sender.bind((host, 0))
                 sender.sendto(host.encode(), ("127.0.0.1", port))
 
-        admit_datagrams(port, ["127.0.0.3", "fe80::1"])
+        assert admit_datagrams(port, ["127.0.0.3", "fe80::1"]) == ""
         send("127.0.0.2")
         send("127.0.0.3")
         assert listening.recv(100) == b"127.0.0.3"
@@ -125,3 +132,30 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
         send("127.0.0.3")
         send("127.0.0.4")
         assert listening.recv(100) == b"127.0.0.4"
+    assert admit_datagrams(port, ["127.0.0.2"]) == "its socket was not found"
+
+
+def test_a_session_of_datagrams_ends_here_before_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the session follows what ends it, which is sent several times, each apart from
+    the one before.
+    """
+    pauses: list[float] = []
+    monkeypatch.setattr(scheduler, "sleep", pauses.append)
+    with ExitStack() as closed:
+        of_zenoh, far = (
+            closed.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)
+        )
+        for each in (of_zenoh, far):
+            each.bind(("127.0.0.1", 0))
+            each.settimeout(10.0)
+        of_zenoh.connect(far.getsockname())
+        here, there = ("{}:{}".format(*each.getsockname()) for each in (of_zenoh, far))
+        end_datagrams({(here, there)})
+        assert of_zenoh.recv(100) == b"\x23\x00"
+        assert [far.recv(100) for _ in range(5)] == [b"\x23\x00"] * 5
+        with suppress(OSError):
+            of_zenoh.send(b"a frame")
+        far.settimeout(0.0)
+        with pytest.raises(BlockingIOError):
+            far.recv(100)
+    assert pauses[0] == 0.0 and min(pauses[1:]) >= 0.2

@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 from tests.builders import S, at, in_recording
 from tfbus.cli import main
 from tfbus.cli.bag.info import command
-from tfbus.recording.items import EventItem, Item, TopicItem
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import MAGIC
 from tfbus.recording.writer import RecordingWriter
@@ -160,3 +160,38 @@ def test_the_name_that_a_recording_was_given_without_its_ending_gets_a_hint(tmp_
         done = CliRunner().invoke(main, ["bag", verb, str(tmp_path / "run")])
         assert done.exit_code == 2
         assert f"did you mean '{tmp_path / 'run.mcap'}'?" in done.output
+
+
+def test_a_folder_with_a_file_cut_short_in_the_middle(tmp_path: Path) -> None:
+    """It is said which file ends where, not where the recording does; `bag recover` takes the
+    folder, and makes one file of what is there.
+    """
+    day = tmp_path / "day"
+    day.mkdir()
+    for number in range(3):
+        with RecordingWriter(day / f"run_{number}.mcap") as writer:
+            # What is in force is repeated at the beginning of each file.
+            begin = T0 + 10 * number * S
+            writer.write(in_recording(begin, [at(1, "laser", T0)], static=True, seq=0))
+            for i in range(100):
+                now = begin + i * S // 10
+                writer.write(in_recording(now, [at(i, "arm", now)], seq=100 * number + i))
+                if i == 49:
+                    writer.flush()
+    middle = day / "run_1.mcap"
+    with RecordingReader(middle) as reader:
+        second = reader.chunks[1].offset
+    middle.write_bytes(middle.read_bytes()[: second + 30])
+    done = info(day)
+    assert done.exit_code == 0
+    said = " ".join(done.stderr.split())
+    assert f"{middle} is cut short: it ends at 2023-11-14 22:13:34.900" in said
+    assert "2 of 3 files are whole (tfbus bag recover writes a whole file)" in said
+    assert row(done.output, "End:")[2].startswith("22:13:49.900")
+    whole = tmp_path / "day.mcap"
+    done = CliRunner().invoke(main, ["bag", "recover", str(day), "-o", str(whole)])
+    assert done.exit_code == 0 and f"Lost of {middle}: what came after" in done.output
+    with RecordingReader(day) as reader, RecordingReader(whole) as recovered:
+        assert recovered.is_complete
+        assert list(recovered.items()) == list(reader.items())
+        assert sum(isinstance(item, TransformItem) for item in recovered.items()) == 251

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from tests.builders import at
 from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
 from tests.simulated_bus import Bus
-from tfbus import Node, ServiceError, TransformBroadcaster
+from tfbus import Node, NodeSettings, ServiceError, TransformBroadcaster
 from tfbus.cli import main
 from tfbus.messages import Empty, Pose, SaveRecording
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
@@ -233,6 +233,33 @@ class TestWhat:
         assert numbers == [float(number) for number in range(len(numbers))]
         logged = [item.log_ns for item in found]
         assert logged == sorted(logged)
+
+    def test_what_publishers_hold_comes_by_pages(self, bus: Bus, path: Path) -> None:
+        """Over a link that takes ten seconds for it all of it comes, in its order."""
+        network = bus.network
+        network.path(network.host("base"), network.host("robot"), bytes_a_second=12_000.0)
+        with network.process("robot", "sim"):
+            robot = Node(settings=NodeSettings("sim", namespace="robot7"))
+            broadcaster = TransformBroadcaster(robot, history_s=100.0)
+        frames = [f"frame{number}" for number in range(30)]
+        sent = 0
+
+        def send() -> None:
+            nonlocal sent
+            rows = [at(sent, frame, robot.now_ns()) for frame in frames]
+            broadcaster.send_transform(rows)
+            sent += 1
+
+        robot.create_timer(0.5, send)
+        network.run(50.0)
+        before = sent
+        process = recording(Bus(network, "base"), path, "--fleet", "--history")
+        network.run(60.0)
+        assert process.stop() == 0
+        found = transforms(items_of(path))
+        numbers = [next(iter(item.rows)).transform.x for item in found]
+        assert numbers == [float(number) for number in range(len(numbers))]
+        assert len(numbers) > before + 50
 
 
 def x_of(items: list[Item]) -> float:

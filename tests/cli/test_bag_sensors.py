@@ -8,11 +8,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests import needs
+from tfbus import Recording
 from tfbus.cli import main
 from tfbus.errors import InvalidArgumentException
-from tfbus.messages import CompressedImage, Image, PointCloud
+from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
 from tfbus.recording.items import TopicItem
+from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
+from tfbus.ros.schema import MessageCodec
 from tfbus.sensor_files import (
     read_cloud,
     read_compressed_image,
@@ -22,7 +25,7 @@ from tfbus.sensor_files import (
     write_ply,
     write_png,
 )
-from tfbus.wire.codec import decode_map, encode_message, type_name
+from tfbus.wire.codec import decode_map, encode_map, encode_message, type_name
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -184,3 +187,30 @@ def test_a_hostile_cloud_is_refused_in_a_sentence(
     path.write_bytes(content)
     with pytest.raises(InvalidArgumentException, match=name):
         read_cloud(path)
+
+
+def test_arrays_of_a_recording_are_as_on_the_bus(tmp_path: Path) -> None:
+    """As one binary each, which a program gets as an array, CSV as a list."""
+    path = tmp_path / "scans.mcap"
+    scan = LaserScan(
+        *(START_NS, "lidar", 0.0, 1.0, 0.5, 0.0, 0.5, 0.5, 30.0), np.array([1.0, 2.5, 4.0])
+    )
+    sent = decode_map(encode_message(scan))
+    codec = MessageCodec.of_type(LaserScan)
+    data = codec.encode_fitted(sent)
+    assert data is not None
+    with RecordingWriter(path) as writer:
+        writer.write(
+            TopicItem(START_NS, "scan", type_name(LaserScan), sent, (codec.definition, data))
+        )
+    with RecordingReader(path) as reader:
+        [item] = reader.items()
+    assert isinstance(item, TopicItem)
+    assert encode_map(item.values) == encode_message(scan)
+    with Recording(path) as recording:
+        [(_, fields)] = recording.messages("scan")
+        [(_, message)] = recording.messages("scan", LaserScan)
+    assert fields["ranges"].tolist() == [1.0, 2.5, 4.0]
+    assert message == scan
+    exported(path, "--topic", "scan", "-o", tmp_path / "scan.csv")
+    assert '"[1.0, 2.5, 4.0]"' in (tmp_path / "scan.csv").read_text()

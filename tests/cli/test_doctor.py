@@ -167,7 +167,7 @@ def test_a_watch_calls_a_command(bus: Bus, tmp_path: Path) -> None:
 def test_a_watch_says_at_once_that_it_watches(bus: Bus) -> None:
     """Findings come after the time it listens for; until then it is not silent."""
     doctor = bus.start("doctor", "--watch", "--for", "60", "--only", "gone")
-    doctor.wait_for_line("watching the bus: gone, first findings after 60.0 s")
+    doctor.wait_for_line("watching namespace /: gone, first findings after 60.0 s")
 
 
 def test_a_wrong_name_of_a_check_is_answered_with_the_nearest(bus: Bus) -> None:

@@ -138,11 +138,77 @@ def test_a_screen_without_frames_says_where_they_are(robots: Bus, tool: tuple[st
 def test_the_doctor_names_the_robots(robots: Bus) -> None:
     """Where only namespaces have nodes, it says which, and how to look there."""
     done = robots.run("doctor", "--only", "nodes", "--for", "0.5")
-    assert done.stdout.splitlines()[:3] == [
+    assert done.stdout.splitlines()[:4] == [
+        "Nodes and frames of namespace /; 2 nodes below it: see --fleet",
         "warn    nodes",
-        "    - no nodes here; robots are in namespaces robot3, robot7",
+        "    - no node in namespace /; robots are in namespaces robot3, robot7",
         "    Fix: look with --namespace robot3, or at all robots with --fleet",
     ]
+
+
+@pytest.mark.parametrize(
+    ("options", "nodes", "frames"),
+    [((), 1, 2), (("--fleet",), 5, 8), (("--namespace", "robot3", "--fleet"), 2, 3)],
+)
+def test_each_check_of_the_doctor_has_the_same_scope(
+    robots: Bus, options: tuple[str, ...], nodes: int, frames: int
+) -> None:
+    """Checks of nodes and of frames look at the namespace alone, or with --fleet at all below it;
+    neither at less than the other.
+    """
+    send_static(robots.node("tower"), "map", "gate")
+    for number in (3, 7):
+        send_static(robots.node("mount", namespace=f"robot{number}"), "base_link", "camera")
+    checks = ("nodes", "node-names", "callbacks", "conflicts", "gone")
+    only = [f"--only={name}" for name in checks]
+    found = json.loads(robots.run("doctor", *options, *only, "--json").stdout)
+    counts = [int(found[name]["evidence"][0].split()[0]) for name in checks]
+    assert counts == [nodes, nodes, nodes, frames, frames]
+
+
+def test_the_doctor_misses_robots_of_the_roster(robots: Bus) -> None:
+    """A robot of the roster that is not there is a failure, one outside of it a warning; both are
+    in one sentence for all robots alike.
+    """
+    doctor = ("doctor", *SHARED, "--only", "robots", "--for", "0.5", "--expect")
+    done = robots.run(*doctor, "robot[3-7]")
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[1:4] == [
+        "fail    robots",
+        "    - robot4: missing; the same of 2 other robots: robot5, robot6",
+        "    Fix: start it, or check its link and the namespace of its nodes (tfbus fleet",
+    ]
+    done = robots.run(*doctor, "robot3")
+    assert (done.returncode, "- robot7 is not in the roster" in done.stdout) == (0, True)
+    done = robots.run(*doctor, "robot[3,7]")
+    assert done.stdout.splitlines()[1:] == [
+        "ok      robots          2 of 2 robots there",
+        "1 ok",
+    ]
+
+
+def test_the_doctor_notices_a_robot_that_goes(robots: Bus) -> None:
+    """While it watches, a robot of the roster that is gone is a failure until it is back."""
+    with robots.network.process("outside", "robot9"):
+        robots.node("wheels", namespace="robot9")
+    watch = ("--watch", "--only", "robots", "--for", "0.5")
+    doctor = robots.start("doctor", "--fleet", "--expect", "robot[3,7,9]", *watch)
+    doctor.wait_for_line("watching namespace / and all below it: robots, first findings")
+    doctor.wait_for_line("1 ok: nothing is wrong")
+    robots.network.kill("outside/robot9")
+    doctor.wait_for_line("fail +robots")
+    doctor.wait_for_line("- robot9: gone")
+    robots.node("wheels", namespace="robot9")
+    doctor.wait_for_line("ended +robots")
+    assert doctor.stop() == 0
+
+
+@pytest.mark.parametrize("tool", ["doctor", "why map base_link", "view"])
+def test_a_roster_is_of_a_fleet(bus: Bus, tool: str) -> None:
+    """--expect without --fleet is the same usage error of each tool."""
+    done = bus.run(*tool.split(), "--expect", "robot[1-3]")
+    assert done.returncode == 2
+    assert "--expect names the robots of a fleet: give --fleet too" in done.stderr
 
 
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:

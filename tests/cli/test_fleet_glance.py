@@ -89,6 +89,18 @@ def test_a_lost_robot_is_gone_until_it_is_back(fleet: Bus) -> None:
     assert program.stop() == 0
 
 
+def test_a_robot_that_is_on_twice_is_in_trouble(fleet: Bus) -> None:
+    """A robot and the one that takes its place, with its name, are not one that is well."""
+    with fleet.network.process(fleet.network.host("spare"), "robot3"):
+        robot(fleet, 3)
+    _, robots = shown(fleet)
+    assert robots["robot3"]["twice"] == ["outside", "spare"]
+    assert robots["robot2"]["twice"] == []
+    lines = fleet.run("fleet").stdout.splitlines()
+    assert lines[2].startswith("robot3 ")
+    assert "twice, on outside, spare" in lines[2]
+
+
 @pytest.mark.real
 def test_a_command_runs_for_a_robot_that_is_not_there(bus: Bus, tmp_path: Path) -> None:
     """The command of --on-gone has the robot and its state in its environment."""

@@ -379,7 +379,9 @@ def test_metrics_of_a_bus_are_scraped(bus: live_bus.Bus) -> None:
     needs.module("prometheus_client")
     mast = bus.start_command([sys.executable, str(ROOT / "examples" / "broadcaster.py")])
     program = str(ROOT / "examples" / "metrics_exporter.py")
-    exporter = bus.start_command([sys.executable, program, "--param", "port=0"])
+    options = ["--param", "port=0", "--param", "fleet=true"]
+    exporter = bus.start_command([sys.executable, program, *options])
+    bus.start("static", "map", "base_link", "--namespace", "robot7")
     address = exporter.wait_for_line("http://127")
 
     def scraped() -> dict[str, float]:
@@ -395,6 +397,7 @@ def test_metrics_of_a_bus_are_scraped(bus: live_bus.Bus) -> None:
     assert metrics[f"tfbus_frame_rate_hertz{camera}"] > 1.0
     assert f"tfbus_frame_age_seconds{camera}" in metrics
     assert (metrics["tfbus_conflicts"], metrics["tfbus_refused_total"]) == (0.0, 0.0)
+    eventually(lambda: any('frame="robot7/base_link"' in each for each in scraped()))
     assert mast.stop() == 0
     eventually(lambda: scraped()[f"tfbus_frame_gone{camera}"] == 1.0)
     assert exporter.stop() == 0, exporter.err

@@ -16,6 +16,7 @@ from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.examination import CHECKS, Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped
+from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
@@ -140,6 +141,8 @@ def healthy() -> Examination:
         listened_s=3.0,
         host=HOST,
         largest={"sim": 300},
+        robots=(RobotStatus("robot7", "there"),),
+        roster=("robot7",),
     )
 
 
@@ -220,7 +223,19 @@ TROUBLES = {
             tree=frame_tree(Buffer(), (), NOW_NS),
         ),
         "warn",
-        "no nodes here; robots are in namespaces a/b, robot7",
+        "no node in namespace /; robots are in namespaces a/b, robot7",
+    ),
+    "robots": (
+        lambda seen: replace(
+            seen,
+            roster=("robot3", "robot7"),
+            robots=(
+                RobotStatus("robot7", "gone", gone_ns=NOW_NS - 90 * NS),
+                RobotStatus("robot3", "missing"),
+            ),
+        ),
+        "fail",
+        "robot7: gone 90.0 s\nrobot3: missing",
     ),
     "node-names": (
         with_nodes(SIM, replace(SIM, host="desk", pid=8)),
@@ -365,7 +380,9 @@ def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> Non
     empty = at_moment(healthy, nodes=(), tree=frame_tree(Buffer(), (), NOW_NS))
     hint = "a closed bus is here (tls/10.0.0.1:4711): join it by --secure DIR"
     finding = CHECKS["nodes"](replace(empty, out_of_reach=hint))
-    assert finding.evidence == ("no node was found; a closed bus is here (tls/10.0.0.1:4711)",)
+    assert finding.evidence == (
+        "no node was found in namespace /; a closed bus is here (tls/10.0.0.1:4711)",
+    )
     assert finding.remedy == hint.rpartition(": ")[2]
 
 
@@ -419,7 +436,9 @@ def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
     """With no node but tools, checks of nodes and frames have nothing to look at."""
     tool = replace(SIM, name="/_view_1", streams=(), buffers=(), filters=())
     nothing = frame_tree(Buffer(), (), NOW_NS)
-    empty = replace(at_moment(healthy, nodes=(tool,), tree=nothing), flows=(), largest={})
+    empty = replace(
+        at_moment(healthy, nodes=(tool,), tree=nothing), flows=(), largest={}, roster=()
+    )
     verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
     well = {name for name, verdict in verdicts.items() if verdict == "ok"}
     of_the_host = {"install", "kernel", "zenoh", "scouting", "alone", "routers"}
@@ -438,7 +457,7 @@ def test_a_check_of_recordings_is_skipped_on_a_bus(healthy: Examination) -> None
 def test_tools_are_not_counted(healthy: Examination) -> None:
     """The nodes of tools, such as the doctor itself, are in no count."""
     seen = with_nodes(SIM, replace(SIM, name="/_doctor_1"))(healthy)
-    assert CHECKS["nodes"](seen).evidence == ("1 node",)
+    assert CHECKS["nodes"](seen).evidence == ("1 node in namespace /",)
     assert CHECKS["node-names"](seen).evidence == ("1 node",)
 
 

@@ -1,5 +1,7 @@
 """Rosters of robots, their order, and the robots of a moment."""
 
+import tracemalloc
+
 import pytest
 
 from tests.builders import S, moved
@@ -9,6 +11,7 @@ from tfbus.frames.fleet import FleetWatch, RobotStatus, worst_first
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import Problem, frame_tree
 from tfbus.listen.info import StreamInfo
+from tfbus.runtime.structs import replace
 from tfbus.wire.fleet import roster_of
 from tfbus.wording import natural_order
 
@@ -120,6 +123,55 @@ def test_between_looks_at_all_frames_a_robot_has_the_problems_of_the_last() -> N
     assert (robot.age_s, robot.frames, robot.stale) == (pytest.approx(0.12), 1, 1)
     (robot,) = watch.robots(moment(1012.0, wheels(1010.9, 20, 2000, alive=False)), has_frames=False)
     assert robot.state == "gone"
+
+
+def test_a_robot_that_returns_has_its_rate_at_once() -> None:
+    """Of one that came just now the rate is not known yet; then it is that since it came, not that
+    of all messages that were counted before it left.
+    """
+    watch = FleetWatch()
+    for at_s, messages, alive in (
+        (1000.0, 0, True),
+        (1001.0, 500, False),
+        (1010.0, 500, False),
+        (1011.0, 510, True),
+    ):
+        stream = wheels(at_s, messages, 100 * messages, alive=alive)
+        (robot,) = watch.robots(moment(at_s, stream))
+    assert (robot.state, robot.messages_hz, robot.bytes_per_s) == ("there", None, None)
+    for second in range(1, 10):
+        count = 510 + 10 * second
+        (robot,) = watch.robots(moment(1011.0 + second, wheels(1011.0, count, 100 * count)))
+        assert robot.messages_hz == 10.0
+    # A listener that has forgotten the stream counts from 0 again.
+    (robot,) = watch.robots(moment(1022.0, wheels(1022.0, 3, 300)))
+    assert robot.messages_hz is None
+    (robot,) = watch.robots(moment(1023.0, wheels(1023.0, 13, 1300)))
+    assert robot.messages_hz == 10.0
+
+
+def test_robots_that_come_and_go_fill_no_memory() -> None:
+    """Of three thousand that came, each with another name, and left, a watch keeps the thousand
+    that left last, in at most 1 MB; those of the roster are never forgotten.
+    """
+    watch = FleetWatch(("robot0",))
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for first in range(0, 3000, 250):
+        here = [
+            replace(wheels(first, 7, 700), name=f"robot{number}/wheels", node="")
+            for number in range(first, first + 250)
+        ]
+        watch.robots(moment(float(first), *here))
+    del here
+    watch.robots(moment(3000.0))
+    used = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    robots = watch.robots(moment(3001.0))
+    assert {robot.state for robot in robots} == {"gone"}
+    assert [each.name for each in robots][:2] == ["robot0", "robot2000"]
+    assert len(robots) == 1001
+    assert used < 2**20
 
 
 def test_a_load_is_that_on_the_air() -> None:

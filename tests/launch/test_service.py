@@ -65,6 +65,23 @@ def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
         assert "tfbus launch --help" not in output
 
 
+def test_a_service_runs_as_a_user_that_is_there(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """systemd would start nothing as another one: an error where it runs, a warning of a unit that
+    may be for another machine.
+    """
+    given = ("install", str(file), "--system", "--run-as")
+    for user, is_warned in (("no-such-user", True), ("root", False), ("1234", False)):
+        code, output = run(*given, user, "--print")
+        assert (code, "has no user" in output) == (0, is_warned)
+        assert f"User={user}\n" in output
+    monkeypatch.setattr("tfbus.cli.service_unit._SYSTEMD", tmp_path)
+    monkeypatch.setattr("shutil.which", lambda name: name)
+    code, output = run(*given, "no-such-user")
+    assert code == 2 and "this machine has no user 'no-such-user': make it" in output
+
+
 @pytest.mark.real
 def test_systemd_takes_the_unit(tmp_path: Path) -> None:
     """Also with letters that mean something in units."""

@@ -28,7 +28,8 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.bus.handles import Declaration
-from tfbus.listen.interest import DescribedEdge, DescribedTree, Interest
+from tfbus.errors import BusError
+from tfbus.listen.interest import KEPT_S, DescribedEdge, DescribedTree, Interest
 
 PATIENCE_S = 20.0
 
@@ -322,41 +323,58 @@ def test_streams_of_lookups_that_are_not_repeated_are_left() -> None:
 
 def test_robots_are_asked_for_a_shared_frame_only_if_a_path_needs_it() -> None:
     """Those whose frames are looked up are wanted at once; those that list a shared frame if half a
-    second later that is still needed, which it is not where it joins both frames.
+    second later that is still needed, which it is not where it joins both frames. None is wanted
+    any longer once it has not been looked up for long.
     """
     buffer, read, clock = Buffer(), Read(), [0.0]
     wanted: list[tuple[set[str], set[str]]] = []
     interest = Interest(buffer, read.subscribe, read.forget, clock=lambda: clock[0])
     interest.need("map", "robot7/arm/base")
-    interest.find(Fleet(("map", "hall")), lambda *more: wanted.append((set(more[0]), set(more[1]))))
-    eventually(lambda: wanted == [({"", "robot7", "robot7/arm"}, set())])
+    interest.find(Fleet(("map", "hall")), lambda *all: wanted.append((set(all[0]), set(all[1]))))
+    robots = {"", "robot7", "robot7/arm"}
+    eventually(lambda: wanted == [(robots, set())])
     tell(interest, "robot7/wheels", ("map", "robot7/arm/base", False))
     eventually(lambda: read.keys)
     clock[0] = 1.0
     interest.need("hall", "robot7/arm/base")
     interest.need("map", "robot8/base")
-    eventually(lambda: wanted[1:] == [({"robot8"}, set())])
+    eventually(lambda: wanted[1:] == [({*robots, "robot8"}, set())])
     clock[0] = 1.6
-    interest.need("map", "robot9/base")
-    eventually(lambda: wanted[2:] == [({"robot9"}, {"map", "hall"})])
+    buffer.can_transform("map", "robot9/base")
+    shared = {"map", "hall"}
+    eventually(lambda: wanted[2:] == [({*robots, "robot8", "robot9"}, shared)])
+
+    def is_left() -> bool:
+        clock[0] += 10.0
+        interest.need("map", "robot8/base")
+        return wanted[3:] == [({*robots, "robot8"}, shared)]
+
+    eventually(is_left)
+    assert clock[0] > 1.6 + KEPT_S
     interest.close()
 
 
-def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> None:
-    """A failing subscription is logged once and retried."""
+@pytest.mark.parametrize("error", [ValueError("subscribe"), BusError("the link is down")])
+def test_an_error_does_not_end_an_interest(
+    error: Exception, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A failing subscription is logged once and retried, and keeps no other from being read."""
     buffer, read = Buffer(), Read()
     failures: list[str] = []
 
     def subscribe(stream: str, key: str, static: bool) -> Declaration:
-        if len(failures) < 2:
+        if stream == "wheels" and len(failures) < 2:
             failures.append(key)
-            raise ValueError("subscribe")
+            eventually(lambda: len(failures) < 2 or read.keys)
+            raise error
         return read.subscribe(stream, key, static)
 
     interest = Interest(buffer, subscribe, read.forget, kept_s=0.1)
     tell(interest, "wheels", ("map", "base", False))
+    tell(interest, "arm", ("base", "tool", False))
+    interest.need("map", "tool")
     interest.need("map", "base")
-    eventually(lambda: read.keys == {"tf/wheels"})
+    eventually(lambda: read.keys == {"tf/wheels", "tf/arm"})
     interest.close()
     assert failures == ["tf/wheels"] * 2
     (record,) = caplog.records

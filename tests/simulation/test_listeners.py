@@ -33,6 +33,48 @@ def test_a_frame_that_was_removed_before_the_first_list_goes(network: Network) -
     assert buffer.frames() == ["kept", "world"]
 
 
+def test_a_robot_that_is_looked_up_no_longer_leaves_nothing(network: Network) -> None:
+    """A listener of a fleet that looks at one robot after the other keeps the frames, descriptions
+    and counts of the last ones only, and answers for one of before as at first.
+    """
+    robots = 12
+    for number in range(robots):
+        with network.process(network.host(f"robot{number}"), "wheels"):
+            node = tfbus.Node("wheels", namespace=f"robot{number}")
+            broadcaster = tfbus.TransformBroadcaster(node)
+            statics = tfbus.StaticTransformBroadcaster(node)
+        here = tfbus.Transform((number, 0.0, 0.0))
+        statics.send_transform(tfbus.TransformStamped(0, "base", "camera", here))
+
+        def send(node=node, broadcaster=broadcaster) -> None:  # by their values
+            _send(broadcaster, node, "base")
+
+        node.create_timer(0.5, send)
+    buffer = tfbus.Buffer()
+    with network.process(network.host("base"), "listener"):
+        listener = tfbus.TransformListener(
+            buffer, tfbus.Node("listener"), fleet=tfbus.Fleet(("world",)), reads="needed"
+        )
+
+    def look(number: int) -> None:
+        pair = ("world", f"robot{number}/camera")
+        network.run(until=lambda: buffer.can_transform(*pair))
+        assert buffer.lookup_transform(*pair).transform.x == 1.0 + number
+
+    def known() -> list[str]:
+        return [info.name for info in listener.streams() if info.frames or info.messages]
+
+    for number in range(robots):
+        look(number)
+        network.run(20.0)
+    assert len(known()) < robots
+    network.run(200.0)
+    assert known() == []
+    assert not [frame for frame in buffer.frames() if frame.startswith("robot")]
+    look(0)
+    assert known() == ["robot0/wheels"]
+
+
 def test_a_frame_whose_description_is_late_stays(network: Network) -> None:
     """One that was sent once, and is listed when the description comes, is not dropped."""
     network.path(network.host("h1"), network.host("h2"), delay_s=3.0)

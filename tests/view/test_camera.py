@@ -156,3 +156,27 @@ def test_each_browser_has_a_selection_of_its_own() -> None:
     assert [selections.of(1), selections.of(2)] == ["tool", "base"]
     selections.keep([2, 3])
     assert [selections.of(2), selections.of(3)] == ["base", "tool"]
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_followed_frame_stays_in_the_picture_and_the_camera_in_the_hands_of_its_user(
+    turns: bool,
+) -> None:
+    """The camera is moved once, to look at it; then everything else moves. It turns on request."""
+    server = Server(camera((8.0, 0.0, 2.0), (8.0, 4.0, 1.0)))
+    cameras, seen = Cameras(server), server.clients[0].camera
+    cameras.follow("base", Transform((20.0, 5.0, 0.0)), 1.0, turns=turns)
+    assert seen.look_at.tolist() == [20.0, 5.0, 0.0]
+    seen.position = by_hand = np.array((21.0, 5.0, 9.0))
+    for degrees in range(0, 360, 30):
+        pose = Transform.from_rpy(0.1, 0.0, math.radians(degrees), xyz=(degrees, 7.0, 2.0))
+        cameras.follow("base", pose, 1.0, turns=turns)
+        assert cameras.fixed.apply(pose.xyz) == pytest.approx((20.0, 5.0, 0.0))
+        ahead = cameras.fixed.rotate(pose.rotate((1.0, 0.0, 0.0)))
+        heading = 0.0 if turns else math.radians(degrees)
+        assert ahead[:2] == pytest.approx((math.cos(heading), math.sin(heading)))
+        assert cameras.fixed.rotate((0.0, 0.0, 1.0)) == pytest.approx((0.0, 0.0, 1.0))
+    assert seen.position is by_hand
+    cameras.follow("", None, 1.0, turns=turns)
+    cameras.focus(0, Region(np.array(pose.xyz), 1.0))
+    assert seen.look_at == pytest.approx((20.0, 5.0, 0.0))

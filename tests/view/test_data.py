@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path as PathOfFile
 from typing import Any, cast
 
@@ -11,9 +12,11 @@ import pytest
 from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
-from tfbus import Buffer
+from tfbus import Buffer, Fleet
 from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
+from tfbus.frames.moment import BusMoment
+from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import (
     CameraInfo,
     ColorRGBA,
@@ -28,6 +31,7 @@ from tfbus.messages import (
     Odometry,
     Path,
     PointCloud,
+    PointStamped,
     Pose,
     Pose3D,
     PoseArray,
@@ -39,9 +43,16 @@ from tfbus.messages import (
 )
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
-from tfbus.view.data.topics import DataOnBus, Waiting, camera_topic
+from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
+from tfbus.view.frames import frames_of
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.settings import TopicSettings, ViewSettings, load_settings, save_settings
+from tfbus.view.settings import (
+    TopicSettings,
+    ViewSettings,
+    load_settings,
+    save_settings,
+    topic_named,
+)
 
 SETTINGS = TopicSettings("topic", rate_hz=60.0)
 POINT = np.array([[1.0, 0.0, 0.0]])
@@ -193,7 +204,9 @@ def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None
 
 
 @pytest.mark.parametrize("kind", range(13))
-def test_a_marker_of_each_kind_is_drawn_but_meshes_of_files(kind: int, buffer: Buffer) -> None:
+def test_a_marker_of_each_kind_is_drawn_but_meshes_without_a_file(
+    kind: int, buffer: Buffer
+) -> None:
     """The others of the array are drawn in any case."""
     points = np.array([(0, 0, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0)], float)
     one = marker(0, type=kind, points=points, color=ColorRGBA(1, 0, 0, 1), text="here")
@@ -206,6 +219,7 @@ def test_a_marker_of_each_kind_is_drawn_but_meshes_of_files(kind: int, buffer: B
 OTHERS: dict[str, tuple[Any, type]] = {
     "a path": (Path(2 * S, "map", (PoseStamped(0, "map"), PoseStamped(0, "map"))), object),
     "poses": (PoseArray(2 * S, "map", np.array([(0, 0, 0, 0, 0, 0, 1)])), Bodies),
+    "a point": (PointStamped(2 * S, "map"), Bodies),
     "a pose": (PoseStamped(2 * S, "map"), Bodies),
     "doubt": (
         PoseWithCovarianceStamped(
@@ -313,6 +327,140 @@ def test_a_message_that_cannot_be_drawn_is_counted_and_the_next_is_drawn(
     assert layer.dropped.total() == 1
     assert layer.trouble
     assert not layer.placed
+
+
+def test_of_points_in_one_cube_one_is_drawn(buffer: Buffer) -> None:
+    """And of what is left at most as many as the settings say."""
+    grid = np.stack(np.meshgrid(*[np.arange(100)] * 2, [0.0]), axis=-1).reshape(-1, 3) * 0.01
+    by_settings = {}
+    for text in ("topic", "topic:voxel=10", "topic:voxel=10,most_points=1000", "topic:voxel=1"):
+        layer = layer_of(PointCloud.from_xyz(2 * S, "base", grid + 0.005))
+        layer.step(buffer, "map", 0.0, topic_named(text, ViewSettings()))
+        [placed] = layer.placed.values()
+        [points] = placed.item.shapes
+        assert isinstance(points, Points)
+        by_settings[text.partition(":")[2]] = len(points.xyz)
+    assert by_settings == {
+        "": 10_000,
+        "voxel=10": 100,
+        "voxel=10,most_points=1000": 100,
+        "voxel=1": 10_000,
+    }
+
+
+def test_a_topic_is_named_with_its_settings() -> None:
+    """They go before those of the file; a mistake says which setting is wrong."""
+    saved = ViewSettings(topics=(TopicSettings("points", shown=False, size=9.0),))
+    named = topic_named("points:voxel=5,color=height,locked=true,hidden=old", saved)
+    assert named == TopicSettings(
+        "points", size=9.0, voxel=5.0, color="height", locked=True, hidden=("old",)
+    )
+    for text, why in (
+        ("scan:rate=5", "no setting 'rate'"),
+        ("scan:voxel=far", "voxel must be a number"),
+        ("scan:quality=100", "quality must be from 5 to 95"),
+        ("scan:voxel", "'voxel' is not a setting such as"),
+    ):
+        with pytest.raises(SettingsError, match=why):
+            topic_named(text, saved)
+
+
+def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -> None:
+    """Of a tree of its own, or that their frame is not there at all."""
+    buffer.set_transform(moved(S, "odom", "arm", 1.0))
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    frames = frames_of(BusMoment(at_ns=0, tree=frame_tree(buffer, (), 0)), buffer, "map")
+    assert scenes.note("map", frames) == ""
+    for frame, advice in (("arm", "choose as the fixed frame odom"), ("hand", "no frame hand")):
+        layer = scenes.layers["points"] = layer_of(cloud(S, frame), cloud(2 * S, frame))
+        for now_s in (0.0, 2.0):
+            layer.step(buffer, "map", now_s, SETTINGS)
+        said = scenes.note("map", frames)
+        assert said.startswith("2 messages wait for a transform to map")
+        assert said.endswith(advice)
+    buffer.set_transform(moved(S, "map", "hand", 1.0))
+    layer.step(buffer, "map", 2.1, SETTINGS)
+    assert scenes.note("map", frames) == ""
+
+
+def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:
+    """And stays so until the next message."""
+    layer = layer_of(cloud(2 * S))
+    layer.was_sent(3 * S)
+    assert layer.age_s is None
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    layer.was_sent(2 * S + S // 4)
+    layer.was_sent(9 * S)
+    assert layer.age_s == 0.25
+
+
+def test_messages_wait_in_a_bounded_number_and_size_and_the_newest_stay() -> None:
+    """Also where some come while others are put back: the oldest are dropped, and counted."""
+    waiting = Waiting(PointCloud)
+    for second in range(5):
+        waiting.put(cloud(second))
+    taken = waiting.take()
+    for second in range(5, 8):
+        waiting.put(cloud(second))
+    waiting.put_back(taken)
+    assert [each.stamp_ns for each in waiting.take()] == [3, 4, 5, 6, 7]
+    assert waiting.dropped == 3
+
+    texts = Waiting(Log)
+    lines = [Log(at, msg="x" * (MOST_BYTES // 3)) for at in range(3)]
+    for line in lines:
+        texts.put(line)
+    assert texts.take() == lines[1:]
+    huge = Log(9, msg="x" * 2 * MOST_BYTES)
+    texts.put_back(lines)
+    texts.put(huge)
+    assert texts.take() == [huge]
+    assert (texts.received, texts.dropped) == (4, 4)
+
+
+def test_a_wall_of_one_cell_is_always_seen(buffer: Buffer) -> None:
+    """However large the map is, and at its place: the free cells around it do not hide it."""
+    cells = np.zeros((5001, 4100), np.int8)
+    cells[:, 2049] = 100
+    cells[3333, :] = 100
+    cells[:30, :30] = -1
+    layer = layer_of(OccupancyGrid.from_cells(2 * S, "map", cells, 0.05))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    [placed] = layer.placed.values()
+    [texture] = placed.item.shapes
+    assert isinstance(texture, Texture)
+    height, width = texture.rgba.shape[:2]
+    assert max(height, width) <= 2048
+    is_wall = texture.rgba[..., 0] == 0
+    assert is_wall[:, int(2049.5 * 0.05 / texture.width_m * width)].all()
+    assert is_wall[int(3333.5 * 0.05 / texture.height_m * height)].all()
+    assert is_wall.sum() == height + width - 1
+    assert texture.rgba[0, 0, 3] < texture.rgba[-1, 0, 3]
+
+
+def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -> None:
+    """Each robot calls its frames the same; the map is shared."""
+    data = DataOnBus(bus.node("view"), Fleet(("map",)))
+    filled = Buffer()
+    for at, name in enumerate(("robot1", "robot2"), start=1):
+        filled.set_transform(moved(S, "map", f"{name}/lidar", float(at)))
+        robot = bus.node("robot", namespace=name)
+        clouds = robot.create_publisher(PointCloud, "points", retained=True)
+        clouds.publish(cloud(S, "lidar"))
+        markers = robot.create_publisher(MarkerArray, "markers", retained=True)
+        markers.publish(MarkerArray((replace(marker(), stamp_ns=S, frame_id="map"),)))
+    wanted = [f"robot{at}/{kind}" for at in (1, 2) for kind in ("points", "markers")]
+    topics = eventually(lambda: data.topics() if data.topics().keys() >= set(wanted) else None)
+    data.want({name: topics[name] for name in wanted})
+    found = []
+    for name in wanted:
+        waiting = data.waiting(name)
+        assert waiting is not None
+        eventually(lambda waiting=waiting: waiting.received)
+        layer = TopicLayer(waiting)
+        layer.step(filled, "map", 0.0, SETTINGS)
+        found.append(xs(layer))
+    assert found == [[1.0], [0.0], [2.0], [0.0]]
 
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:

@@ -1,14 +1,16 @@
 """Messages on the page in a real Chromium."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.live_bus import Bus
-from tests.view.pages import Arm, View, start_view
+from tests.view.pages import Arm, View, eventually, start_view
 from tfbus.discover.presence import describe_nodes
-from tfbus.messages import Image, PointCloud
+from tfbus.messages import Image, PointCloud, PoseStamped
+from tfbus.view.screenshot import CLOSE_NOTES
 
 pytestmark = pytest.mark.real
 
@@ -39,3 +41,39 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     assert {"points", "camera"} <= described.subscribes.keys()
     assert "others" not in described.subscribes
     assert view.errors == []
+
+
+def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) -> None:
+    """Along the drag; a page that is read-only has no tools."""
+    _, address = start_view(bus)
+    robot = bus.node("robot")
+    Arm(robot)
+    goals: list[PoseStamped] = []
+    robot.create_subscription(PoseStamped, "goal_pose", goals.append)
+    view = View(pages.new_page(), address)
+    view.wait_for_status("tool", "dynamic")
+    view.tab("Tools")
+    mouse = view.page.mouse
+
+    def sends() -> bool:
+        view.page.evaluate(CLOSE_NOTES)
+        view.button("Goal (G)")
+        view.page.locator("[data-tool=goal][aria-pressed=true]").wait_for()
+        mouse.move(150, 250)
+        mouse.down()
+        mouse.move(250, 250)
+        mouse.up()
+        return view.shows(view.page.get_by_text("goal_pose: "), 5.0)
+
+    eventually(sends)
+    eventually(lambda: goals)
+    [goal, *_] = goals
+    assert goal.frame_id == "map"
+    turn = goal.pose.orientation
+    # The camera looks from behind, a little from the side: its right is there.
+    assert math.degrees(2.0 * math.atan2(turn.z, turn.w)) == pytest.approx(-20.0, abs=10.0)
+    assert view.errors == []
+    _, other = start_view(bus, "--read-only", "--name", "other")
+    public = View(pages.new_page(), other)
+    public.wait_for_status("tool", "dynamic")
+    assert not public.page.get_by_text("Tools", exact=True).count()

@@ -19,7 +19,7 @@ from tests.view.pages import View as Page
 from tests.view.pages import eventually
 from tfbus import Buffer, InvalidArgumentException, Transform
 from tfbus.command import install_command
-from tfbus.view import View, show
+from tfbus.view import FIXED_NODE, View, show
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)
 
@@ -170,7 +170,7 @@ def test_a_shape_that_cannot_be_made_changes_nothing(view: View, page: Any) -> N
 
     def nodes() -> set[str]:
         names = list(page.server.scene._handle_from_node_name)
-        return {name for name in names if name.startswith("/drawn/")}
+        return {name for name in names if name.startswith(f"{FIXED_NODE}/drawn/")}
 
     view.add_sphere("ball", "base", 0.1)
     before, nodes_before = page.drawn.shapes["ball"], nodes()

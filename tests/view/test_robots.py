@@ -277,3 +277,27 @@ def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
         eventually(lambda: [each.title for each in page.robots.robots] == ["arm", "left/arm"])
         with pytest.raises(InvalidArgumentException):
             view.add_robot(arm, prefix="/left")
+
+
+def test_markers_have_the_meshes_of_robots_and_of_their_packages(
+    tmp_path: Path, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """A file of anything else is not opened, whatever its name says."""
+    package = tmp_path / "arms"
+    (package / "meshes").mkdir(parents=True)
+    for file in (package / "meshes/hand.stl", package / "meshes/cup.stl", tmp_path / "other.stl"):
+        file.write_bytes(TRIANGLE)
+    text = ARM.replace("hand.stl", "package://arms/meshes/hand.stl")
+    scenes = scenes_of(ShownRobot(Robot.from_text(text, folder=tmp_path, package_path=[tmp_path])))
+    scenes.look(ViewSettings())
+    for name in ("hand", "cup"):
+        found = eventually(lambda name=name: scenes.mesh_named(f"package://arms/meshes/{name}.stl"))
+        assert not isinstance(found, str), found
+        assert len(found.parts) == 1
+    for name in (
+        "package://arms/../other.stl",
+        "package://strangers/meshes/cup.stl",
+        f"file://{tmp_path}/other.stl",
+        str(tmp_path / "other.stl"),
+    ):
+        assert "no mesh of a robot" in str(scenes.mesh_named(name))

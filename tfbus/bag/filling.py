@@ -1,11 +1,13 @@
 """Fills the gaps of a recording from recorders elsewhere that keep what they record."""
 
 import logging
+import socket
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from tfbus.bag.capture import Capture
@@ -49,6 +51,9 @@ _AGAIN_S = 10.0
 
 # Tokens come from the bus: at most so many recorders are known.
 _MOST_KEEPERS = 1_000
+
+# Each stream of a robot tells of an outage.
+_MOST_OUTAGES = 10_000
 
 # More losses of a link are one gap.
 _MOST_GAPS = 100
@@ -109,8 +114,9 @@ class _Keeper:
 
 
 class Filling:
-    """Watches the recorders that serve what they keep: once one was out of reach and is back, what
-    it recorded meanwhile is written, page by page, behind what is sent now. Until `close()`.
+    """Watches the recorders that serve what they keep: once one was out of reach and is back, or
+    messages of a stream are missing for a second or more, what it recorded meanwhile is written,
+    page by page, behind what is sent now. Until `close()`.
     """
 
     def __init__(
@@ -137,6 +143,7 @@ class Filling:
         self._lost: deque[tuple[int, str, bool]] = deque(maxlen=_MOST_LOST)
         self._began_ns = recorder.now_ns()
         capture.on_lost = self._note_lost
+        recorder.on_outage = self._note_outage
         key = ALL_KEEPERS_EVERYWHERE if everywhere else ALL_KEEPERS
         self._tokens = session.watch_living(key, self._on_token)
 
@@ -175,6 +182,21 @@ class Filling:
         now_ns = self._recorder.now_ns()
         self._executor.submit("filling", lambda: self._lost.append((now_ns, name, is_here)))
 
+    def _note_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
+        self._executor.submit(
+            "filling", lambda: self._take_outage(stream, from_ns, until_ns), limit=_MOST_OUTAGES
+        )
+
+    def _take_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
+        """Fill the time in which messages of a stream are missing, though no token was lost."""
+        described = self._capture.described.get(stream)
+        is_here = described is not None and described.host == socket.gethostname()
+        for keeper in self._keepers.values():
+            if keeper.is_there and keeper.has(stream, is_here):
+                self._add_gap(keeper, _Gap(from_ns - _OVERLAP_NS, from_ns, until_ns + _OVERLAP_NS))
+                self._executor.after(_AFTER_S, partial(self._fill, keeper))
+                self._note_received()
+
     def _on_token(self, key: str, alive: bool) -> None:
         self._executor.submit("filling", lambda: self._take_token(key, alive))
 
@@ -202,7 +224,8 @@ class Filling:
                 keeper.beside, beside = "", keeper.beside
                 self._take_token(beside, True)
         elif keeper.lost_ns is not None:
-            self._add_gap(keeper, keeper.lost_ns)
+            lost_ns, now_ns = keeper.lost_ns, self._recorder.now_ns()
+            self._add_gap(keeper, _Gap(lost_ns - _BEFORE_NS, lost_ns, now_ns + _OVERLAP_NS))
             keeper.lost_ns = None
             self._executor.after(_AFTER_S, lambda: self._fill(keeper))
         self._note_received()
@@ -226,18 +249,23 @@ class Filling:
         del self._keepers[min(left, key=lambda prefix: left[prefix])]
         return True
 
-    def _add_gap(self, keeper: _Keeper, lost_ns: int) -> None:
-        now_ns = self._recorder.now_ns()
-        gap = _Gap(max(lost_ns - _BEFORE_NS, self._began_ns), lost_ns, now_ns + _OVERLAP_NS)
+    def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:
+        gap.from_ns = max(gap.from_ns, self._began_ns)
+        if any(
+            each.from_ns <= gap.lost_ns and gap.until_ns <= each.until_ns for each in keeper.gaps
+        ):
+            return
         last = keeper.gaps[-1] if keeper.gaps and keeper.asking is None else None
-        if last is not None and (lost_ns <= last.until_ns or len(keeper.gaps) >= _MOST_GAPS):
-            last.until_ns = gap.until_ns
+        # One of which a part has been asked for ends where it was to end then.
+        meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
+        if last is not None and (meets or len(keeper.gaps) >= _MOST_GAPS):
+            last.until_ns = max(gap.until_ns, last.until_ns)
             return
         keeper.gaps.append(gap)
         self._log.info(
             "%s was out of reach for %s: what it has kept of that is filled in",
             keeper.name,
-            duration((now_ns - lost_ns) / 1e9),
+            duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9),
         )
 
     def _note_received(self) -> None:

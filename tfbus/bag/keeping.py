@@ -313,17 +313,24 @@ _MOST_KEYS = 200_000
 _MOST_LATE = 1_000
 
 
+# Messages that are missing for longer are those of an outage; single ones are lost on some networks
+# all the time.
+_OUTAGE_NS = 1_000_000_000
+
+
 class MissedMessages:
     """Counts the numbers that are missing between messages of dynamic transforms.
 
     A publisher counts the messages of each key and epoch. A message left out on purpose, in a
-    pause, is not missed.
+    pause, is not missed. `on_outage(stream, from_ns, until_ns)` is called with the log times of the
+    messages before and after, a second or more apart, between which some are missing.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        # By key: the epoch, and the number that comes next.
-        self._next: Bounded[MessageSource, tuple[int, int]] = Bounded(_MOST_KEYS)
+        self.on_outage: Callable[[str, int, int], object] = lambda stream, from_ns, until_ns: None
+        # By key: the epoch, the number that comes next, and when the last message came.
+        self._next: Bounded[MessageSource, tuple[int, int, int]] = Bounded(_MOST_KEYS)
         # Key, epoch and number, the oldest first.
         self._missing: Bounded[tuple[MessageSource, int, int], None] = Bounded(_MOST_LATE)
 
@@ -333,31 +340,34 @@ class MissedMessages:
             if item.kind == "resumed":
                 self._next.clear()
         elif isinstance(item, TransformItem) and item.seq is not None and not item.static:
-            self._add(source, item.stream.epoch_ns, item.seq)
+            self._add(source, item, item.seq)
 
     def fill(self, source: MessageSource, item: Item) -> None:
         """A message of before has come after all, from who has kept it."""
         if not isinstance(item, TransformItem) or item.seq is None or item.static:
             return
-        epoch_ns, expected = self._next.get(source, (None, 0))
+        epoch_ns, expected, _ = self._next.get(source, (None, 0, 0))
         if epoch_ns == item.stream.epoch_ns and item.seq < expected and self.count:
             self._missing.pop((source, epoch_ns, item.seq), None)
             self.count -= 1
 
-    def _add(self, source: MessageSource, epoch_ns: int, seq: int) -> None:
+    def _add(self, source: MessageSource, item: TransformItem, seq: int) -> None:
+        epoch_ns = item.stream.epoch_ns
         if (source, epoch_ns, seq) in self._missing:
             # It is only late.
             del self._missing[source, epoch_ns, seq]
             self.count -= 1
             return
-        epoch, expected = self._next.get(source, (None, 0))
+        epoch, expected, last_ns = self._next.get(source, (None, 0, 0))
         if epoch != epoch_ns:
             expected = seq
         if seq > expected:
             self.count += seq - expected
             for number in range(max(expected, seq - _MOST_LATE), seq):
                 self._missing[source, epoch_ns, number] = None
-        self._next[source] = (epoch_ns, max(expected, seq + 1))
+            if item.log_ns - last_ns >= _OUTAGE_NS:
+                self.on_outage(item.stream.name, last_ns, item.log_ns)
+        self._next[source] = (epoch_ns, max(expected, seq + 1), item.log_ns)
 
 
 # Messages that have come are known for this time, and longer while a gap may be filled.

@@ -3,28 +3,27 @@
 from collections.abc import Callable, Iterable, Iterator
 
 from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw, TransformSource
-from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.info import StreamState
+from tfbus.listen.queries import AskPages, PagesInTurn
 from tfbus.recording.items import TransformItem
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import transforms_key_beside
-
-_KEPT_WITHIN_S = 5.0
-# The route to a stream that was just met may not be open for questions yet.
-_PAUSES = Pauses((0.1, 0.4, 1.0))
+from tfbus.wire.pages import Page
 
 # Streams that are there already are met one after the other; after this time no longer.
 _QUIET_S = 0.7
-_LONGEST_S = 6.0
+# What streams hold comes page by page; it is waited for as long as pages come, and no longer than
+# that: until then nothing is in the file.
+_NO_PAGE_S, _LONGEST_S = 6.0, 30.0
 
 SourceOf = Callable[[str], TransformSource | None]
 
 
 class Past:
-    """Asks the streams that are met first for what they hold, until `is_complete`.
+    """Asks the streams that are met first for what they hold, page by page, until `is_complete`.
 
     At most `most_bytes` of that are taken; `dropped` counts the messages beyond.
     """
@@ -36,7 +35,8 @@ class Past:
         self._session = session
         self._executor = executor
         self._lock = scheduler.Lock()
-        self._asked: dict[str, AskUntil] = {}
+        self._asked: dict[str, AskPages] = {}
+        self._turns = PagesInTurn(executor)
         # Key, payload, and when it came.
         self._kept: list[tuple[str, bytes, int]] = []
         self._began_s = self._news_s = scheduler.monotonic()
@@ -52,14 +52,16 @@ class Past:
             if not description.history_s:
                 return
             self._open += 1
-        self._asked[state.key] = asking = self._asking(f"{transforms_key_beside(state.key)}/**")
+        self._asked[state.key] = asking = self._asking(state.key)
         asking.start()
 
     def is_complete(self) -> bool:
-        """Whether all streams have answered that were there at first; after 6 s at the latest."""
+        """Whether all has come of the streams that were there at first; or no page in the last 6 s,
+        or 30 s have passed.
+        """
         now_s = scheduler.monotonic()
         with self._lock:
-            is_quiet = not self._open and now_s - self._news_s > _QUIET_S
+            is_quiet = now_s - self._news_s > (_NO_PAGE_S if self._open else _QUIET_S)
         return is_quiet or now_s - self._began_s > _LONGEST_S
 
     def before(self, live: Iterable[Raw], source: SourceOf) -> list[Raw]:
@@ -68,6 +70,8 @@ class Past:
         A message held gets the log time that it had with the delay of the others of its stream.
         Items that are not understood without, among what has come, go to the beginning.
         """
+        for asking in [*self._asked.values()]:
+            asking.close()
         came = list(live)
         held = list(self._held(came, source))
         began_ns = min((raw.log_ns for raw in (*held, *came)), default=0)
@@ -96,6 +100,7 @@ class Past:
 
     def _keep(self, key: str, payload: bytes) -> None:
         with self._lock:
+            self._news_s = scheduler.monotonic()
             size = OVERHEAD_BYTES + len(payload)
             if self._bytes + size > self._most_bytes:
                 self.dropped += 1
@@ -103,30 +108,28 @@ class Past:
                 self._bytes += size
                 self._kept.append((key, payload, scheduler.time_ns()))
 
-    def _asking(self, key: str) -> AskUntil:
-        is_answered = False
+    def _asking(self, stream_key: str) -> AskPages:
+        """Asks the stream of this token for all that it holds."""
+        keys = f"{transforms_key_beside(stream_key)}/**"
+        namespace = stream_key.partition("@tfbus/")[0]
 
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            self._session.ask_later(key, None, on_answer, on_end, timeout_s=_KEPT_WITHIN_S)
-
-        def on_answer(answer: Answer) -> None:
-            nonlocal is_answered
-            if answer.refusal is None:
-                is_answered = True
-                self._keep(answer.key, answer.payload)
+        def take(page: Page, _: str) -> None:
+            for message in page.messages:
+                self._keep(f"{namespace}{message.key}", message.payload)
 
         def on_over() -> None:
             with self._lock:
                 self._open -= 1
                 self._news_s = scheduler.monotonic()
 
-        return AskUntil(
+        return AskPages(
+            self._session,
             self._executor,
-            "history",
-            _PAUSES,
-            ask=ask,
-            is_settled=lambda: is_answered,
+            lambda: keys,
+            on_page=take,
+            on_message=lambda answer: self._keep(answer.key, answer.payload),
             on_over=on_over,
+            turns=self._turns,
         )
 
 

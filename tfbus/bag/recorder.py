@@ -228,6 +228,8 @@ class Recorder:
         self._flushed_s = self._noted_s = self.began_s
         self._closing = scheduler.Event()
         self._missed = MissedMessages()
+        # Called on the thread that writes, as `MissedMessages.on_outage`.
+        self.on_outage: Callable[[str, int, int], object] = lambda stream, from_ns, until_ns: None
         self.window: LastSeconds | None = None
         self._files: InFiles | None = None
         self._keeping: Keeping
@@ -235,6 +237,7 @@ class Recorder:
             parts.open()
             self._keeping = self._files = files = InFiles(parts, splits, items)
             self._missed = files.missed
+            self._missed.on_outage = lambda *outage: self.on_outage(*outage)
         else:
             self._keeping = self.window = LastSeconds(
                 parts, snapshots.last_s, snapshots.most_bytes, items

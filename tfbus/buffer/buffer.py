@@ -736,13 +736,13 @@ class Buffer:
         """A message of `tfbus.messages` in the target frame, by the transform at its stamp; a stamp
         of 0 stands for the latest.
 
-        PointCloud (with normals), PoseStamped, PoseArray, Path, PoseWithCovarianceStamped, Odometry
-        (its pose), Imu, OccupancyGrid (its origin), Marker and MarkerArray stay of their type; a
-        LaserScan becomes a PointCloud, NaN for no measurement. If points have a time each, each is
-        moved by the transform at that, and is then as of the stamp: say the `fixed_frame` if the
-        target itself moves meanwhile. Covariances of x, y, z and rotations about fixed axes turn to
-        the target's axes; unknown ones stay so. Waits and raises as `lookup_transform`, and
-        InvalidArgumentException for a message of another type.
+        PointCloud (with normals), PointStamped, PoseStamped, PoseArray, Path,
+        PoseWithCovarianceStamped, Odometry (its pose), Imu, OccupancyGrid (its origin), Marker and
+        MarkerArray stay of their type; a LaserScan becomes a PointCloud, NaN for no measurement. If
+        points have a time each, each is moved by the transform at that, and is then as of the
+        stamp: say the `fixed_frame` if the target itself moves meanwhile. Covariances of x, y, z
+        and rotations about fixed axes turn to the target's axes; unknown ones stay so. Waits and
+        raises as `lookup_transform`, and InvalidArgumentException for a message of another type.
         """
         from tfbus.buffer.messages import transformed
 

@@ -199,6 +199,11 @@ def _pose(pose: messages.Pose3D, motion: Transform) -> messages.Pose3D:
     return messages.Pose3D(messages.Vector3(x, y, z), messages.Quaternion(qx, qy, qz, qw))
 
 
+def _point(point: messages.Vector3, motion: Transform) -> messages.Vector3:
+    x, y, z = motion.apply((point.x, point.y, point.z)).tolist()
+    return messages.Vector3(x, y, z)
+
+
 def _vector(vector: messages.Vector3, motion: Transform) -> messages.Vector3:
     x, y, z = motion.rotate((vector.x, vector.y, vector.z)).tolist()
     return messages.Vector3(x, y, z)
@@ -285,6 +290,7 @@ _MOVES: Mapping[type, Callable[[Any, Transform], dict[str, Any]]] = {
     },
     messages.Odometry: lambda it, motion: {"pose": _pose_with_covariance(it.pose, motion)},
     messages.Path: _path,
+    messages.PointStamped: lambda it, motion: {"point": _point(it.point, motion)},
     messages.PoseArray: _poses,
     messages.PoseStamped: lambda it, motion: {"pose": _pose(it.pose, motion)},
     messages.PoseWithCovarianceStamped: lambda it, motion: {

@@ -37,6 +37,7 @@ from tfbus.bus.zenoh_sockets import (
     end_datagrams,
     end_links,
     fit_to_losses,
+    hold_back,
     shorten_close,
 )
 from tfbus.runtime import scheduler
@@ -47,6 +48,9 @@ from tfbus.wording import listed
 _SETTLED_S = 0.05
 
 _CLOSING_S = 2.0
+
+# The kernel is asked again to admit hosts after these times.
+_ADMIT_AGAIN_S, _LONGEST_ADMIT_AGAIN_S = 1.0, 60.0
 
 
 class Neighbours:
@@ -80,6 +84,9 @@ class Neighbours:
         self._network = network
         self._datagram_ports = tuple(datagram_ports)
         self._admitted: set[str] | None = None
+        # When hosts are to be admitted again that were not, and the pause before that.
+        self._admit_again_s: float | None = None
+        self._admit_pause_s = 0.0
         self._scouts: Scouts | None = None
         self._answers: ScoutAnswers | None = None
         if scouting is not None:
@@ -159,6 +166,8 @@ class Neighbours:
                 takers[number]()
         if not ready and self._watch.polled_s is not None:
             self._update()
+        if self._admit_again_s is not None and scheduler.monotonic() >= self._admit_again_s:
+            self._update_links()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
@@ -166,6 +175,8 @@ class Neighbours:
         pauses = [] if self._watch.polled_s is None else [self._watch.polled_s]
         if self._scouts is not None and self._scouts.next_s is not None:
             pauses.append(max(self._scouts.next_s - scheduler.monotonic(), 0.0))
+        if self._admit_again_s is not None:
+            pauses.append(max(self._admit_again_s - scheduler.monotonic(), 0.0))
         return 1e3 * min(pauses) if pauses else None
 
     def _take_wake(self) -> None:
@@ -197,16 +208,17 @@ class Neighbours:
             self._scouts.note_lost(lost)
         if new:
             shorten_close(_ends(new))
+            # Within a host TCP holds nothing up, and smaller pieces cost both ends CPU.
+            beyond = {link for link in new if not is_local(host_of(link.dst))}
+            hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
-        if self._datagram_ports and (hosts := self._links.hosts_for_datagrams()) != self._admitted:
-            self._admitted = hosts
-            for port in self._datagram_ports:
-                admit_datagrams(port, hosts)
+        if self._datagram_ports:
+            self._admit(self._links.hosts_for_datagrams())
         # What was under way on the other link is lost, and so may be a declaration.
         if left:
             end_datagrams(_ends(left))
@@ -216,6 +228,28 @@ class Neighbours:
         missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
         if half or (lost and not self._links) or missed - known:
             self._begin_scouting()
+
+    def _admit(self, hosts: set[str]) -> None:
+        """Take datagrams from these hosts alone; the kernel may refuse that, and is asked again."""
+        now_s, again_s = scheduler.monotonic(), self._admit_again_s
+        if hosts == self._admitted if again_s is None else now_s < again_s:
+            return
+        self._admitted, self._admit_again_s = hosts, None
+        failures = [why for port in self._datagram_ports if (why := admit_datagrams(port, hosts))]
+        if not failures:
+            self._admit_pause_s = 0.0
+            return
+        is_first = not self._admit_pause_s
+        pause_s = 2.0 * self._admit_pause_s or _ADMIT_AGAIN_S
+        self._admit_pause_s = min(pause_s, _LONGEST_ADMIT_AGAIN_S)
+        self._admit_again_s = now_s + self._admit_pause_s
+        if is_first and self._log is not None:
+            self._log.warning(
+                "Datagrams of %d hosts could not be admitted: %s; trying again. Until then some of "
+                "what these hosts declare may be missed, or their transforms come by TCP",
+                len(hosts),
+                failures[0],
+            )
 
     def _begin_scouting(self) -> None:
         if self._scouts is not None:

@@ -20,7 +20,7 @@ from tfbus.bus.handles import (
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import NetworkSession
-from tfbus.bus.networks import network_of
+from tfbus.bus.networks import LAN, network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
@@ -79,7 +79,8 @@ class Session(NetworkSession):
         callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
         super().__init__(log, callbacks, settings.name)
         self.settings = settings
-        self.network = network_of(settings.network, settings.connect)
+        # That of an interface may come later than the process: known once the session is open.
+        self.network = LAN
         self._ending: list[Callable[[], None]] = []
         self._outside: Session | None = None
         self._outside_lock = scheduler.Lock()
@@ -91,19 +92,25 @@ class Session(NetworkSession):
         network = zenoh_library.simulated()
         with bus_errors(f"join the bus{_through(settings)}"):
             if network is None:
-                self._join(partial(zenoh_config, settings, scouting_s, is_second=is_second))
+                self._join(
+                    lambda: zenoh_config(settings, scouting_s, self.network, is_second=is_second)
+                )
                 self._meet_neighbours(None if is_second else log)
                 self._end_with_python()
             else:
+                self.network = network_of(settings.network)
                 self._open(partial(network.open_session, settings))
         self.id = str(self.zenoh.zid())
 
     def _join(self, make_config: Callable[[], zenoh.Config]) -> None:
-        """Open Zenoh's session; its configuration has the addresses of this host, of each try."""
+        """Open Zenoh's session; its configuration has the network and the addresses of this host
+        at each try.
+        """
         places_at_start()
         settings = self.settings
 
         def open_once() -> zenoh.Session:
+            self.network = network_of(settings.network, settings.connect)
             self._config = config = make_config()
             self._scouting = scouting_of(config, settings)
             self._sockets = ZenohSockets()

@@ -22,15 +22,18 @@ _CLOSE_WITHIN_S = 1
 
 # From Linux's <linux/tcp.h>; not every Python has names for them.
 _CONGESTION = 13
+_UNSENT_AT_MOST = 25
 _THIN_LINEAR_TIMEOUTS = 16
 _LONGEST_PAUSE_MS = 44
 
 # From Linux's <asm-generic/socket.h>.
 _ATTACH_FILTER = 26
 
-# Zenoh's Close of a whole session, sent so often, since one may be lost.
+# Zenoh's Close of a whole session, sent again after these times, since one may be lost. Apart: a
+# datagram that comes while Zenoh closes the link it is for is read by nobody, and the next one then
+# holds up all that its socket would receive, for good, and the end of that process.
 _CLOSE_SESSION = b"\x23\x00"
-_TIMES = 5
+_PAUSES_S = (0.2, 0.3, 0.5, 1.0)
 
 # Zenoh takes up to a second to open a session, and has its sockets after some milliseconds.
 _LOOK_AGAIN_S = 0.002
@@ -134,6 +137,16 @@ def shorten_close(links: Container[Ends]) -> None:
         _set_linger(each, _CLOSE_WITHIN_S)
 
 
+def hold_back(links: Container[Ends], unsent_bytes: int) -> None:
+    """Have these links of TCP take further bytes only while fewer than so many wait to be sent.
+
+    Linux takes up to 4 MB, and a transform that is sent then comes after all of it.
+    """
+    for each in _connections(links):
+        with suppress(OSError):  # the system has not got it
+            each.setsockopt(socket.IPPROTO_TCP, _UNSENT_AT_MOST, unsent_bytes)
+
+
 def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
     """Have these links of TCP hold at most so many bytes that have not arrived, repeat lost packets
     at a steady pace where they carry little, and take no loss for a full link.
@@ -151,8 +164,9 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
                 each.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
-    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4.
+def admit_datagrams(port: int, hosts: Iterable[str]) -> str:
+    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4; why it
+    does not, "" if it does.
 
     Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
     each other by it what they have declared, and some of it would not arrive.
@@ -160,10 +174,16 @@ def admit_datagrams(port: int, hosts: Iterable[str]) -> None:
     program = _only_from(hosts)
     code = ctypes.create_string_buffer(program)
     filter_of = struct.pack("HL", len(program) // _INSTRUCTION.size, ctypes.addressof(code))
+    why_not = "its socket was not found"
     for each in _of_type(socket.SOCK_DGRAM):
-        with each, suppress(OSError):
-            if each.getsockname()[1] == port and not _is_connected(each):
-                each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+        with each:
+            try:
+                if each.getsockname()[1] == port and not _is_connected(each):
+                    each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, filter_of)
+                    why_not = ""
+            except OSError as error:  # such as a filter larger than net.core.optmem_max
+                why_not = error.strerror or str(error)
+    return why_not
 
 
 # A program for the kernel, after <linux/filter.h>: a code, two jumps and a number.
@@ -195,20 +215,28 @@ def _is_connected(one: socket.socket) -> bool:
 def end_datagrams(links: Container[Ends]) -> None:
     """Have Zenoh close the sessions of links of UDP that this process has opened, at both ends."""
     for each in _of_type(socket.SOCK_DGRAM):
-        with each, suppress(OSError):
-            if _ends(each) in links:
-                for _ in range(_TIMES):
-                    each.send(_CLOSE_SESSION)
-                _close_here(each)
+        if _is_connected(each) and _ends(each) in links:
+            scheduler.Thread(
+                target=_end_session, args=(each,), name="tfbus-datagrams", daemon=True
+            ).start()
+        else:
+            each.close()
 
 
-def _close_here(one: socket.socket) -> None:
-    """Let Zenoh's connected socket, of which this is a copy, receive the end of its session."""
-    here = one.getsockname()
-    with socket.socket(one.family, socket.SOCK_DGRAM) as there:
-        there.bind((here[0], 0))
-        one.connect(there.getsockname())
-        there.sendto(_CLOSE_SESSION, here)
+def _end_session(one: socket.socket) -> None:
+    """End the session of Zenoh's connected socket, of which this is a copy: here first, so that
+    nothing of it follows what ends it there.
+    """
+    with one, suppress(OSError):
+        here, far = one.getsockname(), one.getpeername()
+        with socket.socket(one.family, socket.SOCK_DGRAM) as near:
+            near.bind((here[0], 0))
+            one.connect(near.getsockname())
+            near.sendto(_CLOSE_SESSION, here)
+        for pause_s in (0.0, *_PAUSES_S):
+            scheduler.sleep(pause_s)
+            with suppress(OSError):  # an answer to what Zenoh has sent meanwhile
+                one.sendto(_CLOSE_SESSION, far)
 
 
 def end_links(links: Container[Ends]) -> None:

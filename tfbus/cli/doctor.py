@@ -20,12 +20,20 @@ from tfbus.cli.output import (
     warn,
     width,
 )
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
-from tfbus.doctor.examination import CHECKS, OF_A_BUS, Finding, Verdict, examined
-from tfbus.frames.fleet import FleetWatch
-from tfbus.frames.moment import BusMoment, Ongoing
+from tfbus.doctor.examination import (
+    CHECKS,
+    OF_A_BUS,
+    Examination,
+    Finding,
+    Verdict,
+    examined,
+    scope,
+)
+from tfbus.frames.fleet import RobotStatus
+from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, cut, duration, listed, natural_order, near_names, wrapped
 
@@ -55,7 +63,7 @@ class _CheckName(click.Choice[str]):
 
 @click.command(
     epilog="Examples: tfbus doctor; tfbus doctor --only clock-skew --json; "
-    "tfbus doctor --bag run.mcap"
+    "tfbus doctor --fleet --expect 'robot[1-30]'; tfbus doctor --bag run.mcap"
 )
 @click.option(
     "--only",
@@ -91,6 +99,7 @@ class _CheckName(click.Choice[str]):
 )
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
+@roster_option
 @listening_options(lambda: own_name("_doctor"))
 def command(
     settings: NodeSettings,
@@ -103,10 +112,12 @@ def command(
     exit_on_fail: bool,
     on_fail: str | None,
     as_json: bool,
+    roster: tuple[str, ...],
 ) -> None:
     """Check this host and the bus, and say what to fix; exits with 1 on a failure.
 
-    With --bag, check a recording, or a span of it.
+    Nodes and frames are those of the namespace, with --fleet those of all below it too; a robot of
+    the roster that is gone or missing is a failure. With --bag, check a recording, or a span of it.
     """
     if list_checks:
         print_lines(
@@ -120,21 +131,20 @@ def command(
     if bag is not None:
         if watch:
             raise click.UsageError("--watch checks a bus; a recording does not change")
-        _check_recording(settings, fleet, bag, names, as_json)
+        _check_recording(settings, fleet, bag, names, as_json, roster)
         return
     from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
 
     if watch and not as_json:
-        print_lines([_watching(settings, _watched(names), listen_s)])
-    with closing(examine(settings, listen_s, warn, fleet)) as examinations:
+        place = scope(settings.namespace, is_fleet=fleet is not None)
+        print_lines([_watching(place, _watched(names), listen_s)])
+    with closing(examine(settings, listen_s, warn, fleet, roster)) as examinations:
         if watch:
             findings = (examined(seen, _watched(names)) for seen in examinations)
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(findings, as_json, exit_on_fail, on_fail)
         else:
-            seen = next(examinations)
-            by_robot = None if fleet is None else _ByRobot(seen.moment)
-            _print(examined(seen, names), as_json, by_robot)
+            _print(next(examinations), names, as_json)
 
 
 def _watched(names: tuple[str, ...]) -> list[str]:
@@ -142,9 +152,8 @@ def _watched(names: tuple[str, ...]) -> list[str]:
     return [name for name in names or CHECKS if name != "unread"]
 
 
-def _watching(settings: NodeSettings, names: list[str], listen_s: float) -> str:
+def _watching(place: str, names: list[str], listen_s: float) -> str:
     """The first line of --watch, before anything is known."""
-    place = f"the bus, namespace /{settings.namespace}" if settings.namespace else "the bus"
     which = names[0] if len(names) == 1 else counted(len(names), "check")
     return f"{_now()} watching {place}: {which}, first findings after {duration(listen_s)}"
 
@@ -201,44 +210,53 @@ def _check_recording(
     bag: BagChoice,
     names: tuple[str, ...],
     as_json: bool,
+    roster: tuple[str, ...],
 ) -> None:
     from tfbus.doctor.recorded import examine_recorded
 
     with frames_in_span(bag, settings, fleet) as (frames, from_ns, to_ns):
-        seen = examine_recorded(frames, settings, from_ns, to_ns)
+        seen = examine_recorded(frames, settings, from_ns, to_ns, fleet, roster)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))
-        by_robot = None if fleet is None else _ByRobot(seen.moment)
-        _print(examined(seen, names), as_json, by_robot)
+        _print(seen, names, as_json)
 
 
-def _print(findings: dict[str, Finding], as_json: bool, by_robot: "_ByRobot | None") -> None:
+def _print(seen: Examination, names: tuple[str, ...], as_json: bool) -> None:
+    findings = examined(seen, names)
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
+        print_lines([_scope(seen)])
+        by_robot = _ByRobot(seen.robots)
         # Of all checks, those that cannot be made of a recording are one line.
         left_out = [name for name, each in findings.items() if each == OF_A_BUS]
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
             if alone or name not in left_out:
-                print_lines(
-                    _lines(name, finding if by_robot is None else by_robot.shortened(finding))
-                )
+                print_lines(_lines(name, by_robot.shortened(finding) if seen.is_fleet else finding))
         if left_out and not alone:
-            names = ", ".join(left_out)
-            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {names})", ""))
+            others = ", ".join(left_out)
+            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {others})", ""))
         else:
             print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
         raise SystemExit(1)
 
 
+def _scope(seen: Examination) -> str:
+    """The line that says of which namespaces the nodes and frames are."""
+    text = f"Nodes and frames of {seen.scope}"
+    if seen.below:
+        text += f"; {counted(len(seen.below), 'node')} below it: see --fleet"
+    return paint(text, "faint")
+
+
 class _ByRobot:
     """Findings of a fleet for a screen: what is wrong with many robots alike is one sentence."""
 
-    def __init__(self, moment: BusMoment) -> None:
-        robots = [each.name for each in FleetWatch().robots(moment, has_frames=False)]
-        self._robots = {chunk: robot for robot in robots for chunk in robot.split("/")}
+    def __init__(self, robots: Iterable[RobotStatus]) -> None:
+        names = [each.name for each in robots]
+        self._robots = {chunk: robot for robot in names for chunk in robot.split("/")}
 
     def shortened(self, finding: Finding) -> Finding:
         """Its first sentences, each with the robots of which the same is true."""

@@ -88,6 +88,8 @@ def install_command(
     is_system = _is_system(system, is_user)
     if run_as and not is_system:
         raise click.UsageError("--run-as is for services of the machine: give --system")
+    if run_as:
+        _check_user(run_as, is_for_here=_has_systemd() and not only_print)
     try:
         service = Service(
             name or path.stem,
@@ -169,6 +171,30 @@ def _is_system(system: bool, is_user: bool) -> bool:
     return system or (os.geteuid() == 0 and not is_user)
 
 
+def _check_user(user: str, *, is_for_here: bool) -> None:
+    """Refuse a user that this machine has not got, with whom systemd would start nothing; only warn
+    of it if the unit may be for another machine, or an image.
+    """
+    import pwd  # Windows has none
+
+    try:
+        # systemd takes a number, too, and of that no name is needed.
+        if not user.isdecimal():
+            pwd.getpwnam(user)
+    except (KeyError, ValueError):
+        missing = f"--run-as: this machine has no user {user!r}"
+        if is_for_here:
+            raise click.UsageError(
+                f"{missing}: make it (sudo useradd --create-home NAME), or name another"
+            ) from None
+        warn(f"{missing}; where the unit runs there must be one, or systemd starts nothing")
+
+
+def _has_systemd() -> bool:
+    """Whether systemd runs on this machine."""
+    return _SYSTEMD.is_dir() and shutil.which("systemctl") is not None
+
+
 def _login() -> str:
     return os.environ.get("USER") or "$USER"
 
@@ -198,7 +224,7 @@ def _write(unit: Path, text: str) -> None:
 def _systemctl(is_system: bool, commands: Sequence[Sequence[str]]) -> None:
     """Run commands of systemctl, or print them where systemd does not run."""
     called = ["systemctl", *([] if is_system else ["--user"])]
-    runs = _SYSTEMD.is_dir() and shutil.which("systemctl") is not None
+    runs = _has_systemd()
     for words in commands:
         line = " ".join([*called, *words])
         if not runs:

@@ -66,8 +66,8 @@ def command(
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
-    if roster and (fleet is None or bags):
-        raise click.UsageError("--expect names the robots of a living fleet: give --fleet")
+    if roster and bags:
+        raise click.UsageError("--expect says which robots are missing now; --bag is of the past")
     if bags:
         bag = BagChoice(bags, moment, statics=statics or "always")
         _explain_recorded(settings, fleet, target, source, bag, as_json)

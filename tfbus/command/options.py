@@ -279,11 +279,15 @@ def _with_fleet(function: F, always_fleet: bool = False) -> F:
 
 
 def roster_option(function: F) -> F:
-    """Add `--expect` to a click command; its argument `roster` has the names of robots, sorted."""
+    """Add `--expect` to a click command with `fleet_options` below it; its argument `roster` has
+    the names of robots, sorted.
+    """
 
     @functools.wraps(function)
     def command(*args: Any, expected: tuple[tuple[str, ...], ...], **values: Any) -> Any:
         names = {name for each in expected for name in each}
+        if names and not values.get("fleet", True):
+            raise click.UsageError("--expect names the robots of a fleet: give --fleet too")
         return function(*args, roster=tuple(sorted(names, key=natural_order)), **values)
 
     option = click.option(

@@ -207,12 +207,8 @@ def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[Recordin
     with reader:
         if not reader.end_ns:
             raise TfbusError(_why_empty(reader, printable(str(paths[0])), met))
-        if not reader.is_complete:
-            click.echo(
-                f"The recording is cut short: it ends at {wall(reader.end_ns)} "
-                "(tfbus bag recover writes a whole file)",
-                err=True,
-            )
+        for line in _cut_short(reader):
+            click.echo(line, err=True)
         if not says_damage:
             yield reader
             return
@@ -221,6 +217,29 @@ def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[Recordin
             yield reader
         finally:
             met.say_rest()
+
+
+# Of files that are cut short at most this number is named.
+_MOST_CUT_SHORT = 3
+
+
+def _cut_short(reader: "RecordingReader") -> "Iterator[str]":
+    """Which files are cut short, and where each ends."""
+    files = [part for part in reader.parts if not part.is_complete]
+    of_many = len(reader.parts) > 1
+    for part in files[:_MOST_CUT_SHORT]:
+        what = part.name if of_many else "The recording"
+        ends = f"it ends at {wall(part.end_ns)}" if part.end_ns else "nothing is in it"
+        more = "" if of_many else f" ({_RECOVER})"
+        yield f"{what} is cut short: {ends}{more}"
+    if of_many and files:
+        others = len(files) - _MOST_CUT_SHORT
+        also = f"so are {others} more; " if others > 0 else ""
+        whole = len(reader.parts) - len(files)
+        yield f"{also}{whole} of {len(reader.parts)} files are whole ({_RECOVER})"
+
+
+_RECOVER = "tfbus bag recover writes a whole file"
 
 
 def _why_empty(reader: "RecordingReader", name: str, met: "_Damage") -> str:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
+from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.report import Edge, EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import relative_name
 from tfbus.wording import and_more
 
 if TYPE_CHECKING:
@@ -124,9 +126,11 @@ class RecordedSpan:
 class Examination:
     """The bus in `listened_s` seconds: as seen from this host, or in a span of a recording.
 
-    `moment` is the bus at the end. Of a live bus: `host` and `ros`; `largest` is the size of each
-    stream's largest message, in bytes; `out_of_reach` says of a bus here that this process gets no
-    link to, if it sees no node. Of a recording: `span`.
+    `moment` is the bus at the end. Of a fleet, whose nodes and frames are those in all namespaces
+    below too: `robots`, worst first, and the `roster` of robots that are expected. Of a live bus:
+    `host` and `ros`; `largest` is the size of each stream's largest message, in bytes;
+    `out_of_reach` says of a bus here that this process gets no link to, if it sees no node. Of a
+    recording: `span`.
     """
 
     settings: NodeSettings
@@ -138,6 +142,9 @@ class Examination:
     largest: Mapping[str, int] = field(default_factory=dict)
     out_of_reach: str = ""
     span: RecordedSpan | None = None
+    is_fleet: bool = False
+    robots: tuple[RobotStatus, ...] = ()
+    roster: tuple[str, ...] = ()
 
     @property
     def tree(self) -> FrameTree:
@@ -145,9 +152,29 @@ class Examination:
         return self.moment.tree
 
     @property
+    def scope(self) -> str:
+        """The namespaces whose nodes and frames are checked."""
+        return scope(self.moment.namespace, is_fleet=self.is_fleet)
+
+    @property
     def nodes(self) -> tuple[NodeDescription, ...]:
-        """The nodes at the end."""
-        return self.moment.nodes
+        """The nodes of the scope at the end; those in other namespaces are `moment.nodes` too."""
+        return tuple(node for node in self.moment.nodes if self._is_in_scope(node.name))
+
+    @property
+    def unanswered(self) -> tuple[str, ...]:
+        """The nodes of the scope that were asked, and did not answer."""
+        return tuple(filter(self._is_in_scope, self.moment.unanswered))
+
+    @property
+    def below(self) -> tuple[str, ...]:
+        """The relative names of nodes in namespaces below that only a fleet's scope has."""
+        names = [relative_name(name, self.moment.namespace) for name in self.moment.node_names]
+        return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
+
+    def _is_in_scope(self, node: str) -> bool:
+        name = relative_name(node, self.moment.namespace)
+        return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:
         """The problems of a kind as sentences; in a span those that came and went, with times."""
@@ -161,6 +188,13 @@ class Examination:
                 begin = self.span.time(each.from_ns)
                 sentences.append(f"from {begin}{until}{on}, {each.problem.text}")
         return sentences
+
+
+def scope(namespace: str, *, is_fleet: bool) -> str:
+    """The namespaces whose nodes and frames are checked: `namespace /robot7`, and those below it
+    only of a fleet.
+    """
+    return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
 
 
 _MOST_SENTENCES = 10

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
@@ -33,6 +33,7 @@ from tfbus.discover.presence import Described, bus_out_of_reach
 from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
 from tfbus.errors import BusError, DecodeError, SettingsError
 from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock
+from tfbus.frames.fleet import FleetWatch
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
@@ -52,10 +53,11 @@ def examine(
     listen_s: float,
     on_unreadable: Callable[[DecodeError], object],
     fleet: Fleet | None = None,
+    roster: Sequence[str] = (),
 ) -> Generator[Examination]:
     """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet;
     then for as long again, and so on, if a further examination is asked for: it counts from where
-    the one before has ended.
+    the one before has ended. `roster` are the robots of the fleet that are expected, () for any.
 
     Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
     clock runs.
@@ -69,6 +71,7 @@ def examine(
         out_of_reach = "" if answers.nodes else bus_out_of_reach(node.session)
         host = examine_host(settings, len(node.session.routers()))
         buffer, before = Buffer(_HISTORY_S), None
+        watch = None if fleet is None else FleetWatch(roster)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
             heard = Listening(node, buffer, listener, fleet)
             while True:
@@ -88,6 +91,9 @@ def examine(
                     ros.around(node.session),
                     dict(meter.largest),
                     "" if now.nodes else out_of_reach,
+                    is_fleet=watch is not None,
+                    robots=tuple(watch.robots(now, has_frames=False)) if watch else (),
+                    roster=tuple(roster),
                 )
                 meter.close()
                 before = now

@@ -87,7 +87,7 @@ def check_alone(seen: Examination) -> Finding:
             "no link opens to a program that does not run: let it go on (fg, kill -CONT, the "
             "debugger), or end it",
         )
-    met = {node.pid for node in seen.nodes} & scouts.keys()
+    met = {node.pid for node in seen.moment.nodes} & scouts.keys()
     if met:
         return ok(f"{len(met)} of {counted(len(scouts), 'program')} of this host that scout: met")
     names = _programs(scouts, scouts)
@@ -135,7 +135,7 @@ def check_encryption(seen: Examination) -> Finding:
     beyond = list(seen.host.listens_beyond)
     if not beyond:
         return ok("open, to this machine only")
-    others = sorted({node.host for node in seen.nodes} - {seen.host.name})
+    others = sorted({node.host for node in seen.moment.nodes} - {seen.host.name})
     if not others and not seen.host.routers:
         return ok("open; no other machine is on it now; --secure closes it")
     who = f"{listed(others)} {'is' if len(others) == 1 else 'are'} on it" if others else "routed"
@@ -173,7 +173,9 @@ def check_rights(seen: Examination) -> Finding:
     closed = seen.settings.closed
     if closed is None:
         return skipped(_OPEN)
-    others = [each.name for each in seen.nodes if each.rights and each.rights != closed.digest]
+    others = [
+        each.name for each in seen.moment.nodes if each.rights and each.rights != closed.digest
+    ]
     wide = [
         f"{identity.name} may be any node, and so publish any stream"
         for identity in closed.rights.identities.values()
@@ -278,7 +280,7 @@ def _maybe_ros2(seen: Examination, where: str) -> str:
 
 def _brings(seen: Examination, kind: str) -> str:
     """Which nodes are bridges to ROS already; "" for none."""
-    bridges = [printable(node.name) for node in seen.nodes if kind in _kinds(node)]
+    bridges = [printable(node.name) for node in seen.moment.nodes if kind in _kinds(node)]
     if not bridges and kind == _BRIDGED:
         in_ros = {name for names in seen.ros.nodes.values() for name in names}
         bridges = [printable(name) for name in sorted(in_ros) if is_bridge(name)]

@@ -1,14 +1,17 @@
 """Gathers all that the checks need from a recording; no Zenoh."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.doctor.examination import PASSING, Examination, PassingProblem, RecordedSpan
 from tfbus.frames.changes import Ticks
+from tfbus.frames.fleet import FleetWatch
 from tfbus.frames.moment import Ongoing
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import Problem, ProblemKind
 from tfbus.monitor.meter import SpanMeter, measure
+from tfbus.wire.fleet import Fleet
 
 # A recording of a bus where streams come and go all the time has many changes: the tree is looked
 # at no more often than this.
@@ -19,9 +22,14 @@ _LOOK_EVERY_NS = 500_000_000
 
 
 def examine_recorded(
-    frames: RecordedFrames, settings: NodeSettings, from_ns: int, to_ns: int
+    frames: RecordedFrames,
+    settings: NodeSettings,
+    from_ns: int,
+    to_ns: int,
+    fleet: Fleet | None = None,
+    roster: Sequence[str] = (),
 ) -> Examination:
-    """Look at a span of a recording."""
+    """Look at a span of a recording, whose frames are of a fleet if one is given."""
     meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
     lost = 0
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
@@ -42,12 +50,16 @@ def examine_recorded(
         paused=len(meter.pauses),
         damage=tuple(each.text(frames.start_ns) for each in frames.source.damage),
     )
+    moment, watch = frames.moment(), FleetWatch(roster)
     return Examination(
         replace(settings, sim_time=frames.is_simulated),
-        frames.moment(),
+        moment,
         tuple(meter.edges()),
         listened_s=(to_ns - from_ns) / 1e9,
         span=span,
+        is_fleet=fleet is not None,
+        robots=() if fleet is None else tuple(watch.robots(moment, has_frames=False)),
+        roster=tuple(roster),
     )
 
 

@@ -16,7 +16,7 @@ from tfbus.doctor.examination import (
 )
 from tfbus.frames.moment import silent_s, state
 from tfbus.frames.snapshot import REMEDIES, ProblemKind, who
-from tfbus.wording import counted, duration, listed
+from tfbus.wording import counted, duration, listed, natural_order
 
 # A sentence names at most this many namespaces.
 _NAMED = 5
@@ -30,28 +30,26 @@ _MOST_TIMES = 5
 
 @check("nodes", needs="bus")
 def check_nodes(seen: Examination) -> Finding:
-    """There are nodes in the namespace that the doctor looks at, and each answers."""
-    if unanswered := [name for name in seen.moment.unanswered if not _is_tool(name)]:
+    """There are nodes in the namespaces that the doctor looks at, and each answers."""
+    if unanswered := [name for name in seen.unanswered if not _is_tool(name)]:
         return Finding(
             "warn",
             tuple(f"{name} is there, and did not answer" for name in unanswered),
             "see whether the process is stopped (Ctrl-Z, a debugger) or too busy",
         )
-    namespace = seen.settings.namespace
-    inside = [node.name.strip("/") for node in seen.nodes if not _is_tool(node.name)]
-    inside = [name.removeprefix(f"{namespace}/") for name in inside if _is_below(name, namespace)]
-    robots = sorted({name.rpartition("/")[0] for name in inside} - {""})
-    here = sum("/" not in name for name in inside)
-    if here or seen.tree.frames:
-        also = [f"more are in {_namespaces(robots)}"] if robots else []
-        return ok(counted(here, "node"), *also)
-    if robots:
+    count = sum(not _is_tool(node.name) for node in seen.nodes)
+    robots = {name.rpartition("/")[0] for name in seen.below if not _is_tool(name)}
+    below = sorted(robots, key=natural_order)
+    if count or seen.tree.frames:
+        also = [f"not checked without --fleet: {_namespaces(below)}"] if below else []
+        return ok(f"{counted(count, 'node')} in {seen.scope}", *also)
+    if below:
         return Finding(
             "warn",
-            (f"no nodes here; robots are in {_namespaces(robots)}",),
-            f"look with --namespace {robots[0]}, or at all robots with --fleet",
+            (f"no node in {seen.scope}; robots are in {_namespaces(below)}",),
+            f"look with --namespace {below[0]}, or at all robots with --fleet",
         )
-    where = f" in namespace {namespace!r}" if namespace else ""
+    where = f" in {seen.scope}"
     if seen.out_of_reach:
         what, _, remedy = seen.out_of_reach.partition(": ")
         return Finding("warn", (f"no node was found{where}; {what}",), remedy)
@@ -67,12 +65,31 @@ def _is_tool(name: str) -> bool:
     return name.rpartition("/")[2].startswith("_")
 
 
-def _is_below(name: str, namespace: str) -> bool:
-    return not namespace or name.startswith(f"{namespace}/")
-
-
 def _namespaces(names: list[str]) -> str:
     return f"namespace{'s' * (len(names) > 1)} {listed(names, most=_NAMED)}"
+
+
+@check("robots")
+def check_robots(seen: Examination) -> Finding:
+    """Each robot of the roster is there, and no other."""
+    if not seen.roster:
+        return skipped("no roster was given: --fleet --expect ROBOTS")
+    lost = [each for each in seen.robots if each.is_expected and each.state != "there"]
+    others = [f"{each.name} is not in the roster" for each in seen.robots if not each.is_expected]
+    if lost:
+        states = [f"{each.name}: {each.state_text(seen.moment.at_ns)}" for each in lost]
+        return Finding(
+            "fail",
+            (*states, *others),
+            "start it, or check its link and the namespace of its nodes (tfbus fleet --watch shows "
+            "when it comes); take a robot that will not come from the roster",
+        )
+    return found(
+        "warn",
+        others,
+        "add it to the roster (--expect), or correct the namespace of its nodes",
+        f"{len(seen.roster):,} of {counted(len(seen.roster), 'robot')} there",
+    )
 
 
 @check("node-names")

@@ -11,8 +11,9 @@ from tfbus.buffer.info import FrameInfo
 from tfbus.frames.moment import BusMoment, faults
 from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
+from tfbus.listen.watch import MOST_GONE
 from tfbus.wire.keys import namespace_of_node, relative
-from tfbus.wording import duration, natural_order
+from tfbus.wording import duration, listed, natural_order
 
 RobotState = Literal["gone", "missing", "there"]
 
@@ -41,7 +42,8 @@ class RobotStatus:
     ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
     an estimate of what they take on the air: their payloads, and what the network adds to each. All
     are None while not known. `versions` are those of tfbus in its nodes. `problems` are those of
-    its frames, `stale` counts frames that are silent.
+    its frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
+    same name run at once, as where a robot and the one that takes its place are both on.
     """
 
     name: str
@@ -57,11 +59,12 @@ class RobotStatus:
     frames: int = 0
     stale: int = 0
     problems: tuple[Problem, ...] = ()
+    twice: tuple[str, ...] = ()
 
     @property
     def is_well(self) -> bool:
         """Whether it is there, without any problem."""
-        return self.state == "there" and not self.problems and not self.stale
+        return self.state == "there" and not (self.problems or self.stale or self.twice)
 
     @property
     def trouble(self) -> str:
@@ -71,6 +74,7 @@ class RobotStatus:
         count = Counter(each.kind for each in self.problems)
         words = [kind if times == 1 else f"{times} {kind}" for kind, times in count.items()]
         words += [f"{self.stale} stale"] if self.stale else []
+        words += [f"twice, on {listed(self.twice, most=2)}"] if self.twice else []
         return ", ".join(words if self.is_expected else [*words, "not expected"])
 
     def state_text(self, at_ns: int) -> str:
@@ -118,22 +122,35 @@ class _Parts:
     frames: _Frames = field(default_factory=_Frames)
 
 
+@dataclass
+class _Seen:
+    """What is remembered of a robot that was there: its versions, and the frames of the last look.
+
+    `gone_ns` is None while it is there, and if since when it is gone is not known.
+    """
+
+    is_there: bool = False
+    gone_ns: int | None = None
+    versions: tuple[str, ...] = ()
+    frames: _Frames = field(default_factory=_Frames)
+
+
 class FleetWatch:
-    """The robots from moment to moment: it remembers which there were, and when they left.
+    """The robots from moment to moment: it remembers which there were, and when they left; of
+    robots outside of the roster the last thousand that are gone.
 
     `roster` are the names of the robots that are expected, () for any. With `shares_frames` each
     robot's frames should be joined to the frames that robots share.
     """
 
     def __init__(self, roster: Iterable[str] = (), *, shares_frames: bool = False) -> None:
-        self._roster = tuple(roster)
+        self._roster = dict.fromkeys(roster)
         self._shares_frames = shares_frames
-        # Of all robots seen so far; None where it is there, or since when it is gone is not known.
-        self._gone_ns: dict[str, int | None] = {}
-        self._there: set[str] = set()
-        self._versions: dict[str, tuple[str, ...]] = {}
-        self._frames: dict[str, _Frames] = {}
+        self._seen: dict[str, _Seen] = {}
+        # How many messages and bytes had come of each living stream, at the last moments; and since
+        # which moment it has gone on without a pause.
         self._counted: deque[tuple[int, Mapping[str, tuple[int, int]]]] = deque()
+        self._since_ns: dict[str, int] = {}
 
     def robots(self, moment: BusMoment, *, has_frames: bool = True) -> list[RobotStatus]:
         """The robots at a moment, worst first. One before the last moment begins again, as of a
@@ -141,34 +158,39 @@ class FleetWatch:
         seen last count, and ages are by the streams.
         """
         if self._counted and moment.at_ns < self._counted[-1][0]:
-            for memory in (
-                self._counted,
-                self._gone_ns,
-                self._there,
-                self._versions,
-                self._frames,
-            ):
-                memory.clear()
+            self._seen.clear()
+            self._counted.clear()
+            self._since_ns.clear()
         parts = self._parts(moment, has_frames)
         loads = self._loads(moment, parts)
-        known = {*self._roster, *parts, *self._gone_ns}
-        statuses = (
+        statuses = [
             self._status(name, parts.get(name) or _Parts(), loads.get(name), moment)
-            for name in known
-        )
+            for name in {*self._roster, *parts}
+        ]
         if not has_frames:
-            statuses = (
+            statuses = [
                 replace(each, age_s=_age_s(parts.get(each.name) or _Parts(), moment))
                 for each in statuses
-            )
+            ]
+        self._forget()
         return worst_first(statuses)
+
+    def _forget(self) -> None:
+        """Make room: forget robots outside of the roster that have been gone for longest."""
+        gone = [
+            (seen.gone_ns or 0, name)
+            for name, seen in self._seen.items()
+            if not seen.is_there and name not in self._roster
+        ]
+        for _, name in sorted(gone)[: max(len(gone) - MOST_GONE, 0)]:
+            del self._seen[name]
 
     def _parts(self, moment: BusMoment, has_frames: bool) -> dict[str, _Parts]:
         nodes = {name: _below(namespace_of_node(name), moment) for name in moment.node_names}
         streams = {name: _of_stream(each, moment) for name, each in moment.streams.items()}
-        robots = _robots({*nodes.values(), *streams.values(), *self._roster, *self._gone_ns})
-        parts = {name: _Parts() for name in {*robots.values()} - {*self._roster, *self._gone_ns}}
-        parts |= {name: _Parts() for name in self._gone_ns}
+        robots = _robots({*nodes.values(), *streams.values(), *self._roster, *self._seen})
+        parts = {name: _Parts() for name in {*robots.values()} - self._roster.keys()}
+        parts |= {name: _Parts() for name in self._seen}
         for name, namespace in nodes.items():
             if namespace:
                 parts.setdefault(robots[namespace], _Parts()).nodes.append(name)
@@ -179,22 +201,22 @@ class FleetWatch:
             self._judge(
                 moment, {name: robots[each] for name, each in streams.items() if each}, parts
             )
-        for name, part in parts.items():
-            part.frames = self._frames.get(name) or part.frames
+        else:
+            for name in parts.keys() & self._seen.keys():
+                parts[name].frames = self._seen[name].frames
         return parts
 
     def _judge(
         self, moment: BusMoment, of_stream: Mapping[str, str], parts: Mapping[str, _Parts]
     ) -> None:
         """Look at all frames, and what is wrong with them."""
-        self._frames = {name: _Frames() for name in parts}
         for frame in moment.tree.frames.values():
             robot = of_stream.get(frame.authority)
             if robot is not None:
-                self._frames[robot].add(moment.tree, frame)
+                parts[robot].frames.add(moment.tree, frame)
         for problem in self._problems(moment.tree, moment.problems, parts):
             for name in _concerned(problem, moment.tree, of_stream, parts):
-                self._frames[name].problems.append(problem)
+                parts[name].frames.problems.append(problem)
 
     def _problems(
         self, tree: FrameTree, problems: Iterable[Problem], parts: Mapping[str, _Parts]
@@ -211,49 +233,62 @@ class FleetWatch:
     def _loads(
         self, moment: BusMoment, parts: Mapping[str, _Parts]
     ) -> dict[str, tuple[float, float]]:
-        """Messages and bytes per second of each robot, since some moments ago."""
+        """Messages and bytes per second of each robot, since some moments ago; of a stream that
+        was not there all the time, since it is.
+        """
         now = {
             name: (each.messages, each.bytes) for name, each in moment.streams.items() if each.alive
         }
         self._counted.append((moment.at_ns, now))
         while len(self._counted) > 2 and moment.at_ns - self._counted[1][0] >= _RECENT_S * 1e9:
             self._counted.popleft()
-        then_ns, then = self._counted[0]
-        over_s = (moment.at_ns - then_ns) / 1e9
-        if over_s <= 0.0:
-            return {}
+        last = self._counted[-2][1] if len(self._counted) > 1 else {}
+        self._since_ns = {
+            name: self._since_ns[name]
+            if name in last and last[name][0] <= count[0]
+            else moment.at_ns
+            for name, count in now.items()
+        }
         loads = {}
         for robot, part in parts.items():
-            messages = size = 0
-            for stream in part.streams:
-                if stream.name in now:
-                    before = then.get(stream.name, (0, 0))
-                    messages += max(stream.messages - before[0], 0)
-                    size += max(stream.bytes - before[1], 0)
-            size += _AROUND_MESSAGE * messages + _HEADERS * size // _PACKET
-            loads[robot] = messages / over_s, size / over_s
+            rates = [self._load(each.name) for each in part.streams if each.name in now]
+            known = [rate for rate in rates if rate is not None]
+            if known:
+                loads[robot] = sum(each[0] for each in known), sum(each[1] for each in known)
         return loads
+
+    def _load(self, stream: str) -> tuple[float, float] | None:
+        """Messages and bytes on the air per second of a stream; None if it came just now."""
+        now_ns, now = self._counted[-1]
+        since_ns = self._since_ns[stream]
+        then_ns, then = next(each for each in self._counted if each[0] >= since_ns)
+        over_s = (now_ns - then_ns) / 1e9
+        if over_s <= 0.0:
+            return None
+        messages, size = (new - old for new, old in zip(now[stream], then[stream], strict=True))
+        size += _AROUND_MESSAGE * messages + _HEADERS * size // _PACKET
+        return messages / over_s, size / over_s
 
     def _status(
         self, name: str, parts: _Parts, load: tuple[float, float] | None, moment: BusMoment
     ) -> RobotStatus:
         is_expected = not self._roster or name in self._roster
         is_there = bool(parts.nodes) or any(stream.alive for stream in parts.streams)
+        if not is_there and name not in self._seen and not parts.streams:
+            return RobotStatus(name, "missing", is_expected)
+        seen = self._seen.setdefault(name, _Seen())
+        seen.frames = parts.frames
         if is_there:
-            self._gone_ns[name] = None
-            self._there.add(name)
+            seen.is_there, seen.gone_ns = True, None
             in_parts = set(parts.nodes)
             versions = {each.version for each in moment.nodes if each.name in in_parts}
             # A node that came just now has not been asked yet.
-            self._versions[name] = tuple(sorted(versions)) or self._versions.get(name, ())
-        elif name not in self._gone_ns and not parts.streams:
-            return RobotStatus(name, "missing", is_expected)
-        elif self._gone_ns.get(name) is None:
+            seen.versions = tuple(sorted(versions)) or seen.versions
+        elif seen.gone_ns is None:
             heard = [each.last_heard_ns for each in parts.streams if each.last_heard_ns]
             # The listener may have known of it for longer than this watch.
-            was_there = name in self._there
-            self._there.discard(name)
-            self._gone_ns[name] = moment.at_ns if was_there else max(heard, default=None)
+            seen.gone_ns = moment.at_ns if seen.is_there else max(heard, default=None)
+            seen.is_there = False
         offsets = [
             each.clock_offset_s
             for each in parts.streams
@@ -264,17 +299,27 @@ class FleetWatch:
             name,
             "there" if is_there else "gone",
             is_expected,
-            None if is_there else self._gone_ns[name],
+            seen.gone_ns,
             parts.frames.age_s,
             max(offsets, key=abs, default=None),
             messages_hz,
             bytes_per_s,
-            self._versions.get(name, ()),
+            seen.versions,
             tuple(sorted(parts.nodes, key=natural_order)),
             parts.frames.count,
             parts.frames.stale,
             tuple(parts.frames.problems),
+            _twice(parts, moment),
         )
+
+
+def _twice(parts: _Parts, moment: BusMoment) -> tuple[str, ...]:
+    """The hosts of those nodes of a robot that run more than once."""
+    names = set(parts.nodes)
+    nodes = [each for each in moment.nodes if each.name in names]
+    count = Counter(each.name for each in nodes)
+    hosts = {each.host for each in nodes if count[each.name] > 1}
+    return tuple(sorted(hosts, key=natural_order))
 
 
 def _age_s(parts: _Parts, moment: BusMoment) -> float | None:

@@ -92,11 +92,12 @@ class DescribedTree:
         if not changed:
             return set()
         self._remove(stream)
-        self._streams[stream] = edges
+        if edges:
+            self._streams[stream] = edges
         for edge in edges:
             self._above.setdefault(edge.child, {})[stream] = edge
             self._below[edge.parent] += 1
-        if not alive:
+        if not alive and edges:
             self._gone[stream] = None
         return {edge.child for edge in changed}
 
@@ -195,6 +196,8 @@ def _agree(edges: list[DescribedEdge]) -> bool:
 KEPT_S = 60.0
 # How often in that time the buffer is asked which lookups are repeated.
 _ROUNDS = 4
+# A subscription that failed is tried again after this time.
+_RETRIED_AFTER_S = 1.0
 # A stream that is read for longer should have sent something.
 _SOON_S = 1.0
 
@@ -209,7 +212,8 @@ _log = library_log(__name__)
 Subscribe = Callable[[str, str, bool], Declaration]
 # A key is no longer read, and its frames would only grow old: stream, key, frames.
 Forget = Callable[[str, str, set[str]], object]
-# The streams in these namespaces, and those of any that list one of these frames, may be needed.
+# The streams in these namespaces, and those of any that list one of these frames, may be needed,
+# and no others.
 Want = Callable[[Set[str], Set[str]], object]
 
 
@@ -220,10 +224,12 @@ class Reading(Protocol):
         """Read what lookups of this pair need, from now until the end."""
 
     def find(self, fleet: Fleet, want: Want) -> None:
-        """Call `want` for the robots of a fleet that may have what is read, if that is not all."""
+        """Call `want` with the robots of a fleet that may have what is read, if that is not all."""
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
-        """Take the frames that a stream lists now; `names` is how they are called here."""
+        """Take the frames that a stream lists now, none if it is not known; `names` is how they are
+        called here.
+        """
 
     def keys_of(self, stream_key: str) -> list[str]:
         """The keys of dynamic transforms that are read of the stream of this token."""
@@ -304,9 +310,10 @@ class Interest:
         self._subscriptions: dict[str, _Subscription] = {}
         self._fleet: Fleet | None = None
         self._want: Want = lambda namespaces, frames: None
-        # What is wanted, and since when a frame that any robot may have has been needed.
-        self._wanted: set[str] = set()
-        self._wanted_frames: set[str] = set()
+        # The namespaces and frames that are wanted, with since when one is not needed; and since
+        # when a frame that any robot may have has been needed.
+        self._wanted: dict[str, float | None] = {}
+        self._wanted_frames: dict[str, float | None] = {}
         self._needed_since: dict[str, float] = {}
         self._closed = False
         self._changed = scheduler.Event()
@@ -332,22 +339,25 @@ class Interest:
         self._changed.set()
 
     def find(self, fleet: Fleet, want: Want) -> None:
-        """Call `want` for the robots of a fleet whose streams may have what lookups need, whenever
-        there are more of them.
+        """Call `want` with the robots of a fleet whose streams may have what lookups need, whenever
+        these change.
         """
         self._fleet, self._want = fleet, want
         self._changed.set()
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
-        """Take the frames that a stream lists now; `names` is how they are called here."""
+        """Take the frames that a stream lists now, none if it is not known; `names` is how they are
+        called here.
+        """
         description = state.description
+        edges = []
         if description is not None:
             edges = described_edges(state.name, state.key, description, names)
-            with self._lock:
-                changed = self._tree.update(state.name, edges, alive=state.alive)
-                is_decisive = not self._decisive.isdisjoint(changed)
-            if is_decisive:
-                self._changed.set()
+        with self._lock:
+            changed = self._tree.update(state.name, edges, alive=state.alive)
+            is_decisive = not self._decisive.isdisjoint(changed)
+        if is_decisive:
+            self._changed.set()
 
     def keys_of(self, stream_key: str) -> list[str]:
         """The keys of dynamic transforms that are read of the stream of this token."""
@@ -417,17 +427,11 @@ class Interest:
             if now >= next_round:
                 next_round = now + self._kept_s / _ROUNDS
                 self._forget_questions(now)
-            try:
-                self._follow(now)
-            except BusError:
-                return  # the session is closed
-            except Exception:
-                self._once.exception("failed", "Could not subscribe to what lookups need; retrying")
-            next_s = min(
-                (since_s + _SOUGHT_AFTER_S for since_s in self._needed_since.values()),
-                default=next_round,
-            )
-            self._changed.wait(max(min(next_s, next_round) - self._clock(), 0.0))
+            times = [next_round]
+            if not self._follow(now):
+                times.append(now + min(self._kept_s / _ROUNDS, _RETRIED_AFTER_S))
+            times += [since_s + _SOUGHT_AFTER_S for since_s in self._needed_since.values()]
+            self._changed.wait(max(min(times) - self._clock(), 0.0))
             self._changed.clear()
 
     def _forget_questions(self, now: float) -> None:
@@ -440,44 +444,77 @@ class Interest:
             }
         self._buffer.ask_again()
 
-    def _follow(self, now: float) -> None:
+    def _follow(self, now: float) -> bool:
+        """Subscribe to what is needed, and leave what is not; whether all that succeeded."""
         with self._lock:
             pairs = [*self._needed, *self._asked]
             self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})
             needed = {edge.key: edge for edge in self._tree.edges_needed(pairs)}
             frames = set() if self._fleet is None else self._tree.frames_needed(pairs)
-        if self._fleet is not None:
-            self._find(self._fleet, frames, now)
+        failed = 0
         for key, edge in needed.items():
             subscription = self._subscriptions.get(key)
-            if subscription is None:
+            if subscription is not None:
+                subscription.idle_since = None
+                continue
+            # One that fails keeps no other from being read.
+            try:
                 declaration = self._subscribe(edge.stream, key, edge.static)
                 self._subscriptions[key] = _Subscription(edge.stream, declaration)
-            else:
-                subscription.idle_since = None
+            except Exception as error:
+                failed += 1
+                self._say_failed(key, error)
         for key, subscription in [*self._subscriptions.items()]:
             if key not in needed:
                 self._leave_when_idle(key, subscription, now)
+        if self._fleet is not None:
+            # After the keys of streams that are not wanted any longer have been left.
+            self._find(self._fleet, frames, now)
+        return not failed
+
+    def _say_failed(self, key: str, error: Exception) -> None:
+        """Log once that a key could not be subscribed to, unless that is the end of the session."""
+        if self._closed:
+            return
+        message = "Could not subscribe to %r, which lookups need; retrying"
+        if isinstance(error, BusError):
+            self._once.warning("failed", f"{message}: %s", key, error)
+        else:
+            self._once.exception("failed", message, key)
 
     def _find(self, fleet: Fleet, frames: set[str], now: float) -> None:
         """Want the streams that may send these frames: by the robot of a frame at once, by a list
-        with a shared frame once that is still needed when the robots may have said theirs.
+        with a shared frame once that is still needed when the robots may have said theirs. Those
+        that have not been needed for as long as a key is read are wanted no longer.
         """
-        shared = (frames & fleet.shared_frames) - self._wanted_frames
+        shared = (frames & fleet.shared_frames) - self._wanted_frames.keys()
         self._needed_since = {frame: self._needed_since.get(frame, now) for frame in shared}
         sought = {
             frame
             for frame, since_s in self._needed_since.items()
             if now >= since_s + _SOUGHT_AFTER_S
         }
-        namespaces = {above for frame in frames for above in fleet.namespaces_of(frame)}
-        namespaces -= self._wanted
         for frame in sought:
             del self._needed_since[frame]
-        if namespaces or sought:
-            self._wanted |= namespaces
-            self._wanted_frames |= sought
-            self._want(namespaces, sought)
+        sought |= frames & self._wanted_frames.keys()
+        namespaces = {above for frame in frames for above in fleet.namespaces_of(frame)}
+        # Both, so without `or`.
+        if self._keep(self._wanted, namespaces, now) | self._keep(self._wanted_frames, sought, now):
+            self._want({*self._wanted}, {*self._wanted_frames})
+
+    def _keep(self, kept: dict[str, float | None], needed: set[str], now: float) -> bool:
+        """Keep these names, and others until they have been idle for long; whether any is new or
+        left.
+        """
+        before = {*kept}
+        for name in before - needed:
+            idle_since = kept[name]
+            if idle_since is None:
+                kept[name] = now
+            elif now - idle_since >= self._kept_s:
+                del kept[name]
+        kept.update(dict.fromkeys(needed))
+        return kept.keys() != before
 
     def _leave_when_idle(self, key: str, subscription: _Subscription, now: float) -> None:
         if subscription.idle_since is None:

@@ -150,6 +150,7 @@ class TransformListener:
             log=node.log,
             executor=self._executor,
             is_heard=self._is_heard,
+            on_unwanted=self._on_unwanted,
         )
         if fleet is not None:
             self._reading.find(fleet, self._want)
@@ -332,11 +333,23 @@ class TransformListener:
             self._executor.submit("streams", lambda: self._forget_stream(state))
 
     def _forget_stream(self, state: StreamState) -> None:
+        self._leave_stream(state)
+        self._watch.forget(state.key)
+
+    def _leave_stream(self, state: StreamState) -> None:
         self._conflicts.judge(state.name, None)
         self._history.leave(self._reading.keys_of(state.key), state.name)
         self._recovery.leave(state.name)
         self._offsets.forget(state.name)
-        self._watch.forget(state.key)
+
+    def _on_unwanted(self, state: StreamState) -> None:
+        """No lookup needs a stream any longer: no more than its token is known."""
+        self._leave_stream(state)
+        self._reading.update(state, None)
+        stream = self._registry.get(state.name)
+        if stream is not None and not stream.read_keys:
+            self._registry.forget(state.name)
+            self._on_forgotten(state.name)
 
     def _make_reception(self, name: str, key: str) -> StreamReception:
         reception = StreamReception(

@@ -22,7 +22,8 @@ class WantedStreams:
     """The streams in some namespaces, and all streams that list one of some frames.
 
     Each stream that answers a question whether it lists them is given to `on_answer(answer)`, which
-    may call `finds`. All that runs on the executor's thread.
+    may call `finds`. All that runs on the executor's thread. It remembers streams that `finds` has
+    found until `lets_go`, or `forget`.
     """
 
     def __init__(
@@ -41,10 +42,9 @@ class WantedStreams:
         return key in self._found or namespace_of(key) in self._namespaces
 
     def want(self, namespaces: Set[str], frames: Set[str]) -> frozenset[str]:
-        """Want these from now on, too; returns the namespaces that are new."""
+        """Want these from now on, and no others; returns the namespaces that are new."""
         new, sought = frozenset(namespaces) - self._namespaces, frozenset(frames) - self.frames
-        self._namespaces |= new
-        self.frames |= sought
+        self._namespaces, self.frames = frozenset(namespaces), frozenset(frames)
         if sought:
             self._ask(ALL_STREAMS_EVERYWHERE, sought)
         return new
@@ -62,6 +62,15 @@ class WantedStreams:
         if is_found:
             self._found.add(key)
         return is_found
+
+    def lets_go(self, key: str, description: StreamDescription) -> bool:
+        """Whether a stream that describes itself so is wanted no longer."""
+        self._found.discard(key)
+        return key not in self and not self.finds(key, description)
+
+    def forget(self, key: str) -> None:
+        """A stream is long gone."""
+        self._found.discard(key)
 
     def _ask_met(self) -> None:
         met = [*self._met]

@@ -93,7 +93,8 @@ class StreamWatch:
     token shows that one of them has ended.
 
     With `only_wanted`, descriptions are asked for, and changes reported, only of the streams that
-    `want` names. Of all others no more than the token is known.
+    `want` names. Of all others no more than the token is known: one that is wanted no longer is
+    reported once more, without its description, by `on_unwanted(state)`.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class StreamWatch:
         log: logging.Logger | None = None,
         executor: Executor | None = None,
         is_heard: Callable[[str, float], bool] = lambda name, last_s: False,
+        on_unwanted: Callable[[StreamState], object] = lambda state: None,
     ) -> None:
         self._gone_after_s = session.network.gone_after_s
         self._is_heard = is_heard
@@ -113,10 +115,11 @@ class StreamWatch:
         self._rights = StreamRights.of_settings(session.settings)
         self._session = session
         self._on_change = on_change
+        self._on_unwanted = on_unwanted
         log = log or logging.getLogger(__name__)
         self._once = LogOnce(log)
         self._states: dict[str, StreamState] = {}
-        self._gone: Bounded[str, None] = Bounded(MOST_GONE, lambda name, _: self._states.pop(name))
+        self._gone: Bounded[str, None] = Bounded(MOST_GONE, lambda name, _: self._evict(name))
         # When the tokens came that are back, and whose descriptions are not there so far.
         self._returning: dict[str, float] = {}
         # The tokens that are there.
@@ -159,15 +162,29 @@ class StreamWatch:
         return dict(self._states)
 
     def want(self, namespaces: Set[str], frames: Set[str]) -> None:
-        """Watch the streams of these namespaces too, and all that list one of these child frames,
-        as the streams call them. Call it on the executor's thread.
+        """Watch the streams of these namespaces, and all that list one of these child frames, as
+        the streams call them; others no longer. Call it on the executor's thread.
         """
-        new = frozenset[str]()
-        if self._wanted is not None and not self._closed:
-            new = self._wanted.want(namespaces, frames)
-        for state in [*self._states.values()] if new else ():
+        if self._wanted is None or self._closed:
+            return
+        new = self._wanted.want(namespaces, frames)
+        for state in [*self._states.values()]:
             if state.alive and namespace_of(state.key) in new:
                 self._ask_about(state.key)
+            elif state.description is not None and self._wanted.lets_go(
+                state.key, state.description
+            ):
+                self._end_questions(state.key)
+                self._returning.pop(state.name, None)
+                left = StreamState(state.name, state.alive, None, state.key, silent=state.silent)
+                self._states[state.name] = left
+                self._on_unwanted(left)
+
+    def _evict(self, name: str) -> None:
+        """Forget a stream that is long gone."""
+        state = self._states.pop(name)
+        if self._wanted is not None:
+            self._wanted.forget(state.key)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
         """Ask for the description of this epoch: another process publishes the stream now. Call it

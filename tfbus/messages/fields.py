@@ -47,6 +47,9 @@ class ArrayOf:
         if isinstance(value, bytes | bytearray | memoryview):
             return self.of_memory(value, name)
         given = np.asarray(value)
+        flags = given.flags
+        if flags.c_contiguous and not flags.writeable and given is value and self._is_made(given):
+            return given
         if not given.size:
             given = given.reshape(-1, *self._tail).astype(self.dtype)
         if given.ndim != 1 + len(self._tail) or given.shape[1:] != self._tail:
@@ -56,6 +59,10 @@ class ArrayOf:
         array = np.ascontiguousarray(array).view()
         array.flags.writeable = False
         return array
+
+    def _is_made(self, array: Any) -> bool:
+        """Whether an array is as `made` and `of_memory` have them, but for its flags."""
+        return bool(array.dtype.str == self.dtype and array.shape[1:] == self._tail and array.ndim)
 
     def of_memory(self, data: Any, name: str) -> Any:
         """An array on the bytes of another object, which cannot be written to.

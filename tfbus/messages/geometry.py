@@ -99,6 +99,20 @@ class PoseStamped:
 
 
 @dataclass(frozen=True, slots=True)
+class PointStamped:
+    """A point in the frame `frame_id` at stamp_ns, in m, as a click on a scene gives it."""
+
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PointStamped"
+
+    stamp_ns: int
+    frame_id: str
+    point: Vector3 = field(default_factory=Vector3)
+
+    def __post_init__(self) -> None:
+        check_stamp("stamp_ns", self.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
 class Path:
     """A way to go at stamp_ns: poses one behind the other, in the frame `frame_id`.
 

@@ -111,12 +111,8 @@ class PointCloud(WithArrays):
         self._make_arrays()
         if len(self.fields) > _MOST_COLUMNS:
             raise ValueError(f"fields must be at most {_MOST_COLUMNS}, not {len(self.fields)}")
-        for each in self.fields:
-            if each.offset + each.size > self.point_step:
-                raise ValueError(
-                    f"the column {each.name[:60]!r} must end within point_step, {self.point_step} "
-                    f"bytes, not at {each.offset + each.size}"
-                )
+        object.__setattr__(self, "fields", tuple(self.fields))
+        _layout(self.fields, self.is_bigendian, self.point_step)
         if self.row_step < self.width * self.point_step:
             raise ValueError(
                 f"row_step must be at least width times point_step, "
@@ -125,8 +121,6 @@ class PointCloud(WithArrays):
         if self.height * self.width and not self.point_step:
             raise ValueError("point_step must be at least 1 byte")
         check_size("data", self.data, self.height, self.row_step, of="height times row_step")
-        object.__setattr__(self, "fields", tuple(self.fields))
-        _layout(self.fields, self.is_bigendian, self.point_step)
 
     @classmethod
     def from_xyz(
@@ -312,7 +306,16 @@ _EPOCH_S = 3e8
 
 @lru_cache(64)
 def _layout(fields: tuple[PointField, ...], is_bigendian: bool, point_step: int) -> Any:
-    """The structured dtype of a point. Raises ValueError for two columns of one name."""
+    """The structured dtype of a point. Raises ValueError for two columns of one name, and for one
+    that does not end within the point.
+    """
+    for each in fields:
+        if each.offset + each.size > point_step:
+            raise ValueError(
+                f"the column {each.name[:60]!r} must end within point_step, {point_step} bytes, "
+                f"not at {each.offset + each.size}"
+            )
+
     order = ">" if is_bigendian else "<"
     names = [each.name or f"unnamed_field_{at}" for at, each in enumerate(fields)]
     if len(set(names)) != len(names):

@@ -266,7 +266,7 @@ class _Repeated:
 
 def _digest(item: TransformItem | TopicItem) -> int:
     if isinstance(item, TopicItem):
-        return hash((item.topic, item.type_name, repr(item.values)))
+        return hash((item.topic, item.content))
     rows, stream = item.rows, item.stream
     names = tuple([(rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs()])
     told = (stream.name, stream.epoch_ns, item.static, item.seq)

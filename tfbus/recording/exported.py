@@ -72,13 +72,13 @@ def write_topic_csv(messages: Callable[[], Iterable[Item]], path: Path) -> int:
     """
     header = {_LOG_TIME: None}
     for item in _messages(messages()):
-        header |= dict.fromkeys(_flat(item.values))
+        header |= dict.fromkeys(_flat(item.with_arrays))
     count = 0
     with replacing(path) as file, _TextInto(file) as text:
         rows = csv.DictWriter(text, list(header), restval="", lineterminator="\n")
         rows.writeheader()
         for item in _messages(messages()):
-            rows.writerow({**_flat(item.values), _LOG_TIME: item.log_ns})
+            rows.writerow({**_flat(item.with_arrays), _LOG_TIME: item.log_ns})
             count += 1
     return count
 
@@ -135,7 +135,7 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     for name, value in values.items():
         if isinstance(value, Mapping):
             fields |= _flat(value, f"{above}{name}.")
-        elif isinstance(value, (list, tuple, bytes)):
+        elif isinstance(value, list | tuple | bytes | memoryview) or hasattr(value, "dtype"):
             fields[above + name] = json.dumps(value, default=_as_json)
         else:
             fields[above + name] = value
@@ -143,7 +143,9 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def _as_json(value: Any) -> Any:
-    return value.hex() if isinstance(value, bytes) else str(value)
+    if isinstance(value, bytes | memoryview):
+        return value.hex()
+    return value.tolist() if hasattr(value, "dtype") else str(value)
 
 
 class _TextInto(io.TextIOWrapper):

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tfbus.geometry.columns import Columns
+from tfbus.ros.counterparts import with_arrays
 from tfbus.ros.definitions import Definition
+from tfbus.ros.message_type import message_of
 
 EventKind = Literal[
     "stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped", "filled"
@@ -43,8 +45,9 @@ class TransformItem:
 
 @dataclass(frozen=True)
 class TopicItem:
-    """A message of a topic: its fields by name. `type_name` is the name of its type, as its
-    publisher's node says, "" if it does not. A `retained` one stays in force until the next.
+    """A message of a topic: its fields by name, as they go over the bus. `type_name` is the name of
+    its type, as its publisher's node says, "" if it does not. A `retained` one stays in force until
+    the next.
 
     `encoded` is the same message as ROS 2 has it, with the definition of its type, if it comes
     from a file: so it is written again as it was. A `repeated` one was in force already at its log
@@ -58,6 +61,32 @@ class TopicItem:
     encoded: tuple[Definition, bytes] | None = field(default=None, compare=False, repr=False)
     retained: bool = False
     repeated: bool = field(default=False, compare=False)
+
+    @property
+    def with_arrays(self) -> Mapping[str, Any]:
+        """Its fields with arrays of numpy in the place of binaries."""
+        if self.encoded is None:
+            return self.values
+        found: dict[str, Any] = with_arrays(self.values, message_of(self.encoded[0]))
+        return found
+
+    @property
+    def content(self) -> object:
+        """Its type and fields in a form that has a hash, equal to that of a message with the same
+        bits.
+        """
+        return self.type_name, _with_hash(self.values)
+
+
+def _with_hash(value: Any) -> object:
+    if isinstance(value, Mapping):
+        return tuple([(name, _with_hash(each)) for name, each in value.items()])
+    if isinstance(value, memoryview | bytes):
+        return bytes(value)
+    if isinstance(value, list) and value and isinstance(value[0], dict | list | bytes | memoryview):
+        return tuple(map(_with_hash, value))
+    # As a text: 1, 1.0 and True are equal, and nan is not.
+    return repr(value)
 
 
 @dataclass(frozen=True)

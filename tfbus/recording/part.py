@@ -31,9 +31,9 @@ from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Damage, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
-from tfbus.ros.counterparts import Counterpart, counterpart_of_ros
+from tfbus.ros.counterparts import AS_IN_ROS, Counterpart, counterpart_of_ros, on_bus
 from tfbus.ros.definitions import TF_MESSAGE, Definition
-from tfbus.ros.message_type import PACKAGE
+from tfbus.ros.message_type import PACKAGE, message_of
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader, equal_parts, read_many
 from tfbus.wording import printable
@@ -105,6 +105,12 @@ class Part:
     def name(self) -> str:
         """The path as it can be printed."""
         return printable(str(self.path))
+
+    @property
+    def end_ns(self) -> int:
+        """The log time of the last item; 0 if there is none."""
+        events = [event.log_ns for event in self.events]
+        return max([*(chunk.to_ns for chunk in self.chunks), *events], default=0)
 
     @property
     def about(self) -> Mapping[str, str]:
@@ -210,9 +216,13 @@ def _decoder(
         return None
     try:
         definition = Definition(schema.name, schema.data.decode())
-        return MessageCodec.of_definition(definition, counterpart).decode
+        codec = MessageCodec.of_definition(definition, counterpart)
     except (DecodeError, UnicodeDecodeError):
         return None
+    if definition.name not in AS_IN_ROS:
+        return codec.decode
+    message = message_of(definition)
+    return lambda data: on_bus(codec.decode(data, arrays=True), message)
 
 
 @dataclass(frozen=True, slots=True)

@@ -311,6 +311,35 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
             if taken is not None:
                 yield taken
 
+    def messages_before(self, until_ns: int, selection: Selection = ALL) -> Iterator[TopicItem]:
+        """The messages of topics up to a log time, the last one first. Each iterator may be in a
+        thread of its own, and reads the chunks of the messages that are taken from it.
+
+        A message that repeats the one before it, as at the beginning of a file, is left out.
+        """
+        repeated: dict[str, TopicItem] = {}
+        for item in read_items(in_order(self._groups_before(until_ns, selection), _before)):
+            if not isinstance(item, TopicItem):
+                continue
+            later = repeated.pop(item.topic, None)
+            if later is not None and later.content != item.content:
+                yield later
+            if item.repeated:
+                repeated[item.topic] = item
+            else:
+                yield item
+        yield from repeated.values()
+
+    def _groups_before(
+        self, until_ns: int, selection: Selection
+    ) -> Iterator[tuple[int, list[Item | UnreadItem], int]]:
+        tf = TFMessageReader()
+        for chunk in sorted(self._chunks, key=lambda each: each.to_ns, reverse=True):
+            if chunk.from_ns <= until_ns and chunk.is_taken(selection):
+                items, size = chunk.items(selection, tf)
+                items = [item for item in reversed(items) if item.log_ns <= until_ns]
+                yield -min(chunk.to_ns, until_ns), items, size
+
     def state_at(self, log_ns: int, selection: Selection = ALL) -> BusState:
         """The state at a log time, after the items of that time."""
         state = BusState()
@@ -450,6 +479,10 @@ def _covers(filled: EventItem, event: EventItem) -> bool:
 
 def _log_ns(item: Item | UnreadItem) -> int:
     return item.log_ns
+
+
+def _before(item: Item | UnreadItem) -> int:
+    return -item.log_ns
 
 
 TRANSFORMS_TYPE = "TransformMessage"

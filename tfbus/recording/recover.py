@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from heapq import merge
@@ -108,7 +108,7 @@ class Salvage:
         )
         events = [event.log_ns for event in self._part.events]
         self.start_ns = min([*(chunk.from_ns for chunk in file.chunks), *events])
-        self.end_ns = max([*(chunk.to_ns for chunk in file.chunks), *events])
+        self.end_ns = self._part.end_ns
 
     def close(self) -> None:
         """Close the file."""
@@ -149,6 +149,17 @@ class Salvage:
             if not state.says(item):
                 state.take(item)
                 yield item
+
+
+def items_of_all(salvages: Iterable[Salvage]) -> Iterator[Item]:
+    """The items of the files of one recording, in order of log time, without those that a file
+    begins with to repeat what is in force.
+    """
+    state = BusState()
+    for item in merge(*(salvage.items() for salvage in salvages), key=_log_ns):
+        if not state.says(item):
+            state.take(item)
+            yield item
 
 
 def _log_ns(item: Item | UnreadItem) -> int:

@@ -94,10 +94,7 @@ def _is_same(former: EventItem | None, item: EventItem) -> bool:
 
 
 def _is_same_message(former: TopicItem | None, item: TopicItem) -> bool:
-    if former is None:
-        return False
-    # As texts: 1, 1.0 and True are equal, and nan is not.
-    return former.type_name == item.type_name and repr(former.values) == repr(item.values)
+    return former is not None and former.content == item.content
 
 
 def _is_same_set(former: TransformItem | None, item: TransformItem) -> bool:

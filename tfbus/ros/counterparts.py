@@ -89,8 +89,10 @@ def with_arrays(value: Any, type_: Type) -> Any:
             key: with_arrays(each, types[key]) if key in types else each
             for key, each in value.items()
         }
-    if not isinstance(type_, Sequence) or type_.is_octets:
+    if not isinstance(type_, Sequence):
         return value
+    if type_.is_octets:
+        return bytes(value) if isinstance(value, memoryview) else value
     if isinstance(value, list):
         is_plain = isinstance(type_.item, Scalar | Text)
         return value if is_plain else [with_arrays(each, type_.item) for each in value]

@@ -217,7 +217,7 @@ def _list(type_: Sequence, default: Any, item: FieldCodec) -> FieldCodec:
     def read(value: Any, path: str) -> list[Any]:
         if rows is not None and (array := array_of(value, rows)) is not None:
             value = rows.maps_of(array)
-        elif isinstance(value, bytes) or hasattr(value, "dtype"):  # of bytes, or booleans
+        elif isinstance(value, bytes | memoryview) or hasattr(value, "dtype"):  # or booleans
             value = list(value)
         if not isinstance(value, list):
             raise DecodeError(f"field {path!r} must be a list, not {_kind(value)}")

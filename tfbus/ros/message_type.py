@@ -12,7 +12,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 from tfbus.core import lazy_numpy as np
@@ -315,6 +315,7 @@ def definition_of(message: MessageType) -> Definition:
     return Definition(message.name, "".join(parts))
 
 
+@lru_cache(maxsize=200)
 def message_of(definition: Definition) -> MessageType:
     """The message that a definition defines.
 

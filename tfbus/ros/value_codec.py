@@ -60,8 +60,8 @@ class ValueCodec:
 class ValueReader(CdrReader):
     """Reads values, and not more of them than memory is for.
 
-    With `arrays` lists of numbers are arrays of numpy (N,) that share the memory of `data`, and
-    cannot be written to.
+    With `arrays` lists of numbers are arrays of numpy (N,), and bytes a memoryview: they share the
+    memory of `data`, and cannot be written to.
     """
 
     def __init__(self, data: bytes, *, arrays: bool = False) -> None:
@@ -304,9 +304,10 @@ def _write_octets(writer: CdrWriter, value: Any) -> None:
     writer.data += value if type(value) is bytes else memoryview(value)
 
 
-def _read_octets(reader: ValueReader, count: int) -> bytes:
+def _read_octets(reader: ValueReader, count: int) -> bytes | memoryview:
     start = reader.skip(count)
-    return reader.data[start : start + count]
+    data = memoryview(reader.data) if reader.arrays else reader.data
+    return data[start : start + count]
 
 
 _octets = _Items(bytes, 1, _write_octets, _read_octets)

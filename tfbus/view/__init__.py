@@ -10,8 +10,10 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.view.data.tools import ToolPublishers as ToolPublishers
     from tfbus.view.data.topics import DataOnBus as DataOnBus
     from tfbus.view.frames import Placed as Placed
+    from tfbus.view.guest import FIXED_NODE as FIXED_NODE
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
     from tfbus.view.panels.markup import Html as Html
+    from tfbus.view.replay import RecordedData as RecordedData
     from tfbus.view.replay import Replay as Replay
     from tfbus.view.robots import GivenRobots as GivenRobots
     from tfbus.view.robots import RecordedRobots as RecordedRobots
@@ -32,16 +35,19 @@ if TYPE_CHECKING:
     from tfbus.view.settings import ViewSettings as ViewSettings
     from tfbus.view.settings import holds_settings as holds_settings
     from tfbus.view.settings import load_settings as load_settings
+    from tfbus.view.settings import topic_named as topic_named
 
 _MODULE_OF = {
     "Access": "tfbus.view.server",
     "ShownRobot": "tfbus.view.robots",
+    "RecordedData": "tfbus.view.replay",
     "RecordedRobots": "tfbus.view.robots",
     "RobotsOnBus": "tfbus.view.robots",
     "RobotSource": "tfbus.view.robots",
     "GivenRobots": "tfbus.view.robots",
     "Channel": "tfbus.view.panels.markup",
     "DataOnBus": "tfbus.view.data.topics",
+    "FIXED_NODE": "tfbus.view.guest",
     "Guest": "tfbus.view.guest",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",
@@ -50,12 +56,14 @@ _MODULE_OF = {
     "Replay": "tfbus.view.replay",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
+    "ToolPublishers": "tfbus.view.data.tools",
     "View": "tfbus.view.local",
     "ViewSettings": "tfbus.view.settings",
     "find_browser": "tfbus.view.screenshot",
     "holds_settings": "tfbus.view.settings",
     "load_settings": "tfbus.view.settings",
     "show": "tfbus.view.local",
+    "topic_named": "tfbus.view.settings",
 }
 
 __all__ = sorted(_MODULE_OF)

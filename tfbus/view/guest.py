@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import Channel
 
+# The node of viser's scene that all is drawn below: it has the axes of the fixed frame.
+FIXED_NODE = "/fixed"
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -38,7 +41,7 @@ class Guest(Protocol):
     script: str
 
     def join(self, scene: viser.SceneApi, is_watched: Callable[[], bool]) -> None:
-        """Add the shapes; `is_watched` is for any thread."""
+        """Add the shapes, below FIXED_NODE; `is_watched` is for any thread."""
 
     @property
     def is_present(self) -> bool:

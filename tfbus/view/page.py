@@ -1,6 +1,7 @@
 """The page that `tfbus view` serves: a scene and a panel, kept up to date by `run`."""
 
 import logging
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,18 +12,22 @@ import numpy as np
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
+from tfbus.geometry.transform import Transform
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
+from tfbus.view.data.tools import Tool, ToolPublishers
 from tfbus.view.data.topics import DataSource
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
-from tfbus.view.guest import Guest, Region
+from tfbus.view.guest import FIXED_NODE, Guest, Region
 from tfbus.view.panels.panel import Panel
+from tfbus.view.panels.tools import Aim, sent_text
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.scene.drawn import Drawn
+from tfbus.view.scene.drawn import Drawn, place_of, unit_mesh
+from tfbus.view.scene.picking import Ray
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
 from tfbus.view.server import Access, Guard, serve, stop
@@ -61,8 +66,14 @@ _RESTS_PER_LOOK = 8.0
 # So long after the cameras have moved the names of frames have found their places.
 _NAMES_AFTER_S = 0.5
 
-# The ball around a frame that a camera looks at, in lengths of its axes.
+# The balls around a frame that a camera looks at, or follows, in lengths of its axes.
 _FOCUS = 4.0
+_FOLLOW = 10.0
+
+# What a tool has sent is so many times as long as axes; a shorter drag has no heading.
+_MARK = 2.0
+_LEAST_DRAG_PX = 5.0
+_NOTE_S = 4.0
 
 # A recording is seen from where all of it is in sight, unless that is this many times as far away.
 _FARTHEST = 8.0
@@ -123,6 +134,7 @@ class Page:
         guests: Sequence[Guest] = (),
         replay: Replay | None = None,
         data: DataSource | None = None,
+        tools: ToolPublishers | None = None,
     ) -> None:
         self._host = host
         self._bus = bus
@@ -143,8 +155,10 @@ class Page:
         # The frames that are drawn, and these with those that only need a place.
         self._placed = self.whole = place(self._buffer, "", (), None)
         self._seen_from = ""
+        self._fixed_node = self.server.scene.add_frame(FIXED_NODE, show_axes=False)
         self.cameras = Cameras(self.server)
-        self._names = FrameLabels(self.server, self._selections)
+        self._fixed_at = self.cameras.fixed
+        self._names = FrameLabels(self.server, self._selections, self.cameras.window)
         self._selected_marks = SelectedMarks(self.server, self._selections)
         self.robots = RobotScenes(
             self.server.scene,
@@ -153,7 +167,9 @@ class Page:
             heeds_up_axis=serving.heeds_up_axis,
         )
         self.drawn = Drawn(self.server.scene)
-        self.data = DataScenes(self.server, data, host.log) if data else None
+        named = self.robots.mesh_named
+        self.data = DataScenes(self.server, data, host.log, named) if data else None
+        self._tools = None if serving.read_only else tools
         self.panel = Panel(
             self.server,
             self.view,
@@ -168,6 +184,7 @@ class Page:
             replay,
             serving.roster,
             self.data,
+            self._tools,
         )
         self._scene = Scene(self.server.scene, self._select)
 
@@ -218,7 +235,8 @@ class Page:
         """Let all browsers see everything that is there now, and leave the page so."""
         if self.data:
             self.data.hold()
-        self.cameras.refit(self._region_of_all())
+        if not self.view.settings.follow:
+            self.cameras.refit(self._region_of_all())
         # The names of frames take their places when the cameras have.
         time.sleep(_NAMES_AFTER_S)
         self._is_held = True
@@ -267,6 +285,8 @@ class Page:
         with self.server.atomic():
             self._draw(placed, whole, choice, stamp_ns)
             self._keep_sight(choice.fixed_frame, stamp_ns)
+            self._follow(settings)
+            self._use_tools(choice.fixed_frame)
             self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
@@ -287,6 +307,8 @@ class Page:
         self.robots.close()
         if self.data:
             self.data.close()
+        if self._tools:
+            self._tools.close()
         stop(self.server)
 
     def _on_refused(self, reason: str) -> None:
@@ -323,6 +345,7 @@ class Page:
             *covered,
             *self.drawn.frames,
             *(name for each in self._guests for name in each.frames),
+            settings.follow,
         }
         unseen = frozenset(name for name in others - set(shown) if name in frames)
         return Choice(settings, fixed_frame, (*shown, *unseen), unseen)
@@ -402,6 +425,95 @@ class Page:
             self.cameras.carry(found.pose(0))
         else:
             self.cameras.refit(self._region_of_all())
+
+    def _follow(self, settings: ViewSettings) -> None:
+        """Let the cameras move with the frame that they follow."""
+        row = self.whole.index.get(settings.follow)
+        pose = None if row is None else self.whole.pose(row)
+        radius_m = _FOLLOW * self._scene.size_m
+        self.cameras.follow(settings.follow, pose, radius_m, turns=settings.follow_yaw)
+        if self.cameras.fixed != self._fixed_at:
+            self._fixed_at = self.cameras.fixed
+            put = place_of(self._fixed_at)
+            self._fixed_node.position, self._fixed_node.wxyz = put["position"], put["wxyz"]
+
+    # The tools
+
+    def _use_tools(self, fixed_frame: str) -> None:
+        panel = self.panel.tools
+        for aim in panel.take() if panel else ():
+            if why := self._use(aim, fixed_frame):
+                client = self.server.get_clients().get(aim.client)
+                if client is not None:
+                    client.add_notification("Nothing was sent", why, auto_close_seconds=_NOTE_S)
+
+    def _use(self, aim: Aim, fixed_frame: str) -> str:
+        """Send what a browser aims at, and mark it in the scene; why it cannot, "" if it can."""
+        window, panel, tool = self.cameras.window(aim.client), self.panel.tools, aim.tool
+        if window is None or panel is None:
+            return ""
+        tools = panel.publishers
+        if not self.whole.names:
+            return "There are no frames yet to aim in."
+        ray = window.ray(aim.start)
+        way_m = ray.to_ground()
+        if not tool.has_heading:
+            way_m = min(way_m, self._way_to_what_is_drawn(ray))
+        if not math.isfinite(way_m):
+            return "There is no ground: aim below the horizon."
+        at, yaw_rad = ray.at(way_m), 0.0
+        if tool.has_heading:
+            toward = window.ray(aim.end)
+            if toward.apart_px(ray) >= _LEAST_DRAG_PX:
+                # Of a drag that ends above the horizon, the way that it points to.
+                far_m = toward.to_ground()
+                ahead = toward.at(far_m) - at if math.isfinite(far_m) else toward.direction
+                yaw_rad = math.atan2(ahead[1], ahead[0])
+            at[2] = 0.0
+        xyz = (float(at[0]), float(at[1]), float(at[2]))
+        if not tools.send(tool, fixed_frame, xyz, yaw_rad):
+            return tools.mistakes.get(tool.name, "Its topic has only just been changed.")
+        topic = tools.topic(tool)
+        panel.note(tool, sent_text(topic, fixed_frame, xyz, yaw_rad))
+        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad)
+        return ""
+
+    def _way_to_what_is_drawn(self, ray: Ray) -> float:
+        """The way in m to the first message or robot in a ray of the fixed frame."""
+        ways = [self.robots.met_by(ray, self.whole, self.frames)]
+        if self.data:
+            ways.append(self.data.met_by(ray))
+        return min(ways)
+
+    def _mark_sent(
+        self, tool: Tool, topic: str, frame: str, xyz: tuple[float, float, float], yaw_rad: float
+    ) -> None:
+        """Show what was sent last by a tool: an arrow or a ball, and the topic."""
+        size_m = _MARK * self._scene.size_m
+        vertices, faces = unit_mesh("arrow" if tool.has_heading else "sphere")
+        scale = np.array((1.0, 0.25, 0.25)) if tool.has_heading else np.full(3, 0.25)
+        pose = Transform.from_rpy(0.0, 0.0, yaw_rad, xyz)
+        scene = self.server.scene
+        self.drawn.add(
+            f"{tool.name} sent",
+            frame,
+            lambda path: scene.add_mesh_simple(
+                path,
+                (vertices * scale * size_m).astype(np.float32),
+                faces,
+                color=tool.color,
+                cast_shadow=False,
+                receive_shadow=False,
+                **place_of(pose),
+            ),
+        )
+        self.drawn.add(
+            f"{tool.name} topic",
+            frame,
+            lambda path: scene.add_label(
+                path, printable(topic), position=xyz, anchor="bottom-center"
+            ),
+        )
 
     def show_all(self, client: int) -> None:
         """Let a browser see all that is drawn: frames, robots, messages, and shapes of guests."""

@@ -2,21 +2,38 @@
 
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
+from tfbus import messages
 from tfbus.buffer.buffer import Buffer
+from tfbus.discover.graph import Endpoint, TopicInfo
 from tfbus.errors import DecodeError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.recording.items import Item, TransformItem
+from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import Selection
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
+from tfbus.view.data.topics import (
+    EVERY,
+    MOST_CHOICES,
+    POINTS,
+    Past,
+    Waiting,
+    message_type_of,
+    size_of,
+)
+from tfbus.view.settings import TopicSettings
 from tfbus.view.timeline import known_timeline, whole_timeline
-from tfbus.wire.fleet import Fleet
+from tfbus.wire.codec import from_map
+from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.keys import namespace_of_node, relative
 
 # How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
 # in this many messages, and these at the least and at the most.
@@ -33,6 +50,18 @@ _SKIP_S = 3.0
 
 # A machine that sleeps lets the recording wait.
 _MOST_STEP_S = 0.25
+
+
+@dataclass(frozen=True)
+class Cursor:
+    """The moment that is shown: a log time, and the buffer as of then, which has what came since
+    `since_ns`. `jumps` counts how often it did not come on from the one before.
+    """
+
+    at_ns: int
+    since_ns: int
+    buffer: Buffer
+    jumps: int
 
 
 class Replay:
@@ -76,8 +105,10 @@ class Replay:
         self._signals: StopSignals | None = None
         self._moved_s: float | None = None
         self._before_s = _before_s(reader)
+        self._jumps = 0
         self._restart()
         self._try(self._seek, self._at_ns)
+        self.cursor = self._cursor()
 
     # What a page needs
 
@@ -94,6 +125,40 @@ class Replay:
     def moment(self) -> BusMoment:
         """The bus at the cursor."""
         return self._frames.moment()
+
+    def topics(self) -> tuple[Mapping[str, TopicInfo], Mapping[str, str]]:
+        """The topics that can be read, by their names as seen from the namespace; and their full
+        names by these.
+        """
+        publishers: dict[str, set[str]] = {}
+        for event in self._reader.events:
+            if event.kind == "node" and isinstance(named := event.facts.get("publishes"), Mapping):
+                above = namespace_of_node(event.name)
+                for name in map(str, named):
+                    full = name[1:] if name.startswith("/") else f"{above}/{name}".strip("/")
+                    publishers.setdefault(full, set()).add(f"/{event.name.strip('/')}")
+        topics, names = {}, {}
+        for topic in self._reader.topics:
+            if topic.is_readable:
+                name = relative(f"/{topic.name}", self.namespace)
+                ends = [
+                    Endpoint(node, topic.type_name, retained=topic.is_retained)
+                    for node in sorted(publishers.get(topic.name, {""}))
+                ]
+                topics[name] = TopicInfo(name, tuple(ends))
+                names[name] = topic.name
+        return topics, names
+
+    def frame_names(self, topic: TopicInfo) -> FrameNames | None:
+        """The names of the frames in messages of a topic: of its publishers' robot, else that of
+        the topic's name; None without a fleet.
+        """
+        if self.fleet is None:
+            return None
+        above = {namespace_of_node(end.node) for end in topic.publishers if end.node}
+        full = f"{self.namespace}/{topic.name}".strip("/")
+        namespace = above.pop() if len(above) == 1 else full.rpartition("/")[0]
+        return self._frames.viewpoint.names(namespace)
 
     def hint(self, frame: str = "") -> str:
         """The place of a frame, or of any, elsewhere than at the cursor; "" if nowhere."""
@@ -138,7 +203,7 @@ class Replay:
     def measure(self) -> None:
         """Complete the timeline by what is only found in the index of the files; on any thread."""
         try:
-            with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
+            with self.opened_again() as reader:
                 self.samples = tuple(self._samples(reader))
                 found = whole_timeline(reader, self.timeline, self._ended.is_set)
         except (OSError, DecodeError) as error:
@@ -147,7 +212,7 @@ class Replay:
             self.timeline = found or self.timeline
 
     def _samples(self, reader: RecordingReader) -> Iterator[Buffer]:
-        frames = self._frames_of(reader, _SAMPLE_S)
+        frames = self.frames_of(reader, _SAMPLE_S)
         start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
         for part in range(_SAMPLES):
             if not self._ended.is_set():
@@ -167,7 +232,13 @@ class Replay:
         """
         passed_s = 0.0 if self._moved_s is None or not is_watched else now_s - self._moved_s
         self._moved_s = now_s
-        return self._try(self._move, min(passed_s, _MOST_STEP_S), trail_s)
+        is_jump = self._try(self._move, min(passed_s, _MOST_STEP_S), trail_s)
+        self.cursor = self._cursor()
+        return is_jump
+
+    def _cursor(self) -> Cursor:
+        at_ns = self._frames.at_ns
+        return Cursor(at_ns, at_ns - int(self._before_s * 1e9), self.buffer, self._jumps)
 
     def _move(self, passed_s: float, trail_s: float) -> bool:
         jumps = self.playhead.jumps
@@ -212,11 +283,17 @@ class Replay:
         return True
 
     def _restart(self) -> None:
-        self._frames = self._frames_of(self._reader, self._before_s)
+        self._jumps += 1
+        self._frames = self.frames_of(self._reader, self._before_s)
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None
 
-    def _frames_of(self, reader: RecordingReader, cache_time_s: float) -> RecordedFrames:
+    def opened_again(self) -> RecordingReader:
+        """The files for another thread."""
+        return RecordingReader(*[part.path for part in self._reader.parts])
+
+    def frames_of(self, reader: RecordingReader, cache_time_s: float) -> RecordedFrames:
+        """The frames of files as they are shown here, at no moment yet."""
         return RecordedFrames(
             reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
@@ -247,6 +324,198 @@ class Replay:
     @property
     def _at_ns(self) -> int:
         return self.playhead.progress.log_ns
+
+
+# Messages before the cursor that are looked at, of each topic, to draw what was there.
+_MOST_BYTES = 100_000_000
+_MOST_MESSAGES = 1000
+_MOST_DECAYING = 60
+_MOST_LINES = 100
+# Of the others the newest of this time are candidates.
+_CHOICES_NS = 1_000_000_000
+# What is older than the buffer is placed by the frames of its time, and a little later.
+_PAST_S = 4.0
+_LATER_NS = 1_000_000_000
+
+
+class RecordedData:
+    """The messages of a recording up to the cursor of its replay, for the page that draws them.
+
+    They are read on the thread that draws, from the chunks that have some.
+    """
+
+    is_recorded = True
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+        self._topics, self._names = replay.topics()
+        self._wanted: Mapping[str, type] = {}
+        self._waiting: dict[str, Waiting] = {}
+        self._rejected: Counter[str] = Counter()
+        self._cursor = replay.cursor
+        self._reader: RecordingReader | None = None
+        self._past_frames: RecordedFrames | None = None
+        self._rest: Iterator[Item] | None = None
+        self._next: Item | None = None
+
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """All topics."""
+        return self._topics
+
+    def want(self, topics: Mapping[str, TopicInfo]) -> None:
+        """Read these, and no others."""
+        self._wanted = {
+            name: found
+            for name, info in topics.items()
+            if (found := message_type_of(info)) is not None
+        }
+
+    def waiting(self, topic: str) -> Waiting | None:
+        """The messages of a topic that came since the cursor jumped; None if it is not read."""
+        return self._waiting.get(topic)
+
+    def rejected(self, topic: str) -> int:
+        """How many messages could not be read, of those that were looked at."""
+        return self._rejected[topic]
+
+    def now_ns(self) -> int:
+        """The log time of the cursor."""
+        return self._cursor.at_ns
+
+    def close(self) -> None:
+        """Close the files. Twice is fine."""
+        if self._reader is not None:
+            self._reader.close()
+
+    def catch_up(self, now_s: float) -> float:
+        """Read on to the cursor, or begin anew where it has jumped; its log time in s."""
+        cursor, wanted = self._replay.cursor, self._wanted
+        is_jump = cursor.jumps != self._cursor.jumps or cursor.at_ns < self._cursor.at_ns
+        before, self._cursor = self._cursor, cursor
+        types = {name: each.message_type for name, each in self._waiting.items()}
+        if is_jump or types != wanted:
+            self._rest = None
+            kept = {} if is_jump else self._waiting
+            self._waiting = {
+                name: kept[name]
+                if name in kept and kept[name].message_type is each
+                else self._new_waiting(name, each)
+                for name, each in wanted.items()
+            }
+        if wanted and not is_jump:
+            self._read_on(before.at_ns, cursor.at_ns)
+        return cursor.at_ns / 1e9
+
+    def past(self, topic: str, settings: TopicSettings) -> Iterator[Past]:
+        """The messages up to the cursor that have to do with what is drawn there."""
+        waiting, cursor = self._waiting[topic], self._cursor
+        waiting.take()
+        found = self._found_before(topic, waiting.message_type, settings)
+        apart = waiting.is_every or settings.decay_s > 0.0
+        together: list[Any] = []
+        for log_ns, message in reversed(found):
+            if log_ns <= cursor.since_ns:
+                yield self._buffer_at(log_ns), log_ns / 1e9, [message]
+            elif apart:
+                yield cursor.buffer, log_ns / 1e9, [message]
+            else:
+                together.append(message)
+        if together:
+            yield cursor.buffer, cursor.at_ns / 1e9, together
+
+    def _found_before(
+        self, topic: str, message_type: type, settings: TopicSettings
+    ) -> list[tuple[int, Any]]:
+        """Log times and messages, the newest first."""
+        least_ns, most, size = 0, _MOST_MESSAGES, 0
+        is_newest = message_type not in EVERY
+        if message_type is messages.Log:
+            most = _MOST_LINES
+        elif settings.decay_s and message_type in POINTS:
+            least_ns, most = self._cursor.at_ns - int(settings.decay_s * 1e9), _MOST_DECAYING
+            is_newest = False
+        found: list[tuple[int, Any]] = []
+        seen: set[tuple[str, int | None]] = set()
+        selection = Selection(topics=(self._names[topic],))
+        for count, item in enumerate(
+            self._files.messages_before(self._cursor.at_ns, selection), start=1
+        ):
+            if is_newest and found:
+                least_ns = found[0][0] - _CHOICES_NS
+            if item.log_ns < least_ns or count > most or size > _MOST_BYTES:
+                break
+            message = self._message(topic, message_type, item)
+            if message is None or not _is_news(message, seen):
+                continue
+            found.append((item.log_ns, message))
+            size += size_of(message)
+            if ("", None) in seen or (is_newest and len(found) >= MOST_CHOICES):
+                break
+        return found
+
+    def _buffer_at(self, log_ns: int) -> Buffer:
+        """The buffer as it was a little after a log time before the cursor."""
+        frames = self._past_frames
+        if frames is None:
+            frames = self._past_frames = self._replay.frames_of(self._files, _PAST_S)
+            frames.pass_time(0)
+        if not log_ns <= frames.at_ns <= log_ns + 2 * _LATER_NS:
+            frames.seek(min(log_ns + _LATER_NS, self._cursor.at_ns))
+        return frames.buffer
+
+    def _new_waiting(self, topic: str, message_type: type) -> Waiting:
+        waiting = Waiting(message_type, self._replay.frame_names(self._topics[topic]))
+        if message_type is messages.CameraInfo:
+            selection = Selection(topics=(self._names[topic],))
+            last = next(self._files.messages_before(self._cursor.at_ns, selection), None)
+            if last is not None and (found := self._message(topic, message_type, last)) is not None:
+                waiting.put(found)
+        return waiting
+
+    def _read_on(self, from_ns: int, to_ns: int) -> None:
+        if self._rest is None:
+            names = tuple([self._names[topic] for topic in self._waiting])
+            self._rest = self._files.items(from_ns + 1, None, Selection(topics=names))
+            self._next = next(self._rest, None)
+        topics = {self._names[topic]: topic for topic in self._waiting}
+        while self._next is not None and self._next.log_ns <= to_ns:
+            item, self._next = self._next, next(self._rest, None)
+            if isinstance(item, TopicItem) and (topic := topics.get(item.topic)):
+                waiting = self._waiting[topic]
+                if (message := self._message(topic, waiting.message_type, item)) is not None:
+                    waiting.put(message)
+
+    def _message(self, topic: str, message_type: type, item: TopicItem) -> Any:
+        try:
+            return from_map(message_type, item.values)
+        except (DecodeError, ValueError, TypeError):
+            self._rejected[topic] += 1
+            return None
+
+    @property
+    def _files(self) -> RecordingReader:
+        if self._reader is None:
+            self._reader = self._replay.opened_again()
+        return self._reader
+
+
+def _is_news(message: Any, seen: set[tuple[str, int | None]]) -> bool:
+    """Whether a message has a marker that no later one replaces; `seen` has the namespaces and
+    numbers of the later ones, and None for all of a namespace. Of other messages each is news.
+    """
+    if isinstance(message, messages.MarkerArray):
+        markers: Sequence[messages.Marker] = message.markers
+    elif isinstance(message, messages.Marker):
+        markers = (message,)
+    else:
+        return True
+    keys = {
+        (marker.ns, None if marker.action == messages.Marker.DELETEALL else marker.id)
+        for marker in markers
+    }
+    is_news = not keys <= seen
+    seen |= keys
+    return is_news
 
 
 def _moves(item: Item) -> bool:

@@ -9,7 +9,7 @@ import gzip
 import logging
 import socket
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from http import HTTPStatus
@@ -25,6 +25,7 @@ from websockets.http11 import Request, Response
 from tfbus.errors import TfbusError
 from tfbus.runtime.addresses import own_names
 from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
+from tfbus.view.lane import in_lanes
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -167,6 +168,7 @@ class Guard:
                 return _response(given.status, given.body, given.headers)
         answer: Response | None = then(connection, request)
         if answer is None:
+            _keep_queue_short(connection)
             return None
         if not self.is_framed:
             only_framed_here(answer, is_public=self.access is not None)
@@ -263,6 +265,7 @@ def serve(
             f"viser {viser.__version__} starts its server in a way that tfbus does not know: any "
             "web page could use it; install a known one: pip install 'viser==1.1.*'"
         )
+    _put_in_lanes(server)
     # Any browser could ask viser to pass the page on through a server of its makers.
     server.request_share_url = _unshared  # type: ignore[method-assign]
     server.scene.set_up_direction("+z")
@@ -275,6 +278,30 @@ def serve(
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+def _put_in_lanes(server: viser.ViserServer) -> None:
+    """Send each browser large messages as its link allows."""
+    messages: Any = getattr(server, "_websock_server").get_message_buffer()  # noqa: B009
+    windows = messages.window_generator
+
+    def window_generator(client: int, backlog_done_message: Any = None) -> Any:
+        whole = windows(client, backlog_done_message=backlog_done_message)
+        return in_lanes(whole, backlog_done_message)
+
+    messages.window_generator = window_generator
+
+
+# So many bytes wait in the system for a link: behind more a browser would get old frames.
+_UNSENT_BYTES = 32_768
+
+
+def _keep_queue_short(connection: Any) -> None:
+    option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
+    opened = connection.transport.get_extra_info("socket")
+    if option is not None and opened is not None:
+        with suppress(OSError):  # not on a socket of another kind
+            opened.setsockopt(socket.IPPROTO_TCP, option, _UNSENT_BYTES)
 
 
 # On a busy machine the thread of a server ends, and says so, after viser's `stop` has returned.

@@ -62,6 +62,9 @@ class TopicSettings:
     "auto" of rgb, else intensity, else height; they are `size` cm wide, and stay for `decay_s`
     seconds, or with 0 until the next message. With `locked` a message moves with its frame, instead
     of staying where that was at its stamp. At most `rate_hz` messages are drawn a second.
+
+    Of points in one cube of `voxel` cm one is drawn, with 0 each, and at most `most_points` of a
+    message. Images are JPEG of this `quality`. Markers of `hidden` namespaces are not drawn.
     """
 
     topic: str
@@ -71,6 +74,10 @@ class TopicSettings:
     decay_s: float = 0.0
     locked: bool = False
     rate_hz: float = 15.0
+    voxel: float = 0.0
+    most_points: float = 100_000.0
+    quality: float = 75.0
+    hidden: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,9 @@ class ViewSettings:
     names, `hidden` the frames whose box is not ticked, `trails` those that draw where they were in
     the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
     `opacity` is that of axes and arrows, 0 to 1.
+
+    Cameras move along with the frame `follow`, and with `follow_yaw` turn with its heading.
+    `goal_topic`, `initial_pose_topic` and `point_topic` are those of the tools.
 
     `topics` are those whose messages are drawn, each with its settings. `shapes` of robots are
     "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
@@ -107,6 +117,11 @@ class ViewSettings:
     robot_opacity: float = 1.0
     link_axes: bool = False
     hidden_robots: tuple[str, ...] = ()
+    follow: str = ""
+    follow_yaw: bool = False
+    goal_topic: str = "goal_pose"
+    initial_pose_topic: str = "initialpose"
+    point_topic: str = "clicked_point"
     topics: tuple[TopicSettings, ...] = ()
 
     def of_topic(self, topic: str) -> TopicSettings:
@@ -133,6 +148,9 @@ RANGES = {
     "size": (1.0, 20.0),
     "decay_s": (0.0, 60.0),
     "rate_hz": (0.1, 60.0),
+    "voxel": (0.0, 100.0),
+    "most_points": (1000.0, 500_000.0),
+    "quality": (5.0, 95.0),
 }
 
 # The shapes of robots to choose from.
@@ -196,6 +214,27 @@ def _read_topic(value: object) -> TopicSettings:
     if not isinstance(value, dict) or "topic" not in value:
         raise SettingsError(f"topics must be a list of maps with a topic, got {value!r}")
     return TopicSettings(**{name: _read(name, each, _OF_TOPIC) for name, each in value.items()})
+
+
+def topic_named(text: str, settings: ViewSettings) -> TopicSettings:
+    """The settings of a topic that is to be shown, from a text such as `points` or
+    `points:voxel=5,color=height`, over those that it has. Raises SettingsError.
+    """
+    topic, _, given = text.partition(":")
+    values: dict[str, Any] = {}
+    for part in given.split(",") if given else ():
+        name, equals, value = part.partition("=")
+        if not equals:
+            raise SettingsError(f"{text!r}: {part!r} is not a setting such as rate_hz=5")
+        try:
+            read = yaml.safe_load(value) if _OF_TOPIC.get(name) is not str else value
+        except yaml.YAMLError:
+            read = value
+        try:
+            values[name] = _read(name, [read] if name == "hidden" else read, _OF_TOPIC)
+        except SettingsError as error:
+            raise SettingsError(f"{text!r}: {error}") from error
+    return replace(settings.of_topic(topic), **({"shown": True} | values), topic=topic)
 
 
 def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:

@@ -11,7 +11,8 @@ fields had before are read as well. A payload is read only if it has at most a m
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
+from contextlib import suppress
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
@@ -120,10 +121,11 @@ def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
 
     Raises DecodeError if they are not one msgpack map, or hold more than a million values.
     """
-    if mistake := too_many_items(data):
+    binaries: list[tuple[int, int, int]] | None = [] if in_place else None
+    if mistake := too_many_items(data, binaries=binaries):
         raise DecodeError(mistake)
     try:
-        value = unpacked_in_place(data) if in_place else unpacked(data)
+        value = _with_views(data, binaries) if binaries else unpacked(data)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error
     if not isinstance(value, dict):
@@ -233,6 +235,32 @@ class _Shape(NamedTuple):
 
 
 @cache
+def _is_message(type_: type) -> bool:
+    return is_message_type(type_)
+
+
+# So many rows of small messages, such as the columns of a cloud, are remembered, each of at most so
+# many: each message has the same again, and to read them takes as long as all the rest.
+_MOST_REMEMBERED = 256
+_LONGEST_REMEMBERED = 32
+_LARGEST_REMEMBERED = 2048
+
+# Two of these that are equal are sent as the same bytes.
+_EXACT_FIELDS = {int, str, bytes}
+
+
+@cache
+def _is_remembered(type_: type) -> bool:
+    """Whether messages of a type may be shared: they cannot change, and hold plain values."""
+    parameters = getattr(type_, "__dataclass_params__", None)
+    if parameters is None or not parameters.frozen or not parameters.eq:
+        return False
+    shape = _shape(type_)
+    kinds = {each.plain for each in shape.fields.values()}
+    return kinds <= _EXACT_FIELDS and not shape.has_other_names
+
+
+@cache
 def _shape(message_type: type) -> _Shape:
     if not is_message_type(message_type):
         raise TypeError(f"{message_type!r} is not a message: make it a dataclass")
@@ -315,11 +343,21 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if isinstance(value, list | tuple):
+        is_short = 0 < len(value) <= _LONGEST_REMEMBERED
+        if in_bytes and is_short and _is_remembered(value[0].__class__):
+            with suppress(TypeError):  # something in it has no hash
+                return _maps_of(tuple(value), as_in_ros)
         return [
             item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
             for item in value
         ]
-    return _map_of(value, as_in_ros, in_bytes) if is_message_type(type(value)) else value
+    return _map_of(value, as_in_ros, in_bytes) if _is_message(value.__class__) else value
+
+
+@lru_cache(_MOST_REMEMBERED)
+def _maps_of(messages: tuple[Any, ...], as_in_ros: bool) -> list[Any]:
+    """The maps of messages of which most are sent again, as the columns of each cloud are."""
+    return [_plain(each, as_in_ros, in_bytes=False) for each in messages]
 
 
 def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
@@ -337,7 +375,7 @@ def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> 
             raise DecodeError(
                 f"field '{path}{name.removesuffix('_ns')}' must have sec and nanosec"
             ) from error
-    return renewed(values, shape.former, shape.fields)
+    return renewed(values, shape.former, shape.fields) if shape.former else values
 
 
 def _read_fields(
@@ -414,7 +452,22 @@ def _list_reader(expected: Any) -> Reader:
             return make(value)
         return make(read_item(item, f"{path}[{at}]") for at, item in enumerate(value))
 
-    return read
+    if make is not tuple or not _is_message(item_type) or not _is_remembered(item_type):
+        return read
+
+    @lru_cache(_MOST_REMEMBERED)
+    def read_once(packed: bytes, path: str) -> Any:
+        return read(unpacked(packed), path)
+
+    def read_again(value: object, path: str) -> Any:
+        if isinstance(value, list) and len(value) <= _LONGEST_REMEMBERED:
+            with suppress(TypeError, ValueError):  # it does not come from a payload
+                packed = cast(bytes, msgpack.packb(value))
+                if len(packed) <= _LARGEST_REMEMBERED:
+                    return read_once(packed, path)
+        return read(value, path)
+
+    return read_again
 
 
 def _row_reader(expected: Any) -> Reader:
@@ -559,15 +612,11 @@ _LEFT = 100
 _AS_LEFT = b"\xd6" + bytes([_LEFT])
 
 
-def unpacked_in_place(data: bytes) -> Any:
-    """As `unpacked`, but each binary of 4 kB or more is a memoryview of the payload: nothing of it
-    is copied. A payload of at most 64 KiB is copied whole.
+def _with_views(data: bytes, binaries: list[tuple[int, int, int]]) -> Any:
+    """As `unpacked`, but these binaries, as `values_in` has found them, are memoryviews of the
+    payload: nothing of them is copied.
     """
-    if len(data) <= HARMLESS_SIZE:
-        return unpacked(data)
-    binaries: list[tuple[int, int, int]] = []
-    values_in(data, MOST_ITEMS, binaries)
-    if not binaries or binaries[-1][2] > len(data):
+    if binaries[-1][2] > len(data):
         return unpacked(data)
     pieces: list[bytes] = []
     at = 0
@@ -594,12 +643,18 @@ def unpacked_in_place(data: bytes) -> Any:
 _LARGE_BINARY = 4096
 
 
-def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
-    """Why the payload is not read, as a sentence; "" if it has at most `most` values.
+def too_many_items(
+    data: bytes,
+    most: int = MOST_ITEMS,
+    *,
+    binaries: list[tuple[int, int, int]] | None = None,
+) -> str:
+    """Why the payload is not read, as a sentence; "" if it has at most `most` values. `binaries`
+    gets what it gets of `values_in`, if the payload is larger than 64 KiB.
 
     Binary data and text are one value, however long. Bytes that are no msgpack are not found here.
     """
-    if len(data) <= HARMLESS_SIZE or values_in(data, most) <= most:
+    if len(data) <= HARMLESS_SIZE or values_in(data, most, binaries) <= most:
         return ""
     return f"it has more than {most} values; send many numbers as bytes"
 

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from tfbus import Transform
-from tfbus.view import Placed, Region
+from tfbus.view import FIXED_NODE, Placed, Region
 
 from .. import field
 from ..turtle_colors import Rgb, colors_of
@@ -29,7 +29,7 @@ class TurtleScene:
     def __init__(self, scene: viser.SceneApi, turtles: Turtles) -> None:
         self._scene = scene
         self._turtles = turtles
-        self._root = scene.add_frame("/turtles", show_axes=False, visible=False)
+        self._root = scene.add_frame(f"{FIXED_NODE}/turtles", show_axes=False, visible=False)
         self._shown: Picture | None = None
         self._paper: Any = None
         self._bodies: dict[str, Any] = {}
@@ -66,7 +66,7 @@ class TurtleScene:
         if self._paper is None:
             # Half a turn about x: viser's images have y down.
             self._paper = self._scene.add_image(
-                "/turtles/paper",
+                f"{FIXED_NODE}/turtles/paper",
                 picture.pixels,
                 field.SIZE_M,
                 field.SIZE_M,
@@ -84,7 +84,7 @@ class TurtleScene:
         if pose is None:
             return
         if name not in self._bodies:
-            self._bodies[name] = _add_turtle(self._scene, f"/turtles/body/{name}", name)
+            self._bodies[name] = _add_turtle(self._scene, f"{FIXED_NODE}/turtles/body/{name}", name)
         body = self._bodies[name]
         x, y, z, w = pose.quat_xyzw
         body.position, body.wxyz = pose.xyz, (w, x, y, z)

@@ -1,7 +1,7 @@
 """`tfbus bag cut`, `filter`, `merge` and `recover`: recordings made from others."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import click
@@ -28,7 +28,7 @@ from tfbus.cli.bag.selecting import (
 from tfbus.cli.output import first_lines, print_lines, warn
 from tfbus.command.recordings import BagChoice, OpenBag, open_recording
 from tfbus.command.types import Moment, MomentType
-from tfbus.errors import InvalidNameError, TfbusError
+from tfbus.errors import DecodeError, InvalidNameError, TfbusError
 from tfbus.recording.edit import (
     Span,
     conflicting_epochs,
@@ -39,8 +39,8 @@ from tfbus.recording.edit import (
     without,
 )
 from tfbus.recording.items import Item
-from tfbus.recording.reader import RecordingReader
-from tfbus.recording.recover import Salvage
+from tfbus.recording.reader import RecordingReader, files_of
+from tfbus.recording.recover import Salvage, items_of_all
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.recording.writer import Compression
 from tfbus.wire.fleet import has_name
@@ -237,43 +237,61 @@ def _write(
     click.echo(f"Wrote {output}: {written}")
 
 
-@click.command("recover", epilog="Example: tfbus bag recover drive.mcap -o whole.mcap")
-@click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.command(
+    "recover",
+    epilog="Examples: tfbus bag recover drive.mcap -o whole.mcap; "
+    "tfbus bag recover day/ -o day.mcap",
+)
+@click.argument("recording", type=click.Path(exists=True, path_type=Path))
 @output_option
 @compression_option
 def recover_command(recording: Path, output: Path, force: bool, compression: Compression) -> None:
     """Write what can be read of a recording that is cut short or damaged.
 
     Each chunk of messages has a checksum: whole ones are kept, with what others wrote too. The
-    file itself stays as it is.
+    file itself stays as it is. All files of a folder are one recording.
     """
-    name = printable(str(recording))
-    try:
-        salvage = Salvage(recording)
-    except OSError as error:
-        raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
-    try:
-        if salvage.topics_left_out:
-            warn(f"left out, as their messages cannot be read: {listed(salvage.topics_left_out)}")
+    files = files_of([recording])
+    with ExitStack() as stack:
+        salvages: dict[Path, Salvage] = {}
+        for path in files:
+            try:
+                salvages[path] = stack.enter_context(closing(Salvage(path)))
+            except OSError as error:
+                name = printable(str(path))
+                raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
+            except DecodeError as error:
+                if len(files) == 1:
+                    raise
+                warn(f"left out: {error}")
+        if not salvages:
+            raise TfbusError(f"{printable(str(recording))} holds no recording that could be read")
+        if left_out := {name for each in salvages.values() for name in each.topics_left_out}:
+            warn(f"left out, as their messages cannot be read: {listed(sorted(left_out))}")
+        all_ = salvages.values()
         written = write_recording(
-            salvage.items(),
+            items_of_all(all_),
             output,
             force=force,
-            span=(salvage.start_ns, salvage.end_ns),
-            sources=[recording],
+            span=(min(each.start_ns for each in all_), max(each.end_ns for each in all_)),
+            sources=salvages,
             compression=compression,
-            about={**salvage.about, "edited": edited([recording], "recover")},
-            about_at_end=lambda: {"lost": str(salvage.loss)} if salvage.loss else {},
+            about={**next(iter(all_)).about, "edited": edited([recording], "recover")},
+            about_at_end=lambda: _lost_of(all_),
         )
-        loss = salvage.loss
-    finally:
-        salvage.close()
+        losses = {path: salvage.loss for path, salvage in salvages.items()}
     click.echo(f"Wrote {output}: {written}")
-    lines = loss.lines()
-    if not loss:
-        click.echo(f"{name} was whole: nothing is lost")
-    elif len(lines) == 1:
-        click.echo(f"Lost of {name}: {lines[0]}")
-    else:
-        click.echo(f"Lost of {name}:")
-        print_lines(f"  {line}" for line in first_lines(lines))
+    if not any(losses.values()):
+        click.echo(f"{printable(str(recording))} was whole: nothing is lost")
+    for path, loss in losses.items():
+        name, lines = printable(str(path)), loss.lines()
+        if len(lines) == 1:
+            click.echo(f"Lost of {name}: {lines[0]}")
+        elif lines:
+            click.echo(f"Lost of {name}:")
+            print_lines(f"  {line}" for line in first_lines(lines))
+
+
+def _lost_of(salvages: Iterable[Salvage]) -> dict[str, str]:
+    lost = ", ".join(str(each.loss) for each in salvages if each.loss)
+    return {"lost": lost} if lost else {}

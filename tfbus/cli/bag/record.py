@@ -225,8 +225,9 @@ def command(
                 "--keep says which files stay: leave out --max-size, --max-duration, --max-files "
                 "and --snapshot"
             )
-        if output is None or not (output.endswith(os.sep) or os.path.isdir(output)):
-            raise click.UsageError("--keep has a folder of files: give -o FOLDER/")
+        if output is None or output.endswith(".mcap"):
+            raise click.UsageError("--keep has a folder of files: give -o FOLDER")
+        output = os.path.join(output, "")
     if snapshot_s is None and conditions:
         raise click.UsageError("--on writes a snapshot: give --snapshot SECONDS too")
     if snapshot_s is not None and (max_bytes or max_s):

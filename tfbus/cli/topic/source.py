@@ -224,7 +224,7 @@ class RecordedMessage:
     def values(self) -> dict[str, Any]:
         """Its fields by name."""
         if isinstance(self.item, TopicItem):
-            return dict(self.item.values)
+            return dict(self.item.with_arrays)
         return _transforms_map(_message_of(self.item))
 
     @property

@@ -3,7 +3,7 @@
 import io
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,6 @@ from tfbus.geometry.transform import Transform
 from tfbus.messages import CompressedImage, Image
 from tfbus.view.data.markers import item_of
 from tfbus.view.data.shapes import (
-    MOST_POINTS,
     Frustum,
     Item,
     Shape,
@@ -27,8 +26,9 @@ from tfbus.view.data.shapes import (
     items_of,
     line_along,
 )
-from tfbus.view.data.topics import Waiting
+from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
+from tfbus.wire.fleet import FrameNames
 from tfbus.wording import printable
 
 Picture = NDArray[np.uint8]
@@ -38,12 +38,12 @@ _WAITS_S = 5.0
 _TROUBLE_AFTER_S = 1.0
 # Of clouds that decay, as many messages, and points, are drawn; of markers as many.
 _MOST_DECAYING = 60
-_MOST_DECAYING_POINTS = 5 * MOST_POINTS
+_MOST_DECAYING_POINTS = 500_000
 _MOST_MARKERS = 2000
 _MOST_TRAIL = 2000
 _MOST_LINES = 100
+_MOST_NAMESPACES = 50
 
-_POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
 
 
@@ -60,7 +60,9 @@ class TopicLayer:
     """The messages of one topic that are drawn: `placed` items by key, a `picture`, or log `lines`.
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
-    that points can be coloured by.
+    that points can be coloured by, `namespaces` those of markers. `age_s` is how old the message
+    drawn last was then. `waits_in` is the frame of messages that wait for a transform for some
+    time, `waiting_count` of them; "" if none does.
     """
 
     def __init__(self, waiting: Waiting) -> None:
@@ -69,6 +71,10 @@ class TopicLayer:
         self.picture: Picture | None = None
         self.lines: deque[messages.Log] = deque(maxlen=_MOST_LINES)
         self.columns: tuple[str, ...] = ()
+        self.namespaces: dict[str, None] = {}
+        self.age_s: float | None = None
+        self._newest_ns = 0
+        self.waits_in = ""
         self.drawn = 0
         self.dropped: Counter[str] = Counter()
         self._refusal = self._waits_for = ""
@@ -76,7 +82,7 @@ class TopicLayer:
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
         self._last: Any = None
-        self._due_s = 0.0
+        self._due_s = self._pace_s = 0.0
         self._waits_since_s: float | None = None
         self._count = 0
         self._trail: deque[tuple[float, float, float]] = deque(maxlen=_MOST_TRAIL)
@@ -86,6 +92,17 @@ class TopicLayer:
         """Why the last message, or part of it, is not drawn; "" if it is."""
         return self._refusal or self._waits_for
 
+    @property
+    def waiting_count(self) -> int:
+        """How many messages, or markers, wait."""
+        return len(self._unplaced) + len(self.waiting)
+
+    def was_sent(self, now_ns: int) -> None:
+        """Note that browsers get what is drawn, at this time of the bus."""
+        if self._newest_ns:
+            self.age_s = (now_ns - self._newest_ns) / 1e9
+            self._newest_ns = 0
+
     def step(
         self,
         buffer: Buffer,
@@ -93,8 +110,13 @@ class TopicLayer:
         now_s: float,
         settings: TopicSettings,
         camera: messages.CameraInfo | None = None,
+        *,
+        pace_s: float | None = None,
     ) -> None:
-        """Take the messages that came, and place what is drawn; `now_s` is of a steady clock."""
+        """Take the messages that came, and place what is drawn; `now_s` is of the clock by which
+        they come, and `pace_s` of that by which they are drawn, the same by default.
+        """
+        self._pace_s = now_s if pace_s is None else pace_s
         if fixed_frame != self._fixed_frame:
             self._fixed_frame = fixed_frame
             for key, each in [*self.placed.items()]:
@@ -104,11 +126,30 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
-        if now_s >= self._due_s and self.waiting.is_every:
+        if self._pace_s >= self._due_s and self.waiting.is_every:
             self._take_every(now_s, settings)
-        elif now_s >= self._due_s:
+        elif self._pace_s >= self._due_s:
             self._take_newest(buffer, now_s, settings, camera)
         self._place(buffer, now_s)
+
+    def recall(
+        self,
+        past: Iterable[Past],
+        fixed_frame: str,
+        settings: TopicSettings,
+        camera: messages.CameraInfo | None = None,
+    ) -> None:
+        """Draw what came before, each message at its time."""
+        for buffer, came_s, came in past:
+            for message in came:
+                self.waiting.put(message)
+            self._due_s = 0.0
+            self.step(buffer, fixed_frame, came_s, settings, camera)
+        self._due_s = 0.0
+
+    def is_by(self, fixed_frame: str, settings: TopicSettings) -> bool:
+        """Whether it was drawn so last."""
+        return (self._fixed_frame, self._settings) == (fixed_frame, settings)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
         """Draw the last message by other settings."""
@@ -131,7 +172,7 @@ class TopicLayer:
             return
         for at in range(len(taken) - 1, -1, -1):
             if self._try(buffer, taken[at], now_s, settings, camera):
-                self._due_s = now_s + 1.0 / settings.rate_hz
+                self._due_s = self._pace_s + 1.0 / settings.rate_hz
                 self._waits_since_s = None
                 self.waiting.put_back(taken[at + 1 :])
                 return
@@ -153,22 +194,24 @@ class TopicLayer:
     ) -> bool:
         """Draw a message; False if its transform is not known."""
         try:
-            items = self._items(buffer, message, settings, camera)
+            seen = called_outside(message, self.waiting.names)
+            items = self._items(buffer, seen, settings, camera)
         except TransformException as error:
-            self._wait(error, now_s, self._waits_since_s)
+            self._wait(error, now_s, self._waits_since_s, seen.frame_id)
             return False
         except _REFUSALS as error:
             self._refuse(error)
             return True
-        self._refusal = self._waits_for = ""
+        self._refusal = self._waits_for = self.waits_in = ""
         self._last = message
+        self._newest_ns = message.stamp_ns
         self.drawn += 1
         for item in items:
-            if isinstance(message, _POINTS) and settings.decay_s:
+            if isinstance(message, POINTS) and settings.decay_s:
                 self._count += 1
                 item = replace(item, key=self._count, lifetime_s=settings.decay_s)
             self._add(item, now_s)
-        if isinstance(message, _POINTS):
+        if isinstance(message, POINTS):
             self.columns = columns_of(message)
             self._bound_points()
         return True
@@ -189,7 +232,7 @@ class TopicLayer:
         # A map is older than the buffer: it is drawn where its frame is.
         if isinstance(message, messages.OccupancyGrid):
             settings = replace(settings, locked=True)
-        if isinstance(message, _POINTS) and not settings.locked:
+        if isinstance(message, POINTS) and not settings.locked:
             message = _straight(buffer, message, fixed_frame)
         stamp_ns = None if settings.locked else message.stamp_ns or None
         found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
@@ -212,11 +255,19 @@ class TopicLayer:
     def _take_every(self, now_s: float, settings: TopicSettings) -> None:
         taken = self.waiting.take()
         for message in taken:
-            _TAKERS[type(message)](self, message, now_s)
+            _TAKERS[type(message)](self, called_outside(message, self.waiting.names), now_s)
             self.drawn += 1
+        if taken:
+            last = (
+                taken[-1].markers[-1:]
+                if isinstance(taken[-1], messages.MarkerArray)
+                else taken[-1:]
+            )
+            self._newest_ns = last[0].stamp_ns if last else 0
         if taken and isinstance(taken[-1], messages.Odometry):
-            self._due_s = now_s + 1.0 / settings.rate_hz
-            self._draw_odometry(taken[-1], now_s, settings)
+            self._due_s = self._pace_s + 1.0 / settings.rate_hz
+            newest = called_outside(taken[-1], self.waiting.names)
+            self._draw_odometry(newest, now_s, settings)
 
     def _take_log(self, line: messages.Log, now_s: float) -> None:
         self.lines.append(line)
@@ -232,6 +283,8 @@ class TopicLayer:
 
     def _take_one(self, marker: messages.Marker, now_s: float) -> None:
         key = (marker.ns, marker.id)
+        if len(self.namespaces) < _MOST_NAMESPACES:
+            self.namespaces.setdefault(marker.ns)
         if marker.action == messages.Marker.DELETEALL:
             for kept in [*self.placed, *self._unplaced]:
                 if not marker.ns or (isinstance(kept, tuple) and kept[0] == marker.ns):
@@ -274,7 +327,7 @@ class TopicLayer:
             ends_s = since_s + item.lifetime_s if item.lifetime_s else math.inf
             pose = self._pose(buffer, item, now_s, since_s)
             if pose is not None:
-                self._waits_for = ""
+                self._waits_for = self.waits_in = ""
                 # Those that decay are in their order.
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
@@ -296,14 +349,17 @@ class TopicLayer:
         try:
             found = buffer.lookup_transform(self._fixed_frame, item.frame_id, stamp_ns)
         except TransformException as error:
-            self._wait(error, now_s, since_s)
+            self._wait(error, now_s, since_s, item.frame_id)
             return None
         return found.transform @ item.pose
 
-    def _wait(self, error: TransformException, now_s: float, since_s: float | None) -> None:
+    def _wait(
+        self, error: TransformException, now_s: float, since_s: float | None, frame_id: str
+    ) -> None:
         # A transform that comes a little after its message is no trouble.
         if since_s is not None and now_s - since_s > _TROUBLE_AFTER_S:
             self._waits_for = printable(str(error), 300)
+            self.waits_in = frame_id
 
     def fail(self, error: Exception, key: object = None) -> None:
         """Drop the item of this key, which cannot be drawn; without one all that wait."""
@@ -328,6 +384,18 @@ _TAKERS: Mapping[type, Callable[[TopicLayer, Any, float], None]] = {
 }
 
 
+def called_outside(message: Any, names: FrameNames | None) -> Any:
+    """The message with its frames' names from outside of the namespace of its robot."""
+    if names is None or not names.namespace:
+        return message
+    if isinstance(message, messages.MarkerArray):
+        markers = tuple(called_outside(each, names) for each in message.markers)
+        return replace(message, markers=markers)
+    if isinstance(message, messages.Log):
+        return message
+    return replace(message, frame_id=names.outside(message.frame_id))
+
+
 def _straight(buffer: Buffer, message: Any, fixed_frame: str) -> Any:
     """A scan or cloud in the fixed frame, if its points have times of their own, else as it is."""
     if isinstance(message, messages.LaserScan):
@@ -347,7 +415,8 @@ def _frustum(
     if not (math.isfinite(focal) and focal > 0.0):
         return []
     fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / focal)
-    shape = Frustum(min(max(fov_y_rad, 0.01), 3.0), picture)
+    fov_y_rad = min(max(fov_y_rad, 0.01), 3.0)
+    shape = Frustum(fov_y_rad, picture, quality=int(settings.quality))
     return [Item("", image.frame_id, image.stamp_ns, (shape,), is_locked=settings.locked)]
 
 

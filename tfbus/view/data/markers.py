@@ -1,4 +1,4 @@
-"""Markers as items: each kind that RViz draws, but meshes of files."""
+"""Markers as items: each kind that RViz draws."""
 
 from collections.abc import Iterator
 
@@ -12,6 +12,7 @@ from tfbus.view.data.shapes import (
     Bodies,
     Item,
     Lines,
+    MeshFromFile,
     Points,
     Shape,
     Text,
@@ -49,7 +50,18 @@ def _shapes(marker: Marker) -> Iterator[Shape]:
     if np.abs(scale).max() > _FARTHEST:
         raise ValueError("the scale of the marker is too large to be drawn")
     if kind == Marker.MESH_RESOURCE:
-        raise ValueError("meshes of files are not drawn")
+        if not marker.mesh_resource:
+            raise ValueError("the marker names no mesh_resource")
+        [(red, green, blue)] = _rgb(marker, 1).tolist()
+        # RViz's own rule: without a colour the mesh has its own.
+        has_own = marker.mesh_use_embedded_materials
+        yield MeshFromFile(
+            marker.mesh_resource[:_LONGEST_TEXT],
+            (float(scale[0]), float(scale[1]), float(scale[2])),
+            None if has_own else (red, green, blue),
+            1.0 if has_own else _opacity(marker),
+        )
+        return
     if kind == Marker.TEXT_VIEW_FACING:
         yield Text(marker.text[:_LONGEST_TEXT], max(float(scale[2]), 0.01))
         return

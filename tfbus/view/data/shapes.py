@@ -16,8 +16,8 @@ from tfbus.view.settings import TopicSettings
 Floats = NDArray[np.float32]
 Rgb = NDArray[np.uint8]
 
-# More points of a message are thinned, evenly.
-MOST_POINTS = 100_000
+# More points of a message are never drawn, whatever the settings say: they are thinned, evenly.
+MOST_POINTS = 500_000
 # Of lines, bodies and poses; and the sides of a map in cells.
 MOST_SHAPES = 20_000
 _MOST_CELLS = 2048
@@ -25,6 +25,7 @@ _FINE_CELLS = 1024
 # As for frames: browsers draw with 32 bits.
 _FARTHEST_M = 1e15
 _POSE_M = 0.3
+_POINT_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,16 @@ class Triangles:
 
 
 @dataclass(frozen=True, eq=False)
+class MeshFromFile:
+    """The mesh of a file of a robot, scaled along x, y and z; in its own colours without `rgb`."""
+
+    name: str
+    scale: tuple[float, float, float]
+    rgb: tuple[int, int, int] | None
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
 class Text:
     """A text that faces the browser, `height_m` high."""
 
@@ -91,9 +102,10 @@ class Frustum:
     fov_y_rad: float
     picture: Rgb
     depth_m: float = 1.0
+    quality: int = 75
 
 
-Shape = Points | Lines | Bodies | Triangles | Text | Texture | Frustum
+Shape = Points | Lines | Bodies | Triangles | MeshFromFile | Text | Texture | Frustum
 
 
 _HERE = Transform()
@@ -142,7 +154,7 @@ def _cloud(cloud: messages.PointCloud, settings: TopicSettings, into_fixed: Tran
     missing = [name for name in "xyz" if name not in cloud]
     if missing:
         raise ValueError(f"the cloud lacks the columns {', '.join(missing)}")
-    step = max(1, -(-len(cloud) // MOST_POINTS))
+    step = _step(len(cloud), settings)
     xyz = cloud.xyz()[::step]
     if xyz.ndim != 2:
         raise ValueError("the columns x, y and z must be numbers")
@@ -155,7 +167,7 @@ def _column(cloud: messages.PointCloud, name: str, step: int) -> NDArray[Any] | 
 
 
 def _scan(scan: messages.LaserScan, settings: TopicSettings, into_fixed: Transform) -> Made:
-    step = max(1, -(-len(scan.ranges) // MOST_POINTS))
+    step = _step(len(scan.ranges), settings)
     intensities = scan.intensities[::step] if len(scan.intensities) else None
     column = {"intensity": intensities}
     return _points(scan.xyz()[::step], column.get, settings, into_fixed)
@@ -168,7 +180,10 @@ def _points(
     into_fixed: Transform,
 ) -> Made:
     with np.errstate(invalid="ignore"):
-        near = (np.abs(xyz) <= _FARTHEST_M).all(axis=1)
+        near = np.flatnonzero((np.abs(xyz) <= _FARTHEST_M).all(axis=1))
+    if settings.voxel and len(near):
+        near = near[_one_of_each(xyz[near], settings.voxel / 100.0)]
+        near = near[:: -(-len(near) // int(settings.most_points))]
     kept = xyz[near].astype(np.float32)
     name = settings.color
     if name == "auto":
@@ -185,6 +200,22 @@ def _points(
     else:
         colors = colored(by[near])
     return (Points(kept, np.ascontiguousarray(colors)),), _HERE
+
+
+def _step(count: int, settings: TopicSettings) -> int:
+    """Of how many points one is looked at; with voxels of as many as there are within bounds."""
+    most = MOST_POINTS if settings.voxel else min(int(settings.most_points), MOST_POINTS)
+    return max(1, -(-count // most))
+
+
+def _one_of_each(xyz: NDArray[Any], side_m: float) -> NDArray[np.intp]:
+    """The row of one point in each cube of points (N, 3)."""
+    cubes = np.floor(xyz.astype(np.float64) / side_m)
+    # Numbers of cubes that differ have the same key by chance only: a point less is no harm.
+    keys = cubes @ np.array((1.0, 1_000_003.0, 998_244_353.0))
+    _, first = np.unique(keys, return_index=True)
+    rows: NDArray[np.intp] = np.sort(first)
+    return rows
 
 
 def transform_of(pose: messages.Pose3D) -> Transform:
@@ -232,6 +263,18 @@ def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Tr
     return (arrow_at(stamped.pose),), _HERE
 
 
+def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
+    at = stamped.point
+    ball = Bodies(
+        "sphere",
+        np.array([(at.x, at.y, at.z)], np.float32),
+        np.array([(1.0, 0.0, 0.0, 0.0)], np.float32),
+        np.full((1, 3), _POINT_M, np.float32),
+        np.array([(230, 120, 20)], np.uint8),
+    )
+    return (ball,), _HERE
+
+
 def _pose_with_covariance(
     stamped: messages.PoseWithCovarianceStamped, settings: TopicSettings, into_fixed: Transform
 ) -> Made:
@@ -273,11 +316,24 @@ def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Tra
     width_m, height_m = width * cell_m, height * cell_m
     if max(width_m, height_m) > _FARTHEST_M:
         raise ValueError("the map is too large to be drawn")
+    coarse = _coarse(cells, step)
     # Browsers blur the borders of pixels.
     large = max(1, _FINE_CELLS // max(height, width))
-    fine = np.repeat(np.repeat(cells[::step, ::step], large, axis=0), large, axis=1)
-    texture = Texture(of_cells(fine), width_m, height_m)
+    fine = np.repeat(np.repeat(coarse, large, axis=0), large, axis=1)
+    side_m = step * cell_m
+    texture = Texture(of_cells(fine), coarse.shape[1] * side_m, coarse.shape[0] * side_m)
     return (texture,), transform_of(grid.info.origin)
+
+
+def _coarse(cells: NDArray[np.int8], step: int) -> NDArray[np.int8]:
+    """A cell for each `step` by `step` of them: the most occupied one, so that no wall is lost."""
+    if step == 1:
+        return cells
+    known = np.where((cells >= 0) & (cells <= 100), cells, np.int8(-1))
+    height, width = cells.shape
+    rows = np.maximum.reduceat(known, np.arange(0, height, step), axis=0)
+    coarse: NDArray[np.int8] = np.maximum.reduceat(rows, np.arange(0, width, step), axis=1)
+    return coarse
 
 
 def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform) -> Made:
@@ -301,6 +357,7 @@ _SHAPES: Mapping[type, Callable[[Any, TopicSettings, Transform], Made]] = {
     messages.PointCloud: _cloud,
     messages.LaserScan: _scan,
     messages.Path: _path,
+    messages.PointStamped: _point,
     messages.PoseArray: _poses,
     messages.PoseStamped: _pose,
     messages.PoseWithCovarianceStamped: _pose_with_covariance,

@@ -1,10 +1,14 @@
 """The topics whose messages the page can draw, and subscriptions to those that are looked at."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from tfbus import messages
+from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo, graph_of
 from tfbus.discover.presence import GraphWatch
 from tfbus.errors import TfbusError
@@ -12,18 +16,23 @@ from tfbus.node.node import Node
 from tfbus.node.topic import Subscription
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
+from tfbus.view.settings import TopicSettings
 from tfbus.wire.codec import type_name
+from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.keys import namespace_of_node, relative_name
 from tfbus.wording import printable
 
 # Of the others the newest message is all that is drawn.
-_EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)
+EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)
+POINTS = (messages.PointCloud, messages.LaserScan)
 _DRAWN = (
-    *_EVERY,
+    *EVERY,
     messages.PointCloud,
     messages.LaserScan,
     messages.Image,
     messages.CompressedImage,
     messages.Path,
+    messages.PointStamped,
     messages.PoseArray,
     messages.PoseStamped,
     messages.PoseWithCovarianceStamped,
@@ -37,14 +46,28 @@ _INFO_TYPE = type_name(messages.CameraInfo)
 # Anyone on the bus can make topics: at most this many are offered, and messages kept of each.
 MOST_TOPICS = 100
 _MOST_KEPT = 1000
+# All that waits of a topic; and a message without its arrays and texts.
+MOST_BYTES = 32_000_000
+_EMPTY_BYTES = 100
 _ASK_EVERY_S = 2.0
 _ANSWER_WITHIN_S = 1.0
 # Those among which the newest is chosen that has a transform.
-_MOST_CHOICES = 5
+MOST_CHOICES = 5
+
+
+# Messages that came at a time, in s, with the buffer by which they have their places.
+Past = tuple[Buffer, float, list[Any]]
 
 
 class DataSource(Protocol):
-    """The topics of a bus; safe from any thread."""
+    """The topics of a bus, or of a recording; safe from any thread but for `catch_up` and `past`,
+    which are for the one that draws.
+
+    Of a recording all that is drawn depends on its cursor only: other settings, and another fixed
+    frame, begin anew with the `past`.
+    """
+
+    is_recorded: bool
 
     def topics(self) -> Mapping[str, TopicInfo]:
         """All topics as they were known last; it asks for news, and does not wait."""
@@ -55,45 +78,97 @@ class DataSource(Protocol):
     def waiting(self, topic: str) -> "Waiting | None":
         """The messages of a topic that are to be drawn; None without a subscription."""
 
+    def catch_up(self, now_s: float) -> float:
+        """Take what has come by now, of a steady clock; the time in s by which messages come."""
+
+    def past(self, topic: str, settings: TopicSettings) -> Iterable[Past]:
+        """What came before and has to do with what is drawn, the oldest first."""
+
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""
+
+    def now_ns(self) -> int:
+        """The time by which messages are stamped."""
 
     def close(self) -> None:
         """End it. Twice is fine."""
 
 
 class Waiting:
-    """The messages of a topic that are not drawn yet, of a type; the oldest are dropped."""
+    """The messages of a topic that are not drawn yet, of a type: in bounded number and bytes. The
+    newest stay; `dropped` older ones did not. `names` are those of the frames of its robot.
 
-    def __init__(self, message_type: type) -> None:
+    Safe from any thread: messages come on one, and another draws.
+    """
+
+    def __init__(self, message_type: type, names: FrameNames | None = None) -> None:
         self.message_type = message_type
-        self.is_every = message_type in _EVERY
-        self._kept: deque[Any] = deque(maxlen=_MOST_KEPT if self.is_every else _MOST_CHOICES)
-        self.received = 0
+        self.names = names
+        self.is_every = message_type in EVERY
+        self._most = _MOST_KEPT if self.is_every else MOST_CHOICES
+        self._lock = scheduler.Lock()
+        self._kept: deque[tuple[Any, int]] = deque()
+        self._bytes = 0
+        self.received = self.dropped = 0
 
     def put(self, message: Any) -> None:
         """Add the newest message."""
-        self.received += 1
-        self._kept.append(message)
+        size = size_of(message)
+        with self._lock:
+            self.received += 1
+            self._kept.append((message, size))
+            self._bytes += size
+            self._bound()
+
+    def __len__(self) -> int:
+        return len(self._kept)
 
     def take(self) -> list[Any]:
         """All messages, the oldest first; none is left."""
-        taken = []
-        while self._kept:
-            taken.append(self._kept.popleft())
+        with self._lock:
+            taken = [message for message, _ in self._kept]
+            self._kept.clear()
+            self._bytes = 0
         return taken
 
     def put_back(self, taken: list[Any]) -> None:
         """Keep messages whose transform is not known yet, before those that came since."""
-        room = (self._kept.maxlen or 0) - len(self._kept)
-        if room > 0:
-            self._kept.extendleft(reversed(taken[-room:]))
+        sizes = list(map(size_of, taken))
+        with self._lock:
+            self._kept.extendleft(reversed(list(zip(taken, sizes, strict=True))))
+            self._bytes += sum(sizes)
+            self._bound()
+
+    def _bound(self) -> None:
+        # The newest stays, however large it is: the bus bounds that.
+        while len(self._kept) > self._most or (self._bytes > MOST_BYTES and len(self._kept) > 1):
+            self._bytes -= self._kept.popleft()[1]
+            self.dropped += 1
+
+
+def size_of(message: Any) -> int:
+    """About how many bytes a message takes: its arrays and texts, and some for the rest."""
+    if isinstance(message, np.ndarray):
+        return int(message.nbytes)
+    if isinstance(message, str | bytes):
+        return len(message)
+    if isinstance(message, tuple):
+        return sum(map(size_of, message))
+    if not is_dataclass(message):
+        return 0
+    values = (getattr(message, each.name) for each in fields(message))
+    return _EMPTY_BYTES + sum(map(size_of, values))
 
 
 def drawn_type(topic: TopicInfo) -> type | None:
     """The class of a topic's messages, by its publishers; None if they cannot be drawn."""
     named = {end.type for end in topic.publishers}
     return TYPES.get(named.pop()) if len(named) == 1 else None
+
+
+def message_type_of(topic: TopicInfo) -> type | None:
+    """The same, or CameraInfo, which is read for images."""
+    return messages.CameraInfo if topic.types == (_INFO_TYPE,) else drawn_type(topic)
 
 
 def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
@@ -111,10 +186,16 @@ def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
 
 
 class DataOnBus:
-    """The topics of a node's bus; the nodes are asked for theirs while somebody wants to know."""
+    """The topics of a node's bus; the nodes are asked for theirs while somebody wants to know.
 
-    def __init__(self, node: Node) -> None:
+    With a `fleet`, frames of messages of its robots are those from outside: `robot7/lidar`.
+    """
+
+    is_recorded = False
+
+    def __init__(self, node: Node, fleet: Fleet | None = None) -> None:
         self._node = node
+        self._fleet = fleet
         self._log_once = LogOnce(node.log)
         self._graph = GraphWatch(node.session, node.log, answer_within_s=_ANSWER_WITHIN_S)
         self._lock = scheduler.Lock()
@@ -146,16 +227,17 @@ class DataOnBus:
                 self._is_asking = False
                 self._asked_s = scheduler.monotonic()
 
+    def now_ns(self) -> int:
+        """The time by which messages are stamped."""
+        return self._node.now_ns()
+
     def close(self) -> None:
         """End the subscriptions."""
         self.want({})
 
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
-        types = {
-            name: messages.CameraInfo if info.types == (_INFO_TYPE,) else drawn_type(info)
-            for name, info in topics.items()
-        }
+        types = {name: message_type_of(info) for name, info in topics.items()}
         with self._lock:
             for name, (subscription, waiting) in list(self._subscriptions.items()):
                 if types.get(name) is not waiting.message_type:
@@ -165,6 +247,8 @@ class DataOnBus:
                 if message_type is not None and name not in self._subscriptions:
                     retained = any(end.retained for end in topics[name].publishers)
                     self._subscribe(name, message_type, retained)
+                if name in self._subscriptions:
+                    self._subscriptions[name][1].names = self._names_of(topics[name])
 
     def waiting(self, topic: str) -> Waiting | None:
         """The messages of a topic that are to be drawn; None without a subscription."""
@@ -172,11 +256,33 @@ class DataOnBus:
             found = self._subscriptions.get(topic)
             return found[1] if found else None
 
+    def catch_up(self, now_s: float) -> float:
+        """Messages come by themselves: the same time."""
+        return now_s
+
+    def past(self, topic: str, settings: TopicSettings) -> Iterable[Past]:
+        """Nothing: a bus has no past."""
+        return ()
+
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""
         with self._lock:
             found = self._subscriptions.get(topic)
             return found[0].rejected if found else 0
+
+    def _names_of(self, topic: TopicInfo) -> FrameNames | None:
+        """The names of the frames of its robot: the one whose nodes publish, else that of the name
+        of the topic.
+        """
+        if self._fleet is None:
+            return None
+        own = self._node.namespace
+        above = {
+            relative_name(f"/{namespace_of_node(end.node)}".rstrip("/"), own)
+            for end in topic.publishers
+        }
+        origin = above.pop() if len(above) == 1 else topic.name.rpartition("/")[0]
+        return self._fleet.names(origin)
 
     def _subscribe(self, name: str, message_type: type, retained: bool) -> None:
         waiting = Waiting(message_type)

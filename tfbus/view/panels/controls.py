@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import viser
 
 from tfbus.errors import SettingsError
+from tfbus.view.frames import Frames
 from tfbus.view.panels.markup import Html
 from tfbus.view.settings import (
     RANGES,
@@ -153,6 +154,7 @@ _SELECTED = "Selected (F)"
 
 
 _BOXES = {
+    "follow_yaw": "Turn with it",
     "axes": "Axes",
     "names": "Names",
     "arrows": "Arrows",
@@ -185,6 +187,13 @@ class DisplayPanel:
         self._is_dark: bool | None = None
         self._controls: dict[str, Control] = {}
         settings = view.settings
+        self._follow = FrameDropdown(
+            gui,
+            "Camera follows",
+            "nothing",
+            lambda name: view.change(follow=name),
+            hint="This frame stays where it is in the picture, and the rest moves.",
+        )
         for name, label in _BOXES.items():
             self._bind(name, gui.add_checkbox(label, getattr(settings, name)))
         for name, (label, step) in _SLIDERS.items():
@@ -203,9 +212,10 @@ class DisplayPanel:
         save_button.on_click(lambda event: self._save(event, path))
         self._saved = Html(gui.add_html(""))
 
-    def refresh(self) -> None:
-        """Follow settings that another control has changed."""
+    def refresh(self, frames: Frames) -> None:
+        """Follow settings that another control has changed, and offer the frames."""
         settings = self._view.settings
+        self._follow.offer(sorted(frames.by_name), settings.follow)
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
         if settings.dark != self._is_dark:

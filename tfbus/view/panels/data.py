@@ -8,7 +8,7 @@ import viser
 
 from tfbus import messages
 from tfbus.view.data.layer import TopicLayer
-from tfbus.view.data.topics import drawn_type
+from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Html
 from tfbus.view.scene.data import DataScenes
@@ -16,7 +16,6 @@ from tfbus.view.settings import RANGES, ViewState
 from tfbus.wording import printable
 
 _COLORS = ("auto", "flat", "height")
-_POINTS = (messages.PointCloud, messages.LaserScan)
 _IMAGES = (messages.Image, messages.CompressedImage)
 _WITHOUT_LOCK = (
     messages.Log,
@@ -76,6 +75,7 @@ class _TopicRow:
         self._scenes = scenes
         self._topic = topic
         self._picture: Any = None
+        self._quality = 0
         settings = view.settings.of_topic(topic)
         self._box_handle = gui.add_checkbox(
             printable(topic), settings.shown, hint=message_type.__name__
@@ -87,12 +87,16 @@ class _TopicRow:
         self._controls: dict[str, Control] = {}
         self._color: Any = None
         with self._folder:
-            if message_type in _POINTS:
+            if message_type in POINTS:
                 options = tuple(dict.fromkeys((*_COLORS, settings.color)))
                 self._color = gui.add_dropdown("Colour", options, initial_value=settings.color)
                 self._controls["color"] = Control(self._color, self._setter("color"))
                 self._slider("size", "Size (cm)", 0.5)
                 self._slider("decay_s", "Decay (s)", 0.5)
+                self._slider("voxel", "Voxel (cm)", 1.0)
+                self._slider("most_points", "Points at most", 1000.0)
+            if message_type in _IMAGES:
+                self._slider("quality", "JPEG quality", 5.0)
             if message_type not in _WITHOUT_LOCK:
                 self._slider("rate_hz", "At most (Hz)", 0.1)
                 self._controls["locked"] = Control(
@@ -104,6 +108,7 @@ class _TopicRow:
                     self._setter("locked"),
                 )
             self._state = Html(gui.add_html(""))
+        self._namespaces: dict[str, Control] = {}
         if message_type in _IMAGES:
             scenes.show_picture[topic] = self._show_picture
 
@@ -124,6 +129,22 @@ class _TopicRow:
             if self._color.options != options:
                 self._color.options = options
         self._state.show(state_of(layer, self._scenes.rejected(self._topic)))
+        for name in list(layer.namespaces):
+            if name not in self._namespaces:
+                with self._folder:
+                    label = printable(name, 60) or "(no namespace)"
+                    box = self._gui.add_checkbox(label, name not in settings.hidden)
+                    self._namespaces[name] = Control(box, self._hider(name))
+            self._namespaces[name].show(name not in settings.hidden)
+
+    def _hider(self, namespace: str) -> Callable[[bool], None]:
+        def on_choice(is_shown: bool) -> None:
+            hidden = self._view.settings.of_topic(self._topic).hidden
+            others = tuple(name for name in hidden if name != namespace)
+            chosen = others if is_shown else (*others, namespace)
+            self._view.change_topic(self._topic, hidden=chosen)
+
+        return on_choice
 
     def remove(self) -> None:
         """Remove the controls."""
@@ -140,17 +161,24 @@ class _TopicRow:
         return lambda value: self._view.change_topic(self._topic, **{name: value})
 
     def _show_picture(self, picture: Any) -> None:
-        if self._picture is None:
-            with self._folder:
-                self._picture = self._gui.add_image(picture, format="jpeg", jpeg_quality=75)
-        else:
+        quality = int(self._view.settings.of_topic(self._topic).quality)
+        if self._picture is not None and quality == self._quality:
             self._picture.image = picture
+            return
+        if self._picture is not None:
+            self._picture.remove()
+        self._quality = quality
+        with self._folder:
+            self._picture = self._gui.add_image(picture, format="jpeg", jpeg_quality=quality)
 
 
 def state_of(layer: TopicLayer, rejected: int = 0) -> str:
     """How many messages were drawn and dropped, and the lines of a log, as HTML."""
     facts = [f"{layer.drawn} drawn"]
+    facts += [f"{layer.age_s * 1e3:.0f} ms old"] if layer.age_s is not None else []
     facts += [f"{count} dropped, {reason}" for reason, count in sorted(layer.dropped.items())]
+    overtaken = layer.waiting.dropped
+    facts += [f"{overtaken} overtaken by newer ones"] if overtaken else []
     facts += [f"{rejected} unreadable"] if rejected else []
     text = f'<div class="tf tf-dim">{escape(" · ".join(facts))}</div>'
     if layer.trouble:

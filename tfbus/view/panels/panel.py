@@ -2,6 +2,7 @@
 of the fleet, with a line a robot, as `tfbus fleet` has it.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
@@ -13,6 +14,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.clocks import MOST_SKEW_S
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
+from tfbus.view.data.tools import ToolPublishers
 from tfbus.view.frames import FAULTS, Frames, Placed, newest_common_ns
 from tfbus.view.guest import Guest
 from tfbus.view.panels.controls import (
@@ -25,6 +27,9 @@ from tfbus.view.panels.data import DataPanel
 from tfbus.view.panels.markup import Channel, Html, clock_time, sign
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.robots import RobotsPanel, progress_text
+from tfbus.view.panels.tools import SCRIPT as TOOLS_SCRIPT
+from tfbus.view.panels.tools import STYLE as TOOLS_STYLE
+from tfbus.view.panels.tools import ToolsPanel
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
@@ -78,8 +83,8 @@ class Panel:
 
     Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
     scene that plays it. Without a `path` for settings, browsers can neither save them nor send
-    anything to the bus. `roster` are the robots of a fleet that are expected. `newest_ns` is
-    the latest time at which all dynamic frames can be placed.
+    anything to the bus; with `tools` they publish by them. `roster` are the robots of a fleet that
+    are expected. `newest_ns` is the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -97,6 +102,7 @@ class Panel:
         replay: Replay | None = None,
         roster: tuple[str, ...] = (),
         data: DataScenes | None = None,
+        tools: ToolPublishers | None = None,
     ) -> None:
         self._server = server
         self._view = view
@@ -110,6 +116,8 @@ class Panel:
         player = (PlayerBar.style(), PlayerBar.script()) if replay else ("", "")
         style = player[0] + "".join(guest.style for guest in self._guests)
         script = TREE_SCRIPT + player[1] + "".join(guest.script for guest in self._guests)
+        if tools:
+            style, script = style + TOOLS_STYLE, script + TOOLS_SCRIPT
         gui.add_html(channel.html(style, script, title))
         channel.listen(gui.add_text("events", ""))
         self._headline = Html(gui.add_html(""))
@@ -125,8 +133,14 @@ class Panel:
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
+        self.tools: ToolsPanel | None = None
+        if tools:
+            with tabs.add_tab(ToolsPanel.title):
+                self.tools = ToolsPanel(gui, view, channel, tools)
         self.fleet = FleetTab(gui, tabs, roster)
         self._data = DataPanel(gui, tabs, view, data) if data else None
+        self._scenes = data
+        self._subscribers = data.subscribers if data else lambda topic: 0
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
@@ -151,6 +165,8 @@ class Panel:
         headline = headline_of(frames, fixed_frame, playback, missing, now_ns, empty, loading)
         if self._replay and self._replay.mistake:
             headline += mistake_lines([self._replay.mistake])
+        if self._scenes and (note := self._scenes.note(fixed_frame, frames)):
+            headline += mistake_lines([note])
         self._headline.show(headline)
         if self._time:
             self._time.refresh()
@@ -162,9 +178,11 @@ class Panel:
         self._refresh_robots(frames)
         if self._data:
             self._data.refresh()
+        if self.tools:
+            self.tools.refresh(time.monotonic(), self._subscribers)
         for guest in self._guests:
             self._refresh_guest(guest)
-        self._display.refresh()
+        self._display.refresh(frames)
 
     def follow_player(self) -> None:
         """Show where a recording is shown, if browsers cannot foresee that."""

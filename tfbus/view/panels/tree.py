@@ -56,6 +56,7 @@ class TreePanel:
         )
         channel.on("show all", lambda e: view.change(hidden=()))
         channel.on("hide all", lambda e: view.change(hidden=self._listed))
+        channel.on("follow", lambda e: view.change(follow=str(e.get("frame", ""))))
         channel.on("fix", lambda e: view.change(fixed_frame=str(e.get("frame", ""))))
 
     def refresh(
@@ -197,12 +198,15 @@ def _actions(frame: ViewFrame, settings: ViewSettings) -> str:
     checked = "checked" if frame.name in settings.trails else ""
     trail = event("trail", frame="this.dataset.frame", on="this.checked")
     fix = event("fix", frame="this.dataset.frame")
+    follow, is_followed = event("follow", frame="this.dataset.frame"), settings.follow == frame.name
     return (
         f'<div class="tf"><div class="tf-title"><b>{name}</b>'
         f'<label><input type="checkbox" {checked} aria-label="trail of {name}" '
         f'data-frame="{name}" onclick="{trail}"> trail</label>'
         f'<a class="tf-link" role="button" tabindex="0" data-frame="{name}" onclick="{fix}">'
-        "see from here</a></div></div>"
+        'see from here</a><a class="tf-link" role="button" tabindex="0" '
+        f'data-frame="{"" if is_followed else name}" onclick="{follow}">'
+        f"{'stop following' if is_followed else 'follow'}</a></div></div>"
     )
 
 

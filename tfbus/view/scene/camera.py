@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tfbus.geometry.transform import Transform
 from tfbus.view.frames import Floats, Placed
 from tfbus.view.guest import Region
+from tfbus.view.scene.picking import Ray
 
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
@@ -30,8 +31,14 @@ _SETTLE_S = 3.0
 # A browser may be behind by this many moves of its camera.
 _MOST_BEHIND = 32
 
+# Of a frame whose x axis, of length 1, is nearer to the vertical the heading is not known.
+_LEAST_HEADING = 0.05
+
 # viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
+
+
+_NO_MOTION = Transform((0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +54,25 @@ class Viewport:
     size_px: tuple[int, int]
 
     @staticmethod
-    def of(camera: Any) -> "Viewport":
-        """The window of a client of viser."""
+    def of(camera: Any, fixed: Transform = _NO_MOTION) -> "Viewport":
+        """The window of a client of viser, seen from the fixed frame, which is there in the scene
+        of viser.
+        """
         w, x, y, z = camera.wxyz
-        rotation = Transform((0.0, 0.0, 0.0), (x, y, z, w)).as_matrix()[:3, :3]
+        back = fixed.inverse()
+        turn = back @ Transform((0.0, 0.0, 0.0), (x, y, z, w))
         size_px = (camera.image_width, camera.image_height)
-        return Viewport(camera.position, rotation, camera.fov, size_px)
+        return Viewport(back.apply(camera.position), turn.as_matrix()[:3, :3], camera.fov, size_px)
+
+    def ray(self, part: tuple[float, float]) -> Ray:
+        """The ray through a place of the picture: parts of its width and height from the upper left
+        corner, 0 to 1.
+        """
+        width, height = self.size_px
+        pixel = 2.0 * math.tan(self.fov_rad / 2.0) / height
+        x, y = (part[0] - 0.5) * width * pixel, (part[1] - 0.5) * height * pixel
+        direction = self.rotation @ np.array((x, y, 1.0))
+        return Ray(self.position, direction / np.linalg.norm(direction), pixel)
 
     def project(self, xyz: Floats) -> tuple[Floats, Floats]:
         """Pixels (N, 2) from the upper left corner, and distances (N,) ahead of the camera in m."""
@@ -122,10 +142,16 @@ class Cameras:
     """The cameras of all browsers.
 
     They start where they see everything, and later move only on request or with the fixed frame.
+    To follow a frame they stay where they are, and everything else moves: `fixed` is the pose of
+    the fixed frame in the scene of viser, so that browsers turn their cameras undisturbed.
     """
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
+        self.fixed = _NO_MOTION
+        self._followed: tuple[str, bool | None] = ("", None)
+        self._held = _NO_MOTION
+        self._heading_rad = 0.0
         self._seen = (False, 0)
         self._built = (0, 0)
         self._settled_at_s = 0.0
@@ -143,7 +169,8 @@ class Cameras:
 
         Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
         Browsers whose camera is where it was left also follow it later, each time that `built` has
-        grown: how many robots have frames, and how many of their parts are there.
+        grown: how many robots have frames, and how many of their parts are there. Cameras that
+        follow a frame stay.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
@@ -153,6 +180,9 @@ class Cameras:
         is_settling = what > before and now_s < self._settled_at_s
         is_growing = built > self._built
         self._seen, self._built = max(what, before), built
+        if self._followed[0]:
+            self._placed = set(clients)
+            return
         if is_settling or is_growing or not clients:
             self._start_at(region)
         for number, client in clients.items():
@@ -171,13 +201,18 @@ class Cameras:
         put_at = (*self._put_at[number], *self._starts)
         return any(np.allclose(camera.position, at, atol=1e-3) for at in put_at)
 
+    def window(self, client: int) -> Viewport | None:
+        """The window of one browser, in the fixed frame; None if it has left."""
+        handle = self._server.get_clients().get(client)
+        return None if handle is None else Viewport.of(handle.camera, self.fixed)
+
     def show(self, client: int, region: Region) -> None:
         """Let one browser see this ball whole, from where cameras start."""
         if handle := self._server.get_clients().get(client):
             self._show(client, handle.camera, region)
 
     def _show(self, number: int, camera: Any, region: Region) -> None:
-        _move(camera, *_overview(region, _aspect(camera)))
+        _move(camera, *_overview(self._in_scene(region), _aspect(camera)))
         self._put_at[number].append(np.array(camera.position))
 
     def focus(self, client: int, region: Region) -> None:
@@ -189,17 +224,21 @@ class Cameras:
         if handle is None:
             return
         camera = handle.camera
-        away = np.asarray(camera.position - camera.look_at, np.float64)
+        away = self.fixed.inverse().rotate(camera.position - camera.look_at)
         distance_m = float(np.linalg.norm(away))
         near_m = distance_m * math.sin(_FOV_RAD / 2.0) * min(1.0, _aspect(camera))
         radius_m = min(region.radius_m, near_m)
-        _move(camera, *overview(region.middle, radius_m, _aspect(camera), away / distance_m))
+        position, look_at = overview(region.middle, radius_m, _aspect(camera), away / distance_m)
+        _move(camera, self.fixed.apply(position), self.fixed.apply(look_at))
 
     def carry(self, moved: Transform) -> None:
         """Keep what all browsers see, when the fixed frame has another place in the scene.
 
         `moved` is the pose of the former fixed frame in the new one.
         """
+        before, self.fixed = self.fixed, _NO_MOTION
+        self._followed = (self._followed[0], None)
+        moved = moved @ before.inverse()
         for number, client in self._server.get_clients().items():
             camera = client.camera
             is_left = self._is_left(number, camera)
@@ -208,17 +247,52 @@ class Cameras:
                 self._put_at[number].append(np.array(camera.position))
         self._start_at(Region(moved.apply(self._start.middle), self._start.radius_m))
 
+    def follow(self, name: str, pose: Transform | None, radius_m: float, *, turns: bool) -> None:
+        """Keep a frame, whose pose in the fixed frame this is, where it is in all pictures; if it
+        `turns`, its heading too. "" for no frame; one without a pose stays where it was.
+
+        At first the cameras look at it, near enough for a ball of this radius to fill the picture.
+        """
+        if not name:
+            self._followed = ("", None)
+            return
+        if pose is None:
+            return
+        heading_rad = 0.0
+        if turns:
+            ahead = pose.rotate((1.0, 0.0, 0.0))
+            # Straight up or down it has no heading: the last one stays.
+            if math.hypot(ahead[0], ahead[1]) > _LEAST_HEADING:
+                self._heading_rad = math.atan2(ahead[1], ahead[0])
+            heading_rad = self._heading_rad
+        at = Transform.from_rpy(0.0, 0.0, heading_rad, tuple(pose.xyz))
+        if self._followed != (name, turns):
+            is_new = self._followed[0] != name
+            self._followed = (name, turns)
+            self._held = self.fixed @ at
+            if is_new:
+                region = Region(np.array(pose.xyz), radius_m)
+                for number in self._server.get_clients():
+                    self.focus(number, region)
+                self._start_at(region)
+        self.fixed = self._held @ at.inverse()
+
     def refit(self, region: Region) -> None:
         """Let all browsers see this ball whole: it has nothing to do with what they saw before."""
         for client in self._server.get_clients():
             self.show(client, region)
         self._start_at(region)
 
+    def _in_scene(self, region: Region) -> Region:
+        """A ball of the fixed frame in the scene of viser."""
+        toward = None if region.toward is None else self.fixed.rotate(region.toward)
+        return Region(self.fixed.apply(region.middle), region.radius_m, toward)
+
     def _start_at(self, region: Region) -> None:
         """The camera of browsers that are opened later, and of viser's Reset View."""
-        self._start = region
+        self._start = self._in_scene(region)
         initial: Any = self._server.initial_camera
-        initial.position, initial.look_at = _overview(region)
+        initial.position, initial.look_at = _overview(self._start)
         self._starts.append(np.array(initial.position))
 
 

@@ -3,18 +3,17 @@ their own, so that frames do not wait for clouds and images.
 """
 
 import logging
+import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from itertools import count
 from typing import Any
 
 import numpy as np
 import trimesh
 import viser
-from trimesh import creation
 
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
@@ -26,23 +25,26 @@ from tfbus.view.data.shapes import (
     Bodies,
     Frustum,
     Lines,
+    MeshFromFile,
     Points,
     Shape,
     Text,
     Texture,
     Triangles,
 )
-from tfbus.view.data.topics import MOST_TOPICS, DataSource, camera_topic, drawn_type
-from tfbus.view.frames import Floats
-from tfbus.view.scene.drawn import place_of, scale_of_depth
+from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
+from tfbus.view.frames import Floats, Frames
+from tfbus.view.guest import FIXED_NODE
+from tfbus.view.meshes.loader import ReadMesh
+from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
+from tfbus.view.scene.picking import Ray
 from tfbus.view.settings import TopicSettings, ViewSettings
-from tfbus.wording import did_you_mean
+from tfbus.wording import counted, did_you_mean, listed, printable
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
-_JPEG_QUALITY = 75
 
 
 @dataclass(frozen=True)
@@ -62,16 +64,35 @@ class _DrawnItem:
     node: Any
     handles: list[Any]
 
+    @property
+    def awaits(self) -> bool:
+        """Whether its mesh is not loaded yet."""
+        return not self.handles and any(
+            isinstance(shape, MeshFromFile) for shape in self.placed.item.shapes
+        )
+
+
+class _NotDrawnError(ValueError):
+    """A message asks for something that is not drawn; it says what."""
+
 
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
     `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. Pictures
-    of the panel are set by this thread too: `show_picture[topic](picture)`.
+    of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
+    the mesh of a file of a robot, why there is none, or None while it is loaded.
     """
 
-    def __init__(self, server: viser.ViserServer, source: DataSource, log: logging.Logger) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        source: DataSource,
+        log: logging.Logger,
+        mesh_named: Callable[[str], ReadMesh | str | None] = lambda name: "there is no robot",
+    ) -> None:
         self._server = server
+        self._mesh_named = mesh_named
         self._source = source
         self._log_once = LogOnce(log)
         self.topics: dict[str, TopicInfo] = {}
@@ -129,12 +150,48 @@ class DataScenes:
         ]
         return np.concatenate(found) if found else np.zeros((0, 3))
 
+    def met_by(self, ray: Ray) -> float:
+        """The way in m along a ray of the fixed frame to what is drawn of messages; infinity for
+        none.
+        """
+        ways = [
+            _way(ray.seen_from(placed.pose), shape)
+            for layer in self.layers.copy().values()
+            for placed in layer.placed.copy().values()
+            for shape in placed.item.shapes
+        ]
+        return min(ways, default=math.inf)
+
+    def note(self, fixed_frame: str, frames: Frames) -> str:
+        """The messages that wait for a transform to the fixed frame, and the frame to choose for
+        them; "" if none does.
+        """
+        waits = [layer for layer in self.layers.copy().values() if layer.waits_in]
+        if not waits:
+            return ""
+        count = counted(sum(max(layer.waiting_count, 1) for layer in waits), "message")
+        lead = f"{count} wait for a transform to {printable(fixed_frame)}"
+        own = frames[fixed_frame].root if fixed_frame in frames else ""
+        names = {layer.waits_in for layer in waits}
+        roots = sorted({frames[name].root for name in names if name in frames} - {own})
+        if roots:
+            return f"{lead}: choose as the fixed frame {listed([*map(printable, roots)], most=3)}"
+        unknown = sorted(names - frames.by_name.keys())
+        if unknown:
+            return f"{lead}: there is no frame {listed([*map(printable, unknown)], most=3)}"
+        return f"{lead}: see the tab Data"
+
+    def subscribers(self, topic: str) -> int:
+        """How many subscriptions a topic has on the bus, as it was known last."""
+        info = self._all.get(topic)
+        return len(info.subscribers or ()) if info else 0
+
     def close(self) -> None:
         """End the thread. Twice is fine."""
         self._ended.set()
-        self._source.close()
         if self._thread is not None:
             self._thread.join(_END_S)
+        self._source.close()
 
     def hold(self) -> None:
         """Leave everything as it is, for a picture."""
@@ -173,14 +230,23 @@ class DataScenes:
         sight = self._sight
         if sight is None or self._is_held:
             return
+        pace_s, now_s = now_s, self._source.catch_up(now_s)
         chosen = {each.topic: each for each in sight.settings.topics if each.shown}
         layers: dict[str, TopicLayer] = {}
         for topic in chosen:
             waiting = self._source.waiting(topic)
             if waiting is not None and topic in self.topics:
                 layer = self.layers.get(topic)
-                is_same = layer is not None and layer.waiting is waiting
-                layers[topic] = layer if layer and is_same else TopicLayer(waiting)
+                if (
+                    layer is None
+                    or layer.waiting is not waiting
+                    or (
+                        self._source.is_recorded
+                        and not layer.is_by(sight.fixed_frame, chosen[topic])
+                    )
+                ):
+                    layer = self._begun(topic, waiting, sight.fixed_frame, chosen[topic])
+                layers[topic] = layer
         # A browser that comes back finds what it left.
         kept = {name: each for name, each in self.layers.items() if name in chosen}
         self.layers = kept | layers
@@ -189,7 +255,9 @@ class DataScenes:
                 break
             camera = self._camera(topic)
             try:
-                layer.step(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera)
+                layer.step(
+                    *(sight.buffer, sight.fixed_frame, now_s, chosen[topic], camera), pace_s=pace_s
+                )
             except Exception as error:  # the other topics are drawn all the same
                 layer.fail(error)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
@@ -198,6 +266,22 @@ class DataScenes:
         for topic, layer in layers.items():
             self._show_picture(topic, layer)
         self._server.flush()
+        now_ns = self._source.now_ns()
+        for layer in layers.values():
+            layer.was_sent(now_ns)
+
+    def _begun(
+        self, topic: str, waiting: Waiting, fixed_frame: str, settings: TopicSettings
+    ) -> TopicLayer:
+        """A layer with what came before."""
+        layer = TopicLayer(waiting)
+        try:
+            past = self._source.past(topic, settings)
+            layer.recall(past, fixed_frame, settings, self._camera(topic))
+        except Exception as error:  # the other topics are drawn all the same
+            layer.fail(error)
+            self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
+        return layer
 
     def _camera(self, topic: str) -> messages.CameraInfo | None:
         beside = self._camera_of.get(topic, "")
@@ -225,31 +309,39 @@ class DataScenes:
         for at, placed in items.items():
             topic, key = at
             try:
-                self._draw_item(at, placed, chosen[topic].size)
+                settings = chosen[topic]
+                drawn = self._draw_item(at, placed, settings.size)
+                is_shown = not (isinstance(key, tuple) and key[0] in settings.hidden)
+                if drawn.node.visible != is_shown:
+                    drawn.node.visible = is_shown
+            except _NotDrawnError as error:
+                self._remove(at)
+                self.layers[topic].fail(error, key)
             except Exception as error:  # the others are drawn all the same
                 self._remove(at)
                 self.layers[topic].fail(error, key)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
 
-    def _draw_item(self, at: tuple[str, object], placed: PlacedItem, size: float) -> None:
+    def _draw_item(self, at: tuple[str, object], placed: PlacedItem, size: float) -> _DrawnItem:
         drawn = self._drawn.get(at)
         if drawn is None:
             node = self._scene.add_frame(
-                f"/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
+                f"{FIXED_NODE}/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
             )
             drawn = self._drawn[at] = _DrawnItem(placed, size, node, [])
             drawn.handles = self._made(placed, node.name, size)
-            return
+            return drawn
         if drawn.placed.pose != placed.pose:
             put = place_of(placed.pose)
             drawn.node.position, drawn.node.wxyz = put["position"], put["wxyz"]
-        if drawn.placed.item is not placed.item or drawn.size != size:
+        if drawn.placed.item is not placed.item or drawn.size != size or drawn.awaits:
             former, former_handles = drawn.placed, drawn.handles
             drawn.handles = self._made(placed, drawn.node.name, size, former, former_handles)
             for handle in former_handles[len(drawn.handles) :]:
                 handle.remove()
             drawn.size = size
         drawn.placed = placed
+        return drawn
 
     def _remove(self, at: tuple[str, object]) -> None:
         if (ended := self._drawn.pop(at, None)) is not None:
@@ -272,7 +364,12 @@ class DataScenes:
                 continue
             at = len(made)
             before = there[at] if at < len(there) else None
-            if handles and isinstance(shape, Bodies) and _is_alike(shape, before):
+            if isinstance(shape, MeshFromFile):
+                mesh = self._mesh_named(shape.name)
+                if isinstance(mesh, str):
+                    raise _NotDrawnError(f"mesh {printable(shape.name)}: {mesh}")
+                made += [] if mesh is None else [_mesh(self._scene, f"{path}/{at}", shape, mesh)]
+            elif handles and isinstance(shape, Bodies) and _is_alike(shape, before):
                 _move(handles[at], shape)
                 made.append(handles[at])
             else:
@@ -306,6 +403,48 @@ def _some_points(shape: Shape) -> Floats:
     return points
 
 
+def _way(ray: Ray, shape: Shape) -> float:
+    """The way in m along a ray to a shape; of bodies to the balls around them. Infinity for none,
+    and for lines, texts and cameras' views.
+    """
+    match shape:
+        case Points():
+            return ray.to_points(shape.xyz)
+        case Bodies():
+            return min(
+                (
+                    ray.seen_from(Transform(xyz, (x, y, z, w))).to_triangles(
+                        vertices * scale, faces
+                    )
+                    for xyz, (w, x, y, z), scale in _nearest_bodies(ray, shape)
+                    for vertices, faces in [unit_mesh(shape.kind)]
+                ),
+                default=math.inf,
+            )
+        case Triangles():
+            return ray.to_triangles(shape.corners, np.arange(len(shape.corners)).reshape(-1, 3))
+        case Texture():
+            corners = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+            wide = np.column_stack((corners * (shape.width_m, shape.height_m), np.zeros(4)))
+            return ray.to_triangles(wide, np.array([(0, 1, 2), (0, 2, 3)]))
+        case _:
+            return math.inf
+
+
+# Of so many bodies, the nearest that a ray comes near, their triangles are looked at.
+_MOST_MET = 200
+
+
+def _nearest_bodies(ray: Ray, bodies: Bodies) -> Iterator[tuple[Any, Any, Any]]:
+    """The place, rotation (w first) and scale of each body whose ball the ray meets."""
+    seen = bodies.xyz - ray.origin
+    depths = seen @ ray.direction
+    aside = np.linalg.norm(seen - depths[:, None] * ray.direction, axis=1)
+    met = np.flatnonzero(aside <= np.linalg.norm(bodies.scales, axis=1))
+    for row in met[np.argsort(depths[met])][:_MOST_MET]:
+        yield bodies.xyz[row], bodies.quat_wxyz[row], bodies.scales[row]
+
+
 def _is_empty(shape: Shape) -> bool:
     parts = {Points: "xyz", Lines: "ends", Bodies: "xyz", Triangles: "corners"}
     name = parts.get(type(shape))
@@ -331,7 +470,7 @@ def _lines(scene: viser.SceneApi, path: str, lines: Lines, size_cm: float) -> An
 
 
 def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) -> Any:
-    vertices, faces = _unit(bodies.kind)
+    vertices, faces = unit_mesh(bodies.kind)
     return scene.add_batched_meshes_simple(
         path,
         vertices,
@@ -361,30 +500,6 @@ def _move(handle: Any, bodies: Bodies) -> None:
     handle.batched_colors = bodies.colors
 
 
-@cache
-def _unit(kind: str) -> tuple[Any, Any]:
-    """The mesh of a body that is 1 m long each way; arrows and cones are along x."""
-    if kind == "cube":
-        mesh = creation.box()
-    elif kind == "sphere":
-        mesh = creation.icosphere(subdivisions=3, radius=0.5)
-    elif kind == "cylinder":
-        mesh = creation.cylinder(0.5, 1.0, sections=24)
-    elif kind == "cone":
-        # Its tip is at the origin.
-        mesh = creation.cone(0.5, 1.0, sections=24)
-        mesh.apply_translation((0.0, 0.0, -1.0))
-        mesh.apply_transform(Transform.from_rpy(0.0, -np.pi / 2, 0.0).as_matrix())
-    else:
-        shaft = creation.cylinder(0.25, 0.77, sections=16)
-        shaft.apply_translation((0.0, 0.0, 0.385))
-        head = creation.cone(0.5, 0.23, sections=16)
-        head.apply_translation((0.0, 0.0, 0.77))
-        mesh = trimesh.util.concatenate([shaft, head])
-        mesh.apply_transform(Transform.from_rpy(0.0, np.pi / 2, 0.0).as_matrix())
-    return mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)
-
-
 def _triangles(scene: viser.SceneApi, path: str, triangles: Triangles, size_cm: float) -> Any:
     faces = np.arange(len(triangles.corners)).reshape(-1, 3)
     both = np.concatenate((faces, faces[:, ::-1]))
@@ -392,6 +507,27 @@ def _triangles(scene: viser.SceneApi, path: str, triangles: Triangles, size_cm: 
         triangles.corners, both, vertex_colors=triangles.rgba, process=False, validate=False
     )
     return scene.add_mesh_trimesh(path, mesh, cast_shadow=False, receive_shadow=False)
+
+
+def _mesh(scene: viser.SceneApi, path: str, shape: MeshFromFile, mesh: ReadMesh) -> Any:
+    node = scene.add_frame(path, show_axes=False)
+    for number, part in enumerate(mesh.parts):
+        if part.textured and shape.rgb is None:
+            scene.add_glb(f"{path}/{number}", part.textured, scale=shape.scale)
+            continue
+        opacity = part.opacity if shape.rgb is None else shape.opacity
+        scene.add_mesh_simple(
+            f"{path}/{number}",
+            part.vertices,
+            part.faces,
+            color=shape.rgb or part.color or (180, 182, 186),
+            opacity=None if opacity >= 1.0 else opacity,
+            scale=shape.scale,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+    return node
 
 
 def _text(scene: viser.SceneApi, path: str, text: Text, size_cm: float) -> Any:
@@ -431,7 +567,7 @@ def _frustum(scene: viser.SceneApi, path: str, frustum: Frustum, size_cm: float)
         scale=frustum.depth_m * scale_of_depth(frustum.fov_y_rad, aspect),
         image=frustum.picture,
         format="jpeg",
-        jpeg_quality=_JPEG_QUALITY,
+        jpeg_quality=frustum.quality,
         thickness=0.01,
         cast_shadow=False,
         receive_shadow=False,

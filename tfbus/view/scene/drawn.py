@@ -4,15 +4,19 @@ import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+import trimesh
 import viser
 from numpy.typing import ArrayLike, NDArray
+from trimesh import creation
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform
 from tfbus.view.frames import Floats, Placed
+from tfbus.view.guest import FIXED_NODE
 
 Color = tuple[int, int, int]
 
@@ -55,7 +59,7 @@ class Drawn:
             if former is None:
                 self._count += 1
                 node: Any = self._scene.add_frame(
-                    f"/drawn/{self._count}", show_axes=False, visible=False
+                    f"{FIXED_NODE}/drawn/{self._count}", show_axes=False, visible=False
                 )
             else:
                 node = former.node
@@ -164,3 +168,27 @@ def scale_of_depth(fov_y_rad: float, aspect: float) -> float:
     """viser's scale of a frustum that is 1 m deep: there frustums of one scale have one volume."""
     half_height = math.tan(fov_y_rad / 2.0)
     return math.cbrt(half_height * half_height * aspect / 3.0)
+
+
+@cache
+def unit_mesh(kind: str) -> tuple[Any, Any]:
+    """The mesh of a body that is 1 m long each way; arrows and cones are along x."""
+    if kind == "cube":
+        mesh = creation.box()
+    elif kind == "sphere":
+        mesh = creation.icosphere(subdivisions=3, radius=0.5)
+    elif kind == "cylinder":
+        mesh = creation.cylinder(0.5, 1.0, sections=24)
+    elif kind == "cone":
+        # Its tip is at the origin.
+        mesh = creation.cone(0.5, 1.0, sections=24)
+        mesh.apply_translation((0.0, 0.0, -1.0))
+        mesh.apply_transform(Transform.from_rpy(0.0, -np.pi / 2, 0.0).as_matrix())
+    else:
+        shaft = creation.cylinder(0.25, 0.77, sections=16)
+        shaft.apply_translation((0.0, 0.0, 0.385))
+        head = creation.cone(0.5, 0.23, sections=16)
+        head.apply_translation((0.0, 0.0, 0.77))
+        mesh = trimesh.util.concatenate([shaft, head])
+        mesh.apply_transform(Transform.from_rpy(0.0, np.pi / 2, 0.0).as_matrix())
+    return mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)

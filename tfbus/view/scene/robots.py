@@ -1,19 +1,25 @@
 """Robots in the scene: the shapes of their links, which of them are drawn, meshes on their way."""
 
 import logging
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
-from tfbus.view.meshes.loader import MeshLoader, MeshSource
+from tfbus.view.guest import FIXED_NODE
+from tfbus.view.meshes.loader import MeshLoader, MeshSource, ReadMesh
 from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
 from tfbus.view.robots import RobotSource, ShownRobot
+from tfbus.view.scene.drawn import unit_mesh
+from tfbus.view.scene.picking import Ray
 from tfbus.view.settings import ViewSettings
 from tfbus.wording import printable
 
@@ -26,6 +32,9 @@ _THROUGH = 0.35
 
 # Fading is sent in steps of this size.
 _STEP = 0.05
+
+# Vertices (V, 3) and faces (F, 3) in the frame of a link.
+Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
 
 Shown = Literal["visual", "collision", "both"]
 
@@ -47,6 +56,7 @@ class _Node:
     link: str
     handle: Any
     is_collision: bool
+    surface: Surface
     opacity: float = 1.0
     textured: MeshPart | None = None
     twin: Any = None
@@ -115,6 +125,15 @@ class RobotScene:
             if row is not None:
                 found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
         return np.concatenate(found)
+
+    def met_by(self, ray: Ray, placed: Placed) -> float:
+        """The way in m along a ray of the fixed frame to what is drawn of it; infinity for none."""
+        ways = [math.inf]
+        for node in self.nodes:
+            row = placed.index.get(self.robot.frame_of(node.link))
+            if row is not None and _shows(self._look.shown, node.is_collision):
+                ways.append(ray.seen_from(placed.pose(row)).to_triangles(*node.surface))
+        return min(ways)
 
     def placed_links(self, placed: Placed) -> int:
         """How many links with shapes have a place."""
@@ -208,19 +227,24 @@ class RobotScene:
         extent: dict[str, Any]
         match primitive:
             case Box(size):
+                kind = "cube"
                 make, extent = self._scene.add_box, {"dimensions": size}
                 corner = np.array(size) / 2.0
             case Cylinder(radius, length):
+                kind = "cylinder"
                 make, extent = self._scene.add_cylinder, {"radius": radius, "height": length}
                 corner = np.array((radius, radius, length / 2.0))
             case Sphere(radius):
+                kind = "sphere"
                 make, extent = self._scene.add_icosphere, {"radius": radius, "subdivisions": 3}
                 corner = np.full(3, radius)
             case _:
                 return
         color = getattr(shape, "color", None)
         handle = make(path, color=self._color(shape, color), **extent, **look)
-        self._keep(shape, handle, getattr(shape, "opacity", 1.0))
+        vertices, faces = unit_mesh(kind)
+        surface = shape.origin.apply(vertices * (2.0 * corner)), faces
+        self._keep(shape, handle, getattr(shape, "opacity", 1.0), surface)
         self._enclose(shape, np.array([-corner, corner]), (1.0, 1.0, 1.0))
 
     def _add_parts(self, shape: Visual | Collision, parts: Sequence[MeshPart]) -> None:
@@ -228,17 +252,18 @@ class RobotScene:
         scale = shape.shape.scale
         self._enclose(shape, bounds_of(parts), scale)
         for part in parts:
+            surface = shape.origin.apply(part.vertices * np.array(scale)), part.faces
             if part.textured and isinstance(shape, Visual):
                 handle: Any = self._scene.add_glb(
                     self._next_path(shape), part.textured, scale=scale, **_place(shape)
                 )
-                self._keep(shape, handle, 1.0, part)
+                self._keep(shape, handle, 1.0, surface, part)
                 continue
             # As in RViz, what the mesh says goes first.
             color = part.color or getattr(shape, "color", None)
             opacity = part.opacity if part.color else getattr(shape, "opacity", 1.0)
             handle = self._add_part(shape, part, self._color(shape, color))
-            self._keep(shape, handle, opacity)
+            self._keep(shape, handle, opacity, surface)
 
     def _add_part(self, shape: Visual | Collision, part: MeshPart, color: Color) -> Any:
         assert isinstance(shape.shape, Mesh)
@@ -257,9 +282,11 @@ class RobotScene:
         shape: Visual | Collision,
         handle: Any,
         opacity: float,
+        surface: Surface,
         textured: MeshPart | None = None,
     ) -> None:
-        node = _Node(shape.link, handle, isinstance(shape, Collision), opacity, textured)
+        is_collision = isinstance(shape, Collision)
+        node = _Node(shape.link, handle, is_collision, surface, opacity, textured)
         if textured is not None:
             node.twin = lambda: self._add_part(shape, textured, textured.color or _GREY)
         self.nodes.append(node)
@@ -326,6 +353,9 @@ def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
             yield f"{lead}{mistake}"
 
 
+# Markers come from anyone on the bus: of so many files, of robots, their meshes are loaded.
+_MOST_FOREIGN = 100
+
 # A picture must not wait for many meshes.
 _MESHES_A_STEP = 4
 
@@ -354,6 +384,8 @@ class RobotScenes:
         self._settings: ViewSettings | None = None
         self._logged: set[str] = set()
         self._still: dict[ShownRobot, Placed] = {}
+        # Of markers, by the names of their files.
+        self._foreign: dict[str, MeshSource] = {}
 
     @property
     def robots(self) -> Collection[ShownRobot]:
@@ -386,11 +418,11 @@ class RobotScenes:
         for robot in found:
             if robot not in self.by_robot:
                 self._count += 1
-                path = f"/robots/{self._count}"
+                path = f"{FIXED_NODE}/robots/{self._count}"
                 self.by_robot[robot] = RobotScene(self._scene, path, robot, self._loader)
         self.by_robot = {robot: self.by_robot[robot] for robot in found}
         used = {source for scene in self.by_robot.values() for source in scene.sources}
-        self._loader.keep(used)
+        self._loader.keep(used | set(self._foreign.copy().values()))
 
     def take_meshes(self) -> bool:
         """Draw meshes that have come; whether there were any."""
@@ -398,6 +430,40 @@ class RobotScenes:
         if taken:
             self._log_mistakes()
         return taken
+
+    def mesh_named(self, name: str) -> ReadMesh | str | None:
+        """The mesh of a file that a marker names, why there is none, or None while it is loaded:
+        one that a robot in the scene has, or that lies in a package of one on this machine.
+        """
+        source = self._foreign.get(name)
+        if source is None:
+            found = self._source_named(name)
+            if isinstance(found, str):
+                return found
+            if len(self._foreign) >= _MOST_FOREIGN:
+                return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
+            source = self._foreign[name] = found
+            self._loader.load(source, "markers")
+        return self._loader.found(source)
+
+    def _source_named(self, name: str) -> MeshSource | str:
+        meshes: list[tuple[ShownRobot, Mesh]] = []
+        for robot in list(self.by_robot):
+            drawn: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
+            meshes += [(robot, each.shape) for each in drawn if isinstance(each.shape, Mesh)]
+        for robot, mesh in meshes:
+            if mesh.name == name:
+                return robot.source_of(mesh)
+        package, inside = parts_of(name)
+        for robot, mesh in meshes:
+            folder = None if mesh.file is None else package_folder(mesh.name, mesh.file)
+            if folder is None or mesh.package != package:
+                continue
+            # Anyone on the bus names files: none outside of the package is opened.
+            file = (folder / inside).resolve()
+            if file.is_relative_to(folder.resolve()) and file.is_file():
+                return robot.source_of(replace(mesh, name=name, file=file))
+        return "it is no mesh of a robot in the view, nor in one of their packages"
 
     def _log_mistakes(self) -> None:
         for mistake in self._lacking():
@@ -500,6 +566,12 @@ class RobotScenes:
             if self._is_shown(robot):
                 found.append(scene.points(self._where(robot, placed, frames)))
         return np.concatenate(found)
+
+    def met_by(self, ray: Ray, placed: Placed, frames: Frames) -> float:
+        """The way in m along a ray of the fixed frame to a robot; infinity if none is met."""
+        shown = [(robot, scene) for robot, scene in self.by_robot.items() if self._is_shown(robot)]
+        ways = [scene.met_by(ray, self._where(robot, placed, frames)) for robot, scene in shown]
+        return min(ways, default=math.inf)
 
     def _is_shown(self, robot: ShownRobot) -> bool:
         return self._settings is None or robot.title not in self._settings.hidden_robots

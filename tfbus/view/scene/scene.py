@@ -23,6 +23,7 @@ from tfbus.view.frames import (
     arrow_points,
     arrow_rows,
 )
+from tfbus.view.guest import FIXED_NODE
 from tfbus.view.scene.camera import Viewport
 from tfbus.view.settings import Selections, ViewSettings
 from tfbus.wording import listed
@@ -76,7 +77,7 @@ class Axes:
         self._bright: tuple[str, ...] = ()
         self._faded: tuple[str, ...] = ()
         self._axes = scene.add_batched_axes(
-            "/frames/axes",
+            f"{FIXED_NODE}/frames/axes",
             NO_QUATERNIONS,
             NO_POSITIONS,
             np.ones(1),
@@ -86,7 +87,7 @@ class Axes:
         )
         self._arms: list[Any] = [
             scene.add_batched_meshes_simple(
-                f"/frames/faded/{'xyz'[axis]}",
+                f"{FIXED_NODE}/frames/faded/{'xyz'[axis]}",
                 *arm(axis, 1.0, _RADIUS),
                 NO_QUATERNIONS,
                 NO_POSITIONS,
@@ -167,7 +168,7 @@ class SelectedMarks:
         """Move the marks to where the selected frames are."""
         marks = {}
         for number, client in self._server.get_clients().items():
-            mark = self._marks.get(number) or add_marks(client.scene, "/selected")
+            mark = self._marks.get(number) or add_marks(client.scene, f"{FIXED_NODE}/selected")
             marks[number] = mark
             name = self._selections.of(number)
             is_marked = name in placed.index and frames[name].state not in FAULTS
@@ -214,7 +215,9 @@ class Arrows:
             "head_length": _HEAD_LENGTH * size,
         }
         if self._arrows is None:
-            self._arrows = self._scene.add_arrows("/frames/arrows", points, colors, **shape)
+            self._arrows = self._scene.add_arrows(
+                f"{FIXED_NODE}/frames/arrows", points, colors, **shape
+            )
             return
         self._arrows.points = points.astype(np.float32)
         _color(self._arrows, colors)
@@ -226,7 +229,11 @@ class Arrows:
         of_ends = np.repeat(colors[:, None], 2, axis=1)
         if self._lines is None:
             self._lines = self._scene.add_line_segments(
-                "/frames/lines", points, of_ends, thickness=1.5, thickness_units="screen"
+                f"{FIXED_NODE}/frames/lines",
+                points,
+                of_ends,
+                thickness=1.5,
+                thickness_units="screen",
             )
         else:
             self._lines.points = points.astype(np.float32)
@@ -248,7 +255,11 @@ class Trails:
         pieces = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
         if self._handle is None:
             self._handle = self._scene.add_line_segments(
-                "/frames/trails", pieces, _TRAIL, thickness=3.0, thickness_units="screen"
+                f"{FIXED_NODE}/frames/trails",
+                pieces,
+                _TRAIL,
+                thickness=3.0,
+                thickness_units="screen",
             )
         else:
             self._handle.points = pieces.astype(np.float32)
@@ -326,11 +337,11 @@ class Scene:
         self._trails = Trails(scene)
         # The sizes of the handle can be set, which mypy does not see.
         self._grid: Any = scene.add_grid(
-            "/grid",
+            f"{FIXED_NODE}/grid",
             infinite_grid=True,
             position=(0.0, 0.0, _GRID_Z_M),
         )
-        self._marks = add_marks(scene, "/frames/marks")
+        self._marks = add_marks(scene, f"{FIXED_NODE}/frames/marks")
         self._styling = Styling(Frames(), (), ViewSettings())
         self._is_dark: bool | None = None
 
@@ -418,9 +429,15 @@ _LONGEST = 32
 class FrameLabels:
     """The names in the scenes of all browsers: those that can be read from each one's camera."""
 
-    def __init__(self, server: viser.ViserServer, selections: Selections) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        selections: Selections,
+        window_of: Callable[[int], Viewport | None],
+    ) -> None:
         self._server = server
         self._selections = selections
+        self._window_of = window_of
         self._labels: dict[int, Labels] = {}
 
     def draw(
@@ -437,10 +454,10 @@ class FrameLabels:
             for number, client in clients.items()
         }
         for number, labels in self._labels.items():
-            if frames is None:
+            window = None if frames is None else self._window_of(number)
+            if frames is None or window is None:
                 labels.move(placed, size)
             else:
-                window = Viewport.of(clients[number].camera)
                 own = replace(settings, selected=self._selections.of(number))
                 labels.choose(frames, placed, own, size, window)
 
@@ -471,7 +488,7 @@ class Labels:
                 # Not by its name, which may have slashes: viser makes trees of them.
                 self._count += 1
                 self._shown[name] = self._scene.add_label(
-                    f"/names/{self._count}", text, anchor="bottom-center"
+                    f"{FIXED_NODE}/names/{self._count}", text, anchor="bottom-center"
                 )
             elif label.text != text:
                 label.text = text

@@ -1,0 +1,215 @@
+"""The tab of RViz's tools: a goal, an initial pose and a point, by the pointer on the scene.
+
+A browser that has chosen a tool takes the next drag, or click, on the scene for it, in place of the
+camera.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import viser
+
+from tfbus.view.data.tools import TOOLS, Tool, ToolPublishers
+from tfbus.view.panels.controls import Control
+from tfbus.view.panels.markup import Channel, Html
+from tfbus.view.settings import ViewState
+from tfbus.wording import counted, printable
+
+# Names are typed letter by letter: the publishers follow once they have been left alone so long.
+_AFTER_S = 1.0
+
+# Aims that wait for the page; more are those of a script.
+_MOST_AIMS = 20
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Aim:
+    """The use of a tool in a browser: where the drag began and ended, in parts of the picture's
+    width and height from its upper left corner.
+    """
+
+    client: int
+    tool: Tool
+    start: Place
+    end: Place
+
+
+class ToolsPanel:
+    """Buttons of the tools, their topics, and what was sent last."""
+
+    title = "Tools"
+
+    def __init__(
+        self, gui: viser.GuiApi, view: ViewState, channel: Channel, publishers: ToolPublishers
+    ) -> None:
+        self._view = view
+        self.publishers = publishers
+        self._aims: deque[Aim] = deque(maxlen=_MOST_AIMS)
+        self._topics: tuple[str, ...] = ()
+        self._changed_s = -math.inf
+        self._sent: dict[str, str] = {}
+        gui.add_html(_buttons())
+        self._controls = {
+            tool.setting: Control(
+                gui.add_text(f"{tool.title} on", tool.topic(view.settings)),
+                _setter(view, tool.setting),
+            )
+            for tool in TOOLS.values()
+        }
+        self._state = Html(gui.add_html(""))
+        channel.on("tool", self._take)
+
+    def refresh(self, now_s: float, subscribers: Callable[[str], int]) -> None:
+        """Follow the settings, and say what was sent; `now_s` is of a steady clock, and
+        `subscribers(topic)` how many subscriptions there are.
+        """
+        settings = self._view.settings
+        for name, control in self._controls.items():
+            control.show(getattr(settings, name))
+        topics = tuple(tool.topic(settings) for tool in TOOLS.values())
+        if topics != self._topics:
+            is_first, self._topics = not self._topics, topics
+            self._changed_s = -math.inf if is_first else now_s
+        if now_s - self._changed_s >= _AFTER_S:
+            self.publishers.keep(settings)
+        lines = []
+        for tool in TOOLS.values():
+            if why := self.publishers.mistakes.get(tool.name):
+                lines.append(
+                    f'<div class="tf-alarm" role="alert">{tool.title}: {escape(why)}</div>'
+                )
+            elif sent := self._sent.get(tool.name):
+                count = subscribers(self.publishers.topic(tool))
+                whom = counted(count, "subscription") if count else "nobody subscribes"
+                lines.append(f"<div>{tool.title}: {escape(sent)}; {whom}</div>")
+        self._state.show(f'<div class="tf" role="log" aria-label="sent">{"".join(lines)}</div>')
+
+    def note(self, tool: Tool, sent: str) -> None:
+        """Say what was sent last by a tool."""
+        self._sent[tool.name] = sent
+
+    def take(self) -> list[Aim]:
+        """The uses of tools since the last call, the oldest first."""
+        return [self._aims.popleft() for _ in range(len(self._aims))]
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        tool = TOOLS.get(str(event.get("tool")))
+        start, end = _place(event.get("from")), _place(event.get("to"))
+        client = event["client"]
+        if tool is not None and start is not None and end is not None and client is not None:
+            self._aims.append(Aim(client, tool, start, end))
+
+
+def sent_text(topic: str, frame_id: str, xyz: tuple[float, float, float], yaw_rad: float) -> str:
+    """A line about a message that was sent."""
+    x, y, z = xyz
+    turn = f", {math.degrees(yaw_rad):.0f}°" if yaw_rad else ""
+    height = f", {z:.2f}" if abs(z) >= 0.005 else ""
+    return f"{printable(topic)}: {x:.2f}, {y:.2f}{height}{turn} in {printable(frame_id)}"
+
+
+def _setter(view: ViewState, name: str) -> Callable[[str], None]:
+    return lambda value: view.change(**{name: value.strip()})
+
+
+def _place(value: object) -> Place | None:
+    if not isinstance(value, list) or len(value) != 2:
+        return None
+    x, y = value
+    if not all(isinstance(part, int | float) and 0.0 <= part <= 1.0 for part in (x, y)):
+        return None
+    return float(x), float(y)
+
+
+def _buttons() -> str:
+    buttons = "".join(
+        f'<button data-tool="{tool.name}" data-heading="{int(tool.has_heading)}" '
+        f'data-key="{tool.key.lower()}" aria-pressed="false" onclick="tfbusTool(this)">'
+        f"{tool.title} ({tool.key})</button>"
+        for tool in TOOLS.values()
+    )
+    return (
+        f'<div class="tf"><div class="tf-tools">{buttons}</div><div class="tf-dim">Drag on the '
+        "ground for a pose, click for a point; Escape puts a tool away.</div></div>"
+    )
+
+
+STYLE = """
+.tf-tools { display: flex; gap: 4px; margin: 0.5em 0; }
+.tf-tools button { all: unset; cursor: pointer; flex: 1; text-align: center; padding: 0.45em 0;
+  border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); }
+.tf-tools button:hover { background: light-dark(#d0e4f7, #27507a); }
+.tf-tools button[aria-pressed=true] { background: #228be6; color: white; }
+.tf-tools button:focus-visible { outline: 2px solid #228be6; }
+.tf-aim { position: absolute; inset: 0; cursor: crosshair; touch-action: none; }
+.tf-aim svg { width: 100%; height: 100%; pointer-events: none; }
+"""
+
+# The overlay lies on the canvas, so that the camera stays where it is; the arrow on it is the
+# browser's own, and waits for no link.
+SCRIPT = """
+window.tfbusTool = (button) => {
+  const same = window.tfbusAim?.button === button;
+  window.tfbusAim?.stop();
+  const canvas = [...document.querySelectorAll('canvas')]
+    .sort((a, b) => b.clientWidth * b.clientHeight - a.clientWidth * a.clientHeight)[0];
+  if (same || !canvas) return;
+  const cover = document.createElement('div');
+  cover.className = 'tf-aim';
+  cover.innerHTML = '<svg><defs><marker id="tf-tip" markerWidth="4" markerHeight="4" refX="2" '
+    + 'refY="2" orient="auto"><path d="M0,0 L4,2 L0,4 z" fill="#228be6"/></marker></defs>'
+    + '<line stroke="#228be6" stroke-width="4" marker-end="url(#tf-tip)" visibility="hidden"/>'
+    + '</svg>';
+  const line = cover.querySelector('line');
+  let from = null;
+  const at = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [[event.clientX - box.left, event.clientY - box.top],
+      [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height]];
+  };
+  const key = (event) => { if (event.key === 'Escape') stop(); };
+  const stop = () => {
+    window.tfbusAim = null;
+    cover.remove();
+    document.removeEventListener('keydown', key);
+    button.setAttribute('aria-pressed', 'false');
+  };
+  cover.onpointerdown = (event) => {
+    if (event.button) return;
+    cover.setPointerCapture(event.pointerId);
+    from = at(event);
+  };
+  cover.onpointermove = (event) => {
+    if (!from || button.dataset.heading !== '1') return;
+    const [[x, y]] = at(event);
+    const ends = {x1: from[0][0], y1: from[0][1], x2: x, y2: y, visibility: 'visible'};
+    Object.entries(ends).forEach(([name, value]) => line.setAttribute(name, value));
+  };
+  cover.onpointerup = (event) => {
+    if (!from) return;
+    tfbus({do: 'tool', tool: button.dataset.tool, from: from[1], to: at(event)[1]});
+    stop();
+  };
+  cover.onpointercancel = stop;
+  cover.oncontextmenu = (event) => { event.preventDefault(); stop(); };
+  document.addEventListener('keydown', key);
+  button.setAttribute('aria-pressed', 'true');
+  canvas.parentElement.append(cover);
+  window.tfbusAim = {button, stop};
+};
+if (!window.tfbusToolKeys) {
+  window.tfbusToolKeys = true;
+  document.addEventListener('keydown', (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    if (event.target.closest('input, textarea, [contenteditable], .tf-keys')) return;
+    document.querySelector(`[data-tool][data-key="${CSS.escape(event.key.toLowerCase())}"]`)
+      ?.click();
+  });
+}
+"""

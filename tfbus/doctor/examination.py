@@ -4,19 +4,16 @@ by their stable names.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.report import Edge, EdgeFlow
+from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import and_more
-
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ class RecordedSpan:
     start_ns: int
     is_complete: bool
     restarts: dict[str, list[int]]
-    samples: "dict[Edge, EdgeSamples]"
+    samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
     lost: int = 0
     paused: int = 0

@@ -268,8 +268,10 @@ class Recording(AbstractContextManager["Recording"]):
         for item in self.items(from_ns, to_ns, Selection(topics=(topic,))):
             if isinstance(item, (EventItem, TransformItem)):
                 continue
-            is_map = message_type is None
-            yield item.log_ns, item.with_arrays if is_map else from_map(message_type, item.values)
+            if message_type is None:
+                yield item.log_ns, item.with_arrays
+            else:
+                yield item.log_ns, from_map(message_type, item.values)
 
     # Lookups, by stamps
 

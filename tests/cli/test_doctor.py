@@ -13,7 +13,7 @@ from tfbus import (
     Buffer,
     TransformListener,
 )
-from tfbus.doctor.checks import CHECKS
+from tfbus.doctor.examination import CHECKS
 
 
 def examined(bus: Bus, *arguments: str) -> tuple[int, dict[str, Any]]:

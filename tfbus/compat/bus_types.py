@@ -11,14 +11,14 @@ from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.compat.fields import TFMessage, message_with, stamped_of
-from tfbus.compat.message_classes import RosMessage
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.node import Node
 from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definitions import STRING, TURTLE_POSE
+from tfbus.ros.message_classes import RosMessage
+from tfbus.ros.transforms import TFMessage, message_with, stamped_of
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.log import LogOnce

@@ -26,6 +26,7 @@ from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import (
     datagram_ports,
+    end_shared_memory,
     lease_s,
     listens_beyond_loopback,
     scouting_of,
@@ -112,6 +113,8 @@ class Session(NetworkSession):
         def open_once() -> zenoh.Session:
             self.network = network_of(settings.network, settings.connect)
             self._config = config = make_config()
+            if why := end_shared_memory(config):
+                self._log.warning("Shared memory stays off: %s", why)
             self._scouting = scouting_of(config, settings)
             self._sockets = ZenohSockets()
             if self._scouting is None:

@@ -301,6 +301,20 @@ def roster_option(function: F) -> F:
     return cast(F, option(command))
 
 
+def period_option(what: str) -> Callable[[F], F]:
+    """The option `--period`; its argument `period_s` is in seconds."""
+    return click.option(
+        "-p",
+        "--period",
+        "period_s",
+        type=Number(least=0.1, most=3600.0),
+        default=1.0,
+        metavar="SECONDS",
+        show_default=True,
+        help=f"{what}, at least 0.1.",
+    )
+
+
 def max_gap_option(function: F) -> F:
     """Add `--max-gap` to a click command. Its argument `sampling` is then a Sampling with it."""
 

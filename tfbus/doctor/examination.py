@@ -4,19 +4,16 @@ by their stable names.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import RobotStatus
-from tfbus.frames.moment import BusMoment, name_here
+from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.report import Edge, EdgeFlow
+from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import and_more
-
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ class RecordedSpan:
     start_ns: int
     is_complete: bool
     restarts: dict[str, list[int]]
-    samples: "dict[Edge, EdgeSamples]"
+    samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
     lost: int = 0
     paused: int = 0
@@ -170,11 +167,11 @@ class Examination:
     @property
     def below(self) -> tuple[str, ...]:
         """The relative names of nodes in namespaces below that only a fleet's scope has."""
-        names = [name_here(node, self.moment) for node in self.moment.node_names]
+        names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
     def _is_in_scope(self, node: str) -> bool:
-        name = name_here(node, self.moment)
+        name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:

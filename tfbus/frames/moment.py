@@ -251,6 +251,10 @@ class BusMoment:
         unread = sum(stream.rejected for stream in self.streams.values())
         return unread + sum(self.rejected.values())
 
+    def relative_name(self, node: str) -> str:
+        """A node's name in the namespace of the moment; that of a node elsewhere has its slash."""
+        return relative_name(node, self.namespace)
+
     def since(self, before: "BusMoment") -> "BusMoment":
         """The same moment, with the counts of lost and refused transforms since an earlier one."""
         then = before.streams
@@ -325,13 +329,6 @@ class BusView(Protocol):
 
     def hint(self, frame: str = "") -> str:
         """The place of a frame, or of any frame; "" if that is not known."""
-
-
-def name_here(node: str, moment: BusMoment) -> str:
-    """The full name of a node relative to the namespace of a moment: `sim`, `robot7/sim`; that of a
-    node elsewhere stays absolute, with its slash.
-    """
-    return relative_name(node, moment.namespace)
 
 
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
@@ -19,7 +19,15 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
-from tfbus.monitor.report import Edge, EdgeFlow, PairWatch, Report, StreamFlow, make_report
+from tfbus.monitor.report import (
+    Edge,
+    EdgeFlow,
+    EdgeSamples,
+    PairWatch,
+    Report,
+    StreamFlow,
+    make_report,
+)
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
@@ -32,8 +40,6 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node  # Zenoh, which a recording does not need
-
-Ints: TypeAlias = "NDArray[np.int64]"
 
 RECENT_S = 10.0
 _MOST_SAMPLES = 5_000
@@ -208,17 +214,6 @@ class _Rows:
     log_ns: "array[int]" = field(default_factory=lambda: array("q"))
     now_ns: "array[int]" = field(default_factory=lambda: array("q"))
     stamps: bytearray = field(default_factory=bytearray)
-
-
-@dataclass(frozen=True)
-class EdgeSamples:
-    """The samples of an edge in the order in which they came: when they did, what time it was then
-    (it differs under simulated time), and their stamps, each (N,) in ns.
-    """
-
-    log_ns: "Ints"
-    now_ns: "Ints"
-    stamps_ns: "Ints"
 
 
 class SpanMeter:

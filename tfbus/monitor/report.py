@@ -6,9 +6,11 @@ A function and an entry in `EDGES` or `STREAMS` make a new column, in both tools
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
@@ -18,6 +20,18 @@ from tfbus.recording.pauses import Pause
 from tfbus.wording import duration, natural_order
 
 Edge = tuple[str, str, str]  # stream, parent, child
+Ints: TypeAlias = "NDArray[np.int64]"
+
+
+@dataclass(frozen=True)
+class EdgeSamples:
+    """The samples of an edge in the order in which they came: when they did, what time it was then
+    (it differs under simulated time), and their stamps, each (N,) in ns.
+    """
+
+    log_ns: "Ints"
+    now_ns: "Ints"
+    stamps_ns: "Ints"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import relative_name
 from tfbus.wording import and_more
 
 
@@ -166,11 +165,11 @@ class Examination:
     @property
     def below(self) -> tuple[str, ...]:
         """The relative names of nodes in namespaces below that only a fleet's scope has."""
-        names = [relative_name(name, self.moment.namespace) for name in self.moment.node_names]
+        names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
     def _is_in_scope(self, node: str) -> bool:
-        name = relative_name(node, self.moment.namespace)
+        name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:

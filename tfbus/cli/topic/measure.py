@@ -19,7 +19,6 @@ from tfbus.cli.topic.source import (
     full_topic,
     reader_of,
     reading_of,
-    stamp_in,
     subscribe,
     type_of,
     visiting,
@@ -34,7 +33,7 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.monitor.windows import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import decode_map
+from tfbus.wire.codec import decode_map, stamp_in
 from tfbus.wire.keys import relative
 from tfbus.wire.transforms import decode_transforms
 from tfbus.wording import counted

@@ -5,7 +5,7 @@ all streams.
 """
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from struct import iter_unpack
@@ -29,9 +29,7 @@ from tfbus.recording.reader import (
     topics_of,
 )
 from tfbus.recording.selection import Selection
-from tfbus.ros.counterparts import with_arrays
-from tfbus.ros.definitions import message_named
-from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map
+from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, stamp_in
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 from tfbus.wording import did_you_mean
@@ -176,6 +174,9 @@ def reader_of(type_name: str) -> Reader:
 
 def _reader_of_ros(type_name: str) -> Reader:
     """Reads messages of a type of ROS, with arrays where its definition has them."""
+    from tfbus.ros.counterparts import with_arrays  # which tfbus's own types do not need
+    from tfbus.ros.definitions import message_named
+
     try:
         message = message_named(type_name)
     except DecodeError:
@@ -272,21 +273,6 @@ def messages_of(bag: OpenBag, name: str) -> Iterator[RecordedMessage]:
             kind = STATIC_TRANSFORMS if item.static else TRANSFORMS
             if name in (kind, topic_of_stream(kind, item.stream.name, item.stream.namespace)):
                 yield RecordedMessage(name, item.log_ns, item)
-
-
-def stamp_in(message: Mapping[str, Any]) -> int | None:
-    """The stamp_ns of a message or of its header, or the stamp of ROS; None if it has none."""
-    header = message.get("header")
-    for fields in (message, header if isinstance(header, dict) else {}):
-        stamp_ns = fields.get("stamp_ns")
-        if type(stamp_ns) is int:
-            return stamp_ns
-        stamp = fields.get("stamp")
-        if isinstance(stamp, dict):
-            sec, nanosec = stamp.get("sec"), stamp.get("nanosec")
-            if type(sec) is int and type(nanosec) is int:
-                return sec * 1_000_000_000 + nanosec
-    return None
 
 
 def reading_of(

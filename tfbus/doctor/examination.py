@@ -59,10 +59,11 @@ class ExaminedHost:
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
-    `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, if it did. `scouts` are other processes of this host that take part in
-    scouting, by their pids, and `stopped` the pids of those that do not run, by SIGSTOP or in a
-    debugger. `name` is what its nodes say is their host.
+    `listens_beyond` are the endpoints that other hosts can reach. `without_datagrams` is why frames
+    wait for lost packets on a network where those of an open bus do not, "" if they do not.
+    `why_interpreted` is why the compiler failed, if it did. `scouts` are other processes of this
+    host that take part in scouting, by their pids, and `stopped` the pids of those that do not run,
+    by SIGSTOP or in a debugger. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -76,6 +77,7 @@ class ExaminedHost:
     scouts: Mapping[int, str] = field(default_factory=dict)
     stopped: frozenset[int] = frozenset()
     name: str = ""
+    without_datagrams: str = ""
 
 
 NO_HOST = ExaminedHost({}, is_compiled=False, interfaces=(), scouted=None, routers=0)

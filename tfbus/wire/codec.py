@@ -358,11 +358,8 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if isinstance(value, list | tuple):
-        if (
-            in_bytes
-            and 0 < len(value) <= _LONGEST_REMEMBERED
-            and _is_remembered(value[0].__class__)
-        ):
+        is_short = 0 < len(value) <= _LONGEST_REMEMBERED
+        if in_bytes and is_short and _is_remembered(value[0].__class__):
             with suppress(TypeError):  # something in it has no hash
                 return _maps_of(tuple(value), as_in_ros)
         return [

@@ -551,6 +551,9 @@ def _discovery(peers: Sequence[str]) -> str:
 
 
 _ALWAYS = _domain_xml(
+    # A datagram has 14,720 bytes by default, and ten fragments of a large message in it, each with
+    # a header and a step of its own.
+    "<General><FragmentSize>14000 B</FragmentSize></General>"
     "<Compatibility>"
     f"<IgnoreTypeInformation>{_VENDORS}</IgnoreTypeInformation>"
     "</Compatibility>"

@@ -18,6 +18,7 @@ from tfbus.command.types import LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
+from tfbus.wire.numbered import POSES
 from tfbus.wording import natural_order, printable
 
 # In the context of a help that shows all.
@@ -527,6 +528,11 @@ _FLEET_OPTIONS = (
     ),
 )
 _NODE_OPTIONS = {
+    "poses": _option(
+        "--poses",
+        type=click.Choice(POSES),
+        help="How precise the transforms are that it sends (default float64).",
+    ),
     "name": _option("--name", metavar="NAME", help="The node's name."),
     "sim_time": _option(
         "--sim-time/--system-time",

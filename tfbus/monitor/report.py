@@ -17,6 +17,7 @@ from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.recording.pauses import Pause
+from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import duration, natural_order
 
 Edge = tuple[str, str, str]  # stream, parent, child
@@ -345,6 +346,10 @@ def _restarts(report: Report, stream: StreamInfo) -> Value:
     return report.meter.stream(stream.name).restarts or None
 
 
+def _poses(report: Report, stream: StreamInfo) -> Value:
+    return None if stream.poses == FLOAT64 else stream.poses
+
+
 def _clock(report: Report, stream: StreamInfo) -> Value:
     return stream.clock_offset_s
 
@@ -354,5 +359,6 @@ STREAMS: tuple[Column[StreamInfo], ...] = (
     Column("kB/s", _kilobytes, ".1f", rare=True),
     Column("missed", _missed, "d", "messages that were sent and never came"),
     Column("restarts", _restarts, "d", rare=True),
+    Column("poses", _poses, "", "how precise its transforms are", rare=True),
     Column("clock", _clock, _OFFSET, "how far the publisher's clock is ahead of ours", rare=True),
 )

@@ -82,7 +82,9 @@ class Inbox:
         self._timeout_s = timeout_s
         self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
         self._skipped = 0
-        self._subscription = subscribe(node, topic, type_name, self._take, retained=retained)
+        self._subscription = subscribe(
+            node, topic, type_name, self._take, retained=retained, named=True
+        )
 
     def __enter__(self) -> "Inbox":
         return self

@@ -35,7 +35,7 @@ from tfbus.monitor.windows import MessageWindow, Spread, WindowReading, spread_o
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import decode_map, stamp_in
 from tfbus.wire.keys import relative
-from tfbus.wire.transforms import decode_transforms
+from tfbus.wire.transforms import newest_stamp
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
@@ -433,7 +433,7 @@ class _Age:
 
 
 def _newest_stamp(payload: bytes) -> int:
-    return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
+    return newest_stamp(payload)
 
 
 def _stamp(topic: str, payload: bytes) -> int:

@@ -235,7 +235,7 @@ class _Shape(NamedTuple):
 
 
 @cache
-def _is_message(type_: type) -> bool:
+def _is_message(type_: Any) -> bool:
     return is_message_type(type_)
 
 
@@ -250,7 +250,7 @@ _EXACT_FIELDS = {int, str, bytes}
 
 
 @cache
-def _is_remembered(type_: type) -> bool:
+def _is_remembered(type_: Any) -> bool:
     """Whether messages of a type may be shared: they cannot change, and hold plain values."""
     parameters = getattr(type_, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen or not parameters.eq:
@@ -343,14 +343,15 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if isinstance(value, list | tuple):
-        if in_bytes and 0 < len(value) <= _LONGEST_REMEMBERED and _is_remembered(type(value[0])):
+        is_short = in_bytes and 0 < len(value) <= _LONGEST_REMEMBERED
+        if is_short and _is_remembered(value[0].__class__):
             with suppress(TypeError):  # something in it has no hash
                 return _maps_of(tuple(value), as_in_ros)
         return [
             item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
             for item in value
         ]
-    return _map_of(value, as_in_ros, in_bytes) if _is_message(type(value)) else value
+    return _map_of(value, as_in_ros, in_bytes) if _is_message(value.__class__) else value
 
 
 @lru_cache(_MOST_REMEMBERED)

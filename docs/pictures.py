@@ -40,7 +40,11 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 TFBUS = [sys.executable, "-m", "tfbus"]
 
 # What an example needs beyond tfbus: the module, and the package that has it.
-NEEDS = {"marker_in_world": ("cv2", "opencv-python-headless"), "mujoco_world": ("mujoco", "mujoco")}
+NEEDS = {
+    "marker_in_world": ("cv2", "opencv-python-headless"),
+    "mujoco_world": ("mujoco", "mujoco"),
+    "mujoco_robot": ("mujoco", "mujoco"),
+}
 
 # Long enough for the second turtle to be where it follows.
 _SETTLED_S = 8.0
@@ -153,6 +157,17 @@ def mujoco_world() -> None:
             photograph("mujoco_world", url, (0.9, -1.7, 2.3), (0.0, 0.1, 1.6))
 
 
+def mujoco_robot() -> None:
+    """A robot in its room, with its scan, the points of its lidar and what its camera sees."""
+    topics = [word for name in ("scan", "points", "camera/image") for word in ("--topic", name)]
+    with bus(), example("mujoco_robot.py"):
+        tfbus("echo", "world", "camera", "--once")
+        time.sleep(4.0)
+        with view_of(*topics, scale=0.8) as url:
+            time.sleep(4.0)
+            photograph("mujoco_robot", url, (-2.4, -3.6, 4.2), (0.6, 0.4, 0.0))
+
+
 def drone_log() -> None:
     """The recording of the log, with the way of the drone."""
     chosen = {"trails": ["drone"], "trail_s": 12.0, "scale": 2.0}
@@ -180,7 +195,7 @@ def buffer_notebook() -> None:
 TOOLS = (turtle, view, view_recording, robot, plot, top)
 OF_EXAMPLES = (
     *(hand_eye, marker_in_world, undistort_scan, two_robots),
-    *(mujoco_world, drone_log, buffer_notebook),
+    *(mujoco_world, mujoco_robot, drone_log, buffer_notebook),
 )
 PICTURES = {each.__name__: each for each in (*TOOLS, *OF_EXAMPLES)}
 

@@ -15,11 +15,11 @@ ROOT = Path(__file__).parents[1]
 # Lowest first. A package imports packages of lower storeys, and none of its own storey. A
 # folder of a package that is listed here is a room of its own.
 STOREYS = [
-    {"messages", "wording"},
+    {"wording"},
     {"errors", "names"},
     {"runtime"},
     {"core"},
-    {"geometry"},
+    {"geometry", "messages"},
     {"sensor_files", "trajectory"},
     {"buffer", "robot", "wire"},
     {"ros", "secure"},
@@ -164,7 +164,7 @@ STARS: dict[str, set[str]] = {
     "compat": {"buffer", "bus", "core", "discover", "node", "ros", "wire"},
     "monitor": {"core", "geometry", "listen", "recording", "wire"},
     "top": {"monitor"},
-    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros"},
+    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros", "wire"},
     "bag": {
         *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
         "wire",

@@ -5,7 +5,7 @@ DDS, and the logging of rerun and of Foxglove.
     python -m benchmarks.bus.large [--write] [--runs N] [WORD ...]
 
 `--write` makes the pages about speed anew. rclpy is that of the environment that
-TFBUS_ROS2_KILTED names, made by tests/bridge/ros2_environment.sh.
+TFBUS_ROS2_KILTED names, made by tests/ros/bridge/ros2_environment.sh.
 """
 
 import argparse
@@ -161,7 +161,7 @@ def _carried(turns: list[Turn]) -> Carried:
 def _python_of_rclpy() -> str:
     folder = os.environ.get(_RCLPY_IS_IN)
     if not folder:
-        raise Missing(f"{_RCLPY_IS_IN} is not set: tests/bridge/ros2_environment.sh makes it")
+        raise Missing(f"{_RCLPY_IS_IN} is not set: tests/ros/bridge/ros2_environment.sh makes it")
     return str(Path(folder, "bin", "python"))
 
 

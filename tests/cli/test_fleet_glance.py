@@ -98,7 +98,7 @@ def test_a_robot_that_is_on_twice_is_in_trouble(fleet: Bus) -> None:
     assert robots["robot2"]["twice"] == []
     lines = fleet.run("fleet").stdout.splitlines()
     assert lines[2].startswith("robot3 ")
-    assert "twice, on outside and spare" in lines[2]
+    assert "twice, on outside, spare" in lines[2]
 
 
 @pytest.mark.real

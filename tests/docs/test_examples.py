@@ -21,7 +21,7 @@ from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.buffer import trajectories
 from tfbus.discover.presence import describe_nodes, list_nodes
-from tfbus.messages import LaserScan, PointCloud
+from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
 from tfbus.testing.programs import Program
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -303,6 +303,33 @@ def test_the_bodies_of_a_simulation_are_frames(bus: live_bus.Bus) -> None:
     assert simulation.stop() == 0, simulation.err
 
 
+@pytest.mark.real
+def test_a_simulated_robot_measures_its_room(bus: live_bus.Bus) -> None:
+    """The clouds of mujoco_robot.py are within the walls as it drives, and its camera sends images
+    of the size that its CameraInfo has, by rays where there is no OpenGL.
+    """
+    needs.module("mujoco")
+    watcher, buffer = bus.node("watcher"), Buffer()
+    TransformListener(buffer, watcher)
+    farthest: list[float] = []
+    images: list[Image] = []
+
+    def on_points(message: Any, transform: Any) -> None:
+        points = transform.transform.apply(message.xyz())
+        farthest.append(float(abs(points[:, :2]).max()))
+
+    watcher.create_subscription(PointCloud, "points", on_points, in_frame="world")
+    watcher.create_subscription(Image, "camera/image", images.append)
+    program = str(ROOT / "examples" / "mujoco_robot.py")
+    robot = bus.start_command([sys.executable, program], env={"MUJOCO_GL": "disabled"})
+    eventually(lambda: len(farthest) > 3 and images)
+    # The walls' inner sides; they are seen from outside where the robot leaves the room.
+    assert max(farthest) == pytest.approx(3.9, abs=0.02)
+    assert (images[0].width, images[0].height) == (320, 240)
+    assert robot.stop() == 0, robot.err
+    assert not [line for line in robot.err if "Traceback" in line], robot.err
+
+
 def test_a_lidar_file_is_published(bus: Bus) -> None:
     """lidar_file.py sends its points ten times a second."""
     clouds: list[PointCloud] = []
@@ -311,6 +338,28 @@ def test_a_lidar_file_is_published(bus: Bus) -> None:
     eventually(lambda: len(clouds) > 2)
     assert len(clouds[0]) == 360 and clouds[0].frame_id == "lidar"
     assert lidar.stop() == 0, lidar.err
+
+
+@pytest.mark.real
+def test_a_film_is_published_as_a_webcam_is(bus: live_bus.Bus, tmp_path: Path) -> None:
+    """webcam.py plays a file at its rate, seen in its frame, and says that it has ended."""
+    needs.module("cv2")
+    import cv2
+
+    film = str(tmp_path / "film.avi")
+    writer = cv2.VideoWriter(film, cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+    for grey in range(0, 250, 5):
+        writer.write(np.full((48, 64, 3), grey, np.uint8))
+    writer.release()
+    images: list[CompressedImage] = []
+    watcher = bus.node("watcher")
+    watcher.create_subscription(CompressedImage, "camera/image/compressed", images.append)
+    camera = bus.start_command([sys.executable, str(ROOT / "examples" / "webcam.py"), film])
+    eventually(lambda: len(images) > 3)
+    assert (images[0].format, images[0].frame_id) == ("jpeg", "camera")
+    assert cv2.imdecode(np.frombuffer(bytes(images[0].data), np.uint8), 1).shape == (48, 64, 3)
+    assert camera.wait() == 1
+    assert "Error: camera " in camera.err[-1]
 
 
 @pytest.mark.real

@@ -375,6 +375,14 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     assert finding.remedy
 
 
+def test_a_closed_bus_says_what_it_has_not_on_a_bad_network(healthy: Examination) -> None:
+    """It is well, and its links are of TCP alone."""
+    why = "a closed bus has links of TCP alone"
+    finding = CHECKS["encryption"](with_host(without_datagrams=why)(healthy))
+    assert (finding.verdict, finding.evidence[1:]) == ("ok", (why,))
+    assert len(CHECKS["encryption"](healthy).evidence) == 1
+
+
 def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> None:
     """Where no node is found, since the bus is closed, the remedy is how to join it."""
     empty = at_moment(healthy, nodes=(), tree=frame_tree(Buffer(), (), NOW_NS))

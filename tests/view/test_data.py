@@ -137,11 +137,13 @@ def test_a_scan_whose_ranges_have_times_is_straightened(buffer: Buffer) -> None:
 
 
 def test_another_fixed_frame_places_what_is_drawn_anew(buffer: Buffer) -> None:
-    """Without another message."""
+    """Without another message; without a place in it nothing is drawn."""
     layer = layer_of(cloud(2 * S))
-    layer.step(buffer, "map", 0.0, SETTINGS)
-    layer.step(buffer, "base", 0.1, SETTINGS)
-    assert xs(layer) == [0.0]
+    found = []
+    for at, fixed_frame in enumerate(("map", "base", "elsewhere", "map")):
+        layer.step(buffer, fixed_frame, float(at), SETTINGS)
+        found.append(xs(layer))
+    assert found == [[2.0], [0.0], [], [2.0]]
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,18 @@ class Session(NetworkSession):
         is_given = bool(settings.listen) and not settings.closed
         self.open_to = listens_beyond_loopback(self._config) if is_given else ()
 
+    @property
+    def without_datagrams(self) -> str:
+        """A clause that says why dynamic transforms wait for lost packets on a network on which an
+        open bus sends them by UDP; "" if it does so, or would not.
+        """
+        if self.settings.closed is None or not self.network.has_datagrams:
+            return ""
+        return (
+            f"a closed bus has links of TCP alone, also on network {self.network.name!r}: frames "
+            "that come after a lost packet wait for it"
+        )
+
     def _miss(self, error: zenoh.ZError) -> None:
         """A client waits for its router until its patience ends."""
         if not is_router_missing(error):

@@ -4,20 +4,16 @@ by their stable names.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.report import Edge, EdgeFlow
+from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import relative_name
 from tfbus.wording import and_more
-
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
 
 @dataclass(frozen=True)
@@ -63,10 +59,11 @@ class ExaminedHost:
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
-    `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, if it did. `scouts` are other processes of this host that take part in
-    scouting, by their pids, and `stopped` the pids of those that do not run, by SIGSTOP or in a
-    debugger. `name` is what its nodes say is their host.
+    `listens_beyond` are the endpoints that other hosts can reach. `without_datagrams` is why frames
+    wait for lost packets on a network where those of an open bus do not, "" if they do not.
+    `why_interpreted` is why the compiler failed, if it did. `scouts` are other processes of this
+    host that take part in scouting, by their pids, and `stopped` the pids of those that do not run,
+    by SIGSTOP or in a debugger. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -80,6 +77,7 @@ class ExaminedHost:
     scouts: Mapping[int, str] = field(default_factory=dict)
     stopped: frozenset[int] = frozenset()
     name: str = ""
+    without_datagrams: str = ""
 
 
 NO_HOST = ExaminedHost({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
@@ -111,7 +109,7 @@ class RecordedSpan:
     start_ns: int
     is_complete: bool
     restarts: dict[str, list[int]]
-    samples: "dict[Edge, EdgeSamples]"
+    samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
     lost: int = 0
     paused: int = 0
@@ -169,11 +167,11 @@ class Examination:
     @property
     def below(self) -> tuple[str, ...]:
         """The relative names of nodes in namespaces below that only a fleet's scope has."""
-        names = [relative_name(name, self.moment.namespace) for name in self.moment.node_names]
+        names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
     def _is_in_scope(self, node: str) -> bool:
-        name = relative_name(node, self.moment.namespace)
+        name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:

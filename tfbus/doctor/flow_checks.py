@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from tfbus.core import lazy_numpy as np
 from tfbus.doctor.examination import (
@@ -21,11 +20,8 @@ from tfbus.frames.moment import state, why_another_time
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import EdgeFlow
+from tfbus.monitor.report import EdgeFlow, EdgeSamples
 from tfbus.wording import counted, duration, listed
-
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
 
 @check("clock")
@@ -161,7 +157,7 @@ def _held_up(seen: Examination) -> list[str]:
     return evidence
 
 
-def _changed_rates(span: RecordedSpan, child: str, samples: "EdgeSamples") -> Iterator[str]:
+def _changed_rates(span: RecordedSpan, child: str, samples: EdgeSamples) -> Iterator[str]:
     log_ns = samples.log_ns
     parts = np.array_split(log_ns, _PARTS)
     rates = [
@@ -269,7 +265,7 @@ def check_clock_jumps(seen: Examination) -> Finding:
     )
 
 
-def _jumps(samples: "EdgeSamples") -> Iterator[tuple[int, float]]:
+def _jumps(samples: EdgeSamples) -> Iterator[tuple[int, float]]:
     """When the delays of an edge jumped and stayed so, and by how much, in s."""
     bins = (samples.log_ns - samples.log_ns[0]) // _BIN_NS
     _, first = np.unique(bins, return_index=True)

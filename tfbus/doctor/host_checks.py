@@ -131,7 +131,8 @@ def check_encryption(seen: Examination) -> Finding:
     closed = seen.settings.closed
     if closed is not None:
         identity = closed.identity
-        return ok(f"encrypted; this is identity {identity.name!r}, {identity.role}")
+        said = f"encrypted; this is identity {identity.name!r}, {identity.role}"
+        return ok(said, *filter(None, (seen.host.without_datagrams,)))
     beyond = list(seen.host.listens_beyond)
     if not beyond:
         return ok("open, to this machine only")

@@ -1,6 +1,5 @@
 """The changes from one moment of the bus to the next: of a watched bus, and of a recording."""
 
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -17,8 +16,7 @@ from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.recording.items import EventItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import duration, listed
 
@@ -251,7 +249,7 @@ class Watch:
         listener = TransformListener(self.buffer, node, history_s=_HISTORY_S, fleet=fleet)
         self._node = node
         self._heard = Listening(node, self.buffer, listener, fleet)
-        self._asked_s = self._news_s = -math.inf
+        self._pace = Pace(_ASK_EVERY_S, _SOON_S)
         self._tokens = watch_nodes(node.session, self._on_token)
         meet_publishers(self._heard, _MEET_WITHIN_S)
 
@@ -270,10 +268,7 @@ class Watch:
         """The bus now. It takes up to 2 s when nodes came or left, and every 5 s, since it then
         asks the nodes for their descriptions.
         """
-        now_s = scheduler.monotonic()
-        every_s = _SOON_S if now_s - self._news_s < _ASK_EVERY_S else _ASK_EVERY_S
-        if self._asked_s < self._news_s or now_s - self._asked_s >= every_s:
-            self._asked_s = now_s
+        if self._pace.is_due():
             self._heard.ask_nodes()
         return self._heard.moment()
 
@@ -288,4 +283,4 @@ class Watch:
                 return
 
     def _on_token(self, name: str, alive: bool) -> None:
-        self._news_s = scheduler.monotonic()
+        self._pace.note_news()

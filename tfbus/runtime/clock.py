@@ -319,6 +319,31 @@ def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> L
     return limit if here.closing is None else _LimitInCallback(limit, here.closing, wake)
 
 
+class Pace:
+    """Says when nodes are due to be asked again: every `every_s` real seconds; after news at once,
+    and every `soon_s` while these are fresh, as a node describes its topics soon after it came.
+    """
+
+    def __init__(self, every_s: float, soon_s: float | None = None) -> None:
+        self._every_s = every_s
+        self._soon_s = every_s if soon_s is None else soon_s
+        self._asked_s = self._news_s = -float("inf")
+
+    def note_news(self) -> None:
+        """A node came or left; from any thread."""
+        self._news_s = scheduler.monotonic()
+
+    def is_due(self, *, is_new: bool = False) -> bool:
+        """Whether it is time to ask again, which is noted; `is_new` if news are still fresh."""
+        now_s = scheduler.monotonic()
+        is_new = is_new or now_s - self._news_s < self._every_s
+        every_s = self._soon_s if is_new else self._every_s
+        if self._asked_s >= self._news_s and now_s - self._asked_s < every_s:
+            return False
+        self._asked_s = now_s
+        return True
+
+
 class Timer:
     """A callback that runs every `period_s` seconds until it is cancelled.
 

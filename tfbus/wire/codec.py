@@ -133,6 +133,21 @@ def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
     return value
 
 
+def stamp_in(message: Mapping[str, Any]) -> int | None:
+    """The stamp_ns of a message or of its header, or the stamp of ROS; None if it has none."""
+    header = message.get("header")
+    for fields in (message, header if isinstance(header, dict) else {}):
+        stamp_ns = fields.get("stamp_ns")
+        if type(stamp_ns) is int:
+            return stamp_ns
+        stamp = fields.get("stamp")
+        if isinstance(stamp, dict):
+            sec, nanosec = stamp.get("sec"), stamp.get("nanosec")
+            if type(sec) is int and type(nanosec) is int:
+                return sec * 1_000_000_000 + nanosec
+    return None
+
+
 def is_of_ros(data: bytes) -> bool:
     """Whether a message is one of ROS 2, in CDR, which is never a msgpack map.
 
@@ -235,7 +250,7 @@ class _Shape(NamedTuple):
 
 
 @cache
-def _is_message(type_: Any) -> bool:
+def _is_message(type_: type) -> bool:
     return is_message_type(type_)
 
 
@@ -250,7 +265,7 @@ _EXACT_FIELDS = {int, str, bytes}
 
 
 @cache
-def _is_remembered(type_: Any) -> bool:
+def _is_remembered(type_: type) -> bool:
     """Whether messages of a type may be shared: they cannot change, and hold plain values."""
     parameters = getattr(type_, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen or not parameters.eq:
@@ -343,8 +358,8 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if isinstance(value, list | tuple):
-        is_short = in_bytes and 0 < len(value) <= _LONGEST_REMEMBERED
-        if is_short and _is_remembered(value[0].__class__):
+        is_short = 0 < len(value) <= _LONGEST_REMEMBERED
+        if in_bytes and is_short and _is_remembered(value[0].__class__):
             with suppress(TypeError):  # something in it has no hash
                 return _maps_of(tuple(value), as_in_ros)
         return [

@@ -121,6 +121,8 @@ class TopicLayer:
             self._fixed_frame = fixed_frame
             for key, each in [*self.placed.items()]:
                 self._unplaced.setdefault(key, (each.item, now_s))
+            # Without a place in the new one they would be drawn at a wrong one.
+            self.placed.clear()
         for key in [key for key, each in self.placed.items() if each.ends_s <= now_s]:
             del self.placed[key]
         if self._settings is not None and settings != self._settings and self._last is not None:

@@ -220,7 +220,7 @@ def _only(table: Table, names: Iterable[str], headings: Sequence[str]) -> Table:
     return Table(headings, rows)
 
 
-_LARGE_SIZES = ("1 kB", "100 kB", "1 MB", "16 MB")
+_LARGE_SIZES = ("1 kB", "1 MB", "16 MB")
 
 
 def _large(large: Part) -> Table:

@@ -21,6 +21,7 @@ KERNEL = (
     "tfbus.geometry.rotations",
     "tfbus.geometry.transform",
     "tfbus.geometry.columns",
+    "tfbus.wire.numbered",
     "tfbus.wire.transform_bytes",
     "tfbus.buffer.tree",
     "tfbus.buffer.insert_many",

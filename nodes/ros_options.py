@@ -11,7 +11,8 @@ from typing import Any, TypeVar, cast
 import click
 
 from tfbus import Node, NodeSettings, Number
-from tfbus.bridge import (
+from tfbus.command import frame_mistake
+from tfbus.ros.bridge import (
     BRIDGE_PREFIX,
     Bridge,
     BridgeOptions,
@@ -20,7 +21,6 @@ from tfbus.bridge import (
     open_leg,
     with_odometry_frames,
 )
-from tfbus.command import frame_mistake
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -92,7 +92,7 @@ def python_of_ros2(distro: str) -> str:
     variable = f"TFBUS_ROS2_{distro.upper()}"
     folder = os.environ.get(variable)
     if not folder:
-        skip(f"ROS 2 {distro}", f"{variable}, made by tests/bridge/ros2_environment.sh")
+        skip(f"ROS 2 {distro}", f"{variable}, made by tests/ros/bridge/ros2_environment.sh")
     return str(Path(folder, "bin", "python"))
 
 

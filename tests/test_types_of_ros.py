@@ -15,13 +15,13 @@ import pytest
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import Recording, messages
-from tfbus.bridge.common import BridgeOptions, RosFrameNames
-from tfbus.bridge.topic_table import TopicTable
-from tfbus.bridge.topics import Translation
-from tfbus.compat.message_classes import message_class
 from tfbus.recording.items import TopicItem
 from tfbus.recording.writer import RecordingWriter
+from tfbus.ros.bridge.common import BridgeOptions, RosFrameNames
+from tfbus.ros.bridge.topic_table import TopicTable
+from tfbus.ros.bridge.topics import Translation
 from tfbus.ros.counterparts import AS_IN_ROS
+from tfbus.ros.message_classes import message_class
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import as_map, decode_message, encode_message, type_name
 

@@ -1,6 +1,7 @@
 """Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
 import re
+import textwrap
 import unicodedata
 from collections.abc import Collection, Iterable
 
@@ -92,6 +93,24 @@ def cut_apart(texts: Iterable[str], most: int) -> dict[str, str]:
                 return found
         most += max((longest - most) // 4, 1)
     return {text: text for text in all_texts}
+
+
+def wrapped(
+    text: str, longest: int, lead: str = "", after: str | None = None, *, break_words: bool = True
+) -> list[str]:
+    """The text in lines of at most `longest` letters; no break at `-`, since an option is one word.
+
+    The first line begins with `lead`, each further one with `after` (None: as many spaces as `lead`
+    has letters). Without `break_words` a word that is longer has a line of its own.
+    """
+    return textwrap.wrap(
+        text,
+        longest,
+        initial_indent=lead,
+        subsequent_indent=" " * len(lead) if after is None else after,
+        break_long_words=break_words,
+        break_on_hyphens=False,
+    )
 
 
 def _end(text: str, room: int) -> str:

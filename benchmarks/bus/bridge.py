@@ -115,7 +115,7 @@ class FreeLeg:
 
     def publishers(self, topic: str) -> Sequence[Any]:
         """One."""
-        from tfbus.bridge.legs import RosPublisher
+        from tfbus.ros.bridge.legs import RosPublisher
 
         return [RosPublisher(_GID, "/ros_node")]
 
@@ -128,8 +128,8 @@ class FreeLeg:
 
 
 def _bridge(node: Any, leg: FreeLeg) -> Any:
-    from tfbus.bridge.bridge import Bridge
-    from tfbus.bridge.common import BridgeOptions
+    from tfbus.ros.bridge.bridge import Bridge
+    from tfbus.ros.bridge.common import BridgeOptions
 
     return Bridge(node, leg, BridgeOptions(), ros_node="/tfbus_ros2")
 

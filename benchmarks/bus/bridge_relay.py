@@ -166,10 +166,10 @@ def _one() -> Any:
 def ours(ros: str, way: str) -> None:
     """The bridge."""
     import tfbus
-    from tfbus.bridge.bridge import Bridge
-    from tfbus.bridge.common import BridgeOptions
-    from tfbus.bridge.legs import LegSettings, OnMessage, RosTopic
-    from tfbus.bridge.legs.zenoh import ZenohLeg
+    from tfbus.ros.bridge.bridge import Bridge
+    from tfbus.ros.bridge.common import BridgeOptions
+    from tfbus.ros.bridge.legs import LegSettings, OnMessage, RosTopic
+    from tfbus.ros.bridge.legs.zenoh import ZenohLeg
 
     came = [0]
 

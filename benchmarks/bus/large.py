@@ -5,7 +5,7 @@ DDS, and the logging of rerun and of Foxglove.
     python -m benchmarks.bus.large [--write] [--runs N] [WORD ...]
 
 `--write` makes the pages about speed anew. rclpy is that of the environment that
-TFBUS_ROS2_KILTED names, made by tests/bridge/ros2_environment.sh.
+TFBUS_ROS2_KILTED names, made by tests/ros/bridge/ros2_environment.sh.
 """
 
 import argparse
@@ -30,6 +30,9 @@ TFBUS, BARE = "tfbus", "bare Zenoh"
 SHARED, BARE_SHARED = "tfbus, shared memory", "bare Zenoh, shared memory"
 RCLPY, RERUN, FOXGLOVE = "rclpy, Fast DDS", "rerun", "foxglove-sdk"
 _RCLPY_IS_IN = "TFBUS_ROS2_KILTED"
+_BESIDE_ROS = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+# Its Python is another one, with packages of its own.
+_ROS = {**_BESIDE_ROS, "PYTHONPATH": ""}
 
 # Of x, y, z and an intensity.
 _POINT = 16
@@ -91,8 +94,7 @@ class Pair:
             here, there = (_with_shared_memory(at, env, shared) for env in (here, there))
         elif peer == RCLPY:
             how["python"] = _python_of_rclpy()
-            domain = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-            here, there = here | domain, there | domain
+            here, there = here | _ROS, there | _ROS
         elif peer in (RERUN, FOXGLOVE):
             module = {RERUN: "rerun", FOXGLOVE: "foxglove"}[peer]
             if find_spec(module) is None:
@@ -132,6 +134,8 @@ def measure(peers: list[str], runs: int) -> tuple[dict[tuple[str, int], Carried]
             except (Missing, RuntimeError) as error:
                 left_out[peer] = str(error).strip().splitlines()[-1]
         time.sleep(2.0)  # until each has met the other
+        for pair in pairs.values():
+            pair.turn(SIZES[0])  # both import what they need
         for size in SIZES:
             turns: dict[str, list[Turn]] = {peer: [] for peer in pairs}
             for _ in range(runs):
@@ -157,7 +161,7 @@ def _carried(turns: list[Turn]) -> Carried:
 def _python_of_rclpy() -> str:
     folder = os.environ.get(_RCLPY_IS_IN)
     if not folder:
-        raise Missing(f"{_RCLPY_IS_IN} is not set: tests/bridge/ros2_environment.sh makes it")
+        raise Missing(f"{_RCLPY_IS_IN} is not set: tests/ros/bridge/ros2_environment.sh makes it")
     return str(Path(folder, "bin", "python"))
 
 
@@ -181,7 +185,7 @@ def _turns(send: Callable[[Any], None], make: Callable[[int], Any]) -> None:
         time.sleep(0.2)
         begun_s = time.process_time()
         due_s = time.monotonic()
-        for _ in range(_WARM_UP + count):
+        for _ in range(_WARM_UP + int(count)):
             time.sleep(max(0.0, due_s - time.monotonic()))
             due_s = max(due_s, time.monotonic() - 1.0 / hz) + 1.0 / hz
             send(what)
@@ -209,7 +213,7 @@ def _points(size: int) -> Any:
     return np.random.default_rng(1).random((size // _POINT, 4), np.float32)
 
 
-def send_tfbus() -> None:
+def send_tfbus(topic: str = _KEY) -> None:
     """A node that publishes a new cloud on the same array each time."""
     import numpy as np
 
@@ -219,7 +223,7 @@ def send_tfbus() -> None:
     columns = tuple(PointField(name, 4 * at, 7, 1) for at, name in enumerate("xyzi"))
 
     with tfbus.Node("lidar") as node:
-        publisher = node.create_publisher(PointCloud, _KEY)
+        publisher = node.create_publisher(PointCloud, topic)
 
         def send(data: Any) -> None:
             width = len(data) // _POINT
@@ -234,7 +238,7 @@ def send_tfbus() -> None:
         _turns(send, lambda size: _points(size).reshape(-1).view(np.uint8))
 
 
-def receive_tfbus() -> None:
+def receive_tfbus(topic: str = _KEY) -> None:
     """A node with a subscription."""
     import tfbus
     from tfbus.messages import PointCloud
@@ -245,7 +249,7 @@ def receive_tfbus() -> None:
         came.append((cloud.stamp_ns, time.time_ns()))
 
     with tfbus.Node("mapper") as node:
-        node.create_subscription(PointCloud, _KEY, on_points)
+        node.create_subscription(PointCloud, topic, on_points)
         _told(came)
 
 
@@ -286,7 +290,7 @@ def receive_bare() -> None:
         _told(came)
 
 
-def send_rclpy() -> None:
+def send_rclpy(topic: str = _KEY) -> None:
     """A node of ROS 2; the array is of the kind that rclpy copies at once."""
     from array import array
 
@@ -295,7 +299,7 @@ def send_rclpy() -> None:
 
     rclpy.init()
     node = rclpy.create_node("lidar")
-    publisher = node.create_publisher(PointCloud2, _KEY, 10)
+    publisher = node.create_publisher(PointCloud2, topic, 10)
 
     def make(size: int) -> Any:
         data = _points(size)
@@ -318,7 +322,7 @@ def send_rclpy() -> None:
     os._exit(0)
 
 
-def receive_rclpy() -> None:
+def receive_rclpy(topic: str = _KEY) -> None:
     """A node of ROS 2 with a subscription."""
     import threading
 
@@ -335,7 +339,7 @@ def receive_rclpy() -> None:
 
     rclpy.init()
     node = rclpy.create_node("mapper")
-    node.create_subscription(PointCloud2, _KEY, on_points, 10)
+    node.create_subscription(PointCloud2, topic, on_points, 10)
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
     _told(came)
     os._exit(0)
@@ -444,6 +448,65 @@ def receive_foxglove() -> None:
     os._exit(0)
 
 
+# Through the bridge
+
+_BRIDGED_HZ, _BRIDGED_S = 30.0, 6.0
+
+
+def bridged() -> Any:
+    """The CPU of `tfbus ros2 --via dds` for clouds of 1 MB, with nodes of ROS 2."""
+    from benchmarks.bus.robot import _cpu_s
+    from benchmarks.parts import Table
+
+    python, rows = _python_of_rclpy(), []
+    crossing = ("from_ros", "to_ros")
+    command = [sys.executable, "-m", "tfbus", "ros2", "--via", "dds"]
+    for topic in crossing:
+        command += ["--topic", f"{topic}=sensor_msgs/msg/PointCloud2"]
+    with place() as at, ExitStack() as stack:
+
+        def start(function: str, env: dict[str, str], **how: Any) -> Process:
+            process = stack.enter_context(Process(at, f"large:{function}", env, **how))
+            process.hear()
+            return process
+
+        in_ros = {"env": at.env | _ROS, "python": python}
+        receivers = {"from_ros": start("receive_tfbus", at.listening(), topic="from_ros")}
+        bridge = subprocess.Popen(
+            command, env=at.connecting() | _BESIDE_ROS, cwd=at.folder, stderr=subprocess.DEVNULL
+        )
+        stack.callback(bridge.wait)
+        stack.callback(bridge.terminate)
+        receivers["to_ros"] = start("receive_rclpy", **in_ros, topic="to_ros")
+        senders = {
+            "from_ros": start("send_rclpy", **in_ros, topic="from_ros"),
+            "to_ros": start("send_tfbus", at.connecting(), topic="to_ros"),
+        }
+        time.sleep(6.0)  # until ROS and the bridge have met, and the topics cross
+        for text, topics in (
+            ("both ways", crossing),
+            ("from ROS", crossing[:1]),
+            ("to ROS", crossing[1:]),
+        ):
+            for topic in topics:
+                receivers[topic].tell("begin")
+                receivers[topic].hear()
+            before_s = _cpu_s(bridge.pid)
+            for topic in topics:
+                senders[topic].tell(json.dumps([1_000_000, _BRIDGED_HZ, _BRIDGED_HZ * _BRIDGED_S]))
+            for topic in topics:
+                senders[topic].hear()
+            share = (_cpu_s(bridge.pid) - before_s) / _BRIDGED_S
+            came = 0
+            for topic in topics:
+                receivers[topic].tell("end")
+                came += len(receivers[topic].hear()[1])
+            sent = len(topics) * (_WARM_UP + _BRIDGED_HZ * _BRIDGED_S)
+            rows.append([text, f"{100 * share:.1f} %", f"{100 * came / sent:.0f} %"])
+            print(rows[-1], file=sys.stderr, flush=True)
+    return Table(["30 clouds of 1 MB a second", "CPU of the bridge", "came"], rows)
+
+
 # The table
 
 
@@ -451,7 +514,7 @@ def _size(size: int) -> str:
     return f"{size // 1_000_000} MB" if size >= 1_000_000 else f"{size // 1_000} kB"
 
 
-def table(found: dict[tuple[str, int], Carried]) -> Any:
+def by_size(found: dict[tuple[str, int], Carried]) -> Any:
     """A peer and a size a row; ratios are over bare Zenoh with messages of this size."""
     from benchmarks.parts import Table
     from benchmarks.report import amount
@@ -484,6 +547,7 @@ def _versions() -> dict[str, str]:
 def main() -> None:
     """Measure, print the table, and write the pages if asked for."""
     from benchmarks import machine
+    from benchmarks.links import beside_camera
     from benchmarks.parts import Part
 
     parser = argparse.ArgumentParser(prog="benchmarks.bus.large", description=__doc__)
@@ -500,7 +564,12 @@ def main() -> None:
     where = machine.describe()
     found, left_out = measure(peers, given.runs)
     facts = {"left_out": "; ".join(f"{peer}: {why}" for peer, why in left_out.items())}
-    part = Part(where, {"sizes": table(found)}, _versions(), facts)
+    tables = {"sizes": by_size(found)}
+    if os.geteuid() == 0 and len(peers) == len(all_peers):
+        tables["beside"] = beside_camera()
+    if RCLPY not in left_out and len(peers) == len(all_peers):
+        tables["bridge"] = bridged()
+    part = Part(where, tables, _versions(), facts)
     part.show()
     for peer, why in left_out.items():
         print(f"left out: {peer}: {why}")

@@ -110,7 +110,7 @@ class TestSources:
     def test_a_stream_that_was_never_described_has_no_node(self) -> None:
         """A message counts without a description too."""
         plain = source()
-        assert not plain.is_described()
+        assert not plain.is_described(b"")
         assert plain.item(0, payload([at()])).stream == RecordedStream("sim", epoch_ns=1)
 
     def test_a_message_of_a_topic_has_its_fields_and_type(self) -> None:

@@ -48,7 +48,7 @@ class Recorded:
     def items(self, topic: str) -> list[TopicItem]:
         """The messages of a topic that came once its type was known."""
         for raw in self.queue.take(0.0):
-            if raw.source.is_described():
+            if raw.source.is_described(raw.payload):
                 item = raw.item()
                 if isinstance(item, TopicItem):
                     self.came.append(item)

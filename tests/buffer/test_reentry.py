@@ -12,7 +12,7 @@ from tests.builders import S, moved, store_of
 from tests.fakes import InAThread
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.errors import FutureExtrapolationException, LookupException
-from tfbus.runtime.callbacks import Bell
+from tfbus.runtime.clock import Bell
 
 _BEGIN = """
 import gc, signal, weakref

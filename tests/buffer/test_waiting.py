@@ -12,7 +12,7 @@ from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import LATER, LATEST
 from tfbus.buffer.lookup import Lookup as Question
-from tfbus.buffer.waiting import Waiter
+from tfbus.buffer.store import Waiter
 from tfbus.errors import (
     ExtrapolationException,
     FutureExtrapolationException,

@@ -17,7 +17,7 @@ from tests.simulated_bus import Bus
 from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
-from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_config import end_shared_memory, zenoh_config
 
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
@@ -66,6 +66,20 @@ def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_
 ) -> None:
     """Zenoh's shared memory costs an idle process CPU: it is off unless a file enables it."""
     assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
+
+
+@pytest.mark.parametrize(
+    ("may_lock", "enabled", "why"),
+    [(8_000_000, "false", "may lock 8 MB of memory"), (256_000_000, "true", "")],
+)
+def test_memory_is_not_shared_by_a_process_that_could_not_read_it(
+    may_lock: int, enabled: str, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that may lock little memory takes large messages by TCP, and the log says why."""
+    monkeypatch.setattr("tfbus.bus.zenoh_config.lockable_bytes", lambda: may_lock)
+    config = zenoh.Config.from_json5("{transport: {shared_memory: {enabled: true}}}")
+    assert why in end_shared_memory(config)
+    assert config.get_json("transport/shared_memory/enabled") == enabled
 
 
 @pytest.mark.real

@@ -16,7 +16,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.messages import Color, LaserScan, PointCloud, Pose
+from tfbus.messages import Color, Image, LaserScan, OccupancyGrid, PointCloud, Pose
 from tfbus.wire.codec import encode_map, encode_message
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
@@ -178,6 +178,32 @@ class TestEcho:
         assert "ranges: <float32 array of 200>" in out.splitlines()
         assert json.loads(run(bus, *echo, "--json")[1])["ranges"] == ranges.tolist()
         assert run(bus, *echo, "--field", "ranges[7]")[1] == "7.0\n---\n"
+
+    def test_a_cloud_an_image_and_a_map_are_summaries(self, bus: Bus) -> None:
+        """A person sees what is in them; with --field, -f or in JSON all of it."""
+        node = bus.node("robot")
+        xyz = np.array([(0, 1, 2), (3, 4, 5), (np.nan, 7, 8)])
+        messages = {
+            "points": PointCloud.from_xyz(1, "lidar", xyz),
+            "image": Image.from_pixels(1, "camera", np.full((2, 3), 7, np.uint8)),
+            "map": OccupancyGrid.from_cells(1, "map", np.array([[0, -1], [100, 0]]), 0.5),
+        }
+        for topic, message in messages.items():
+            node.create_publisher(type(message), topic, retained=True).publish(message)
+        shown = {each: run(bus, "echo", each, "--once")[1] for each in messages}
+        for line in (
+            "  points: 3",
+            "    x: float32, 0 to 3, 1 NaN",
+            "    z: float32, 2 to 8",
+            "  - [0.0, 1.0, 2.0]",
+        ):
+            assert line in shown["points"].splitlines()
+        assert "data: 3 by 2, mono8, 6 B, uint8, 7 to 7" in shown["image"].splitlines()
+        said = "2 by 2 cells of 0.5 m: 50.0% free, 25.0% unknown, 25.0% occupied"
+        assert f"data: '{said}'" in shown["map"].splitlines()
+        assert "data: [7, 7, 7, 7, 7, 7]" in run(bus, "echo", "image", "--once", "-f")[1]
+        assert json.loads(run(bus, "echo", "map", "--once", "--json")[1])["data"] == [0, -1, 100, 0]
+        assert run(bus, "echo", "map", "--once", "--field", "data[2]")[1] == "100\n---\n"
 
     def test_transforms_are_printed(self, bus: Bus) -> None:
         """The transforms of a stream, or of all, are printed row by row; static ones at once."""

@@ -23,7 +23,6 @@ from tests.simulated_bus import Bus
 from tfbus import messages
 from tfbus.compat.diagnostic_msgs.msg import DiagnosticStatus
 from tfbus.compat.geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance
-from tfbus.compat.message_classes import interface_class
 from tfbus.compat.nav_msgs.msg import Odometry
 from tfbus.compat.rcl_interfaces.msg import ParameterValue
 from tfbus.compat.rclpy.serialization import deserialize_message, serialize_message
@@ -35,6 +34,7 @@ from tfbus.compat.visualization_msgs.msg import Marker, MarkerArray
 from tfbus.discover.presence import describe_nodes
 from tfbus.errors import DecodeError
 from tfbus.ros.definitions import interfaces_of, packages
+from tfbus.ros.message_classes import interface_class
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_message, type_name
 
 # Of ROS 2 Kilted, as far as its small environment has them.

@@ -18,13 +18,13 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.compat import tf2_ros
-from tfbus.compat.fields import message_of, stamped_of
 from tfbus.compat.geometry_msgs.msg import TransformStamped as Message
 from tfbus.compat.rclpy.qos import DurabilityPolicy, QoSProfile
 from tfbus.compat.rclpy.time import Time
 from tfbus.compat.tf2_msgs.msg import TFMessage
 from tfbus.compat.tf2_msgs.srv import FrameGraph
 from tfbus.compat.tf2_ros import InvalidArgumentException
+from tfbus.ros.transforms import message_of, stamped_of
 
 
 def edge(parent: str, child: str, x: float = 1.0) -> Message:

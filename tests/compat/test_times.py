@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from tfbus.compat.builtin_interfaces import msg as builtin
-from tfbus.compat.fields import stamp_ns_of
 from tfbus.compat.rclpy.clock import Clock
 from tfbus.compat.rclpy.duration import Duration, Infinite, seconds_of
 from tfbus.compat.rclpy.time import ClockType, Time
+from tfbus.ros.transforms import stamp_ns_of
 
 S = 1_000_000_000
 

@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 from tests import needs
+from tests.builders import rows_of
 from tests.buses import eventually, keep_sending, send_static, send_until
 from tests.docs.pages import ROOT
 from tests.live_bus import Bus, Process
+from tests.wire.frozen_wire import frozen_now
 from tfbus import (
     Buffer,
     Recording,
@@ -295,6 +297,31 @@ def test_the_points_of_a_cloud_are_read_where_they_lie(language: str, tmp_path: 
     assert means == pytest.approx(xyz.astype(float).mean(axis=0).tolist(), rel=1e-5)
     for size in (0, 1, 50, 200, len(payload) // 2):
         assert subprocess.run(command, input=payload[:size], capture_output=True).returncode == 1
+
+
+@pytest.mark.real
+def test_javascript_reads_frames_by_numbers(tmp_path: Path) -> None:
+    """As tfbus reads them, both forms, and no message of another epoch or with bytes too few."""
+    program = [needs.program("node"), str(FOLDER / "transforms.js")]
+    numbered = frozen_now()["numbered"]
+    description = bytes.fromhex(numbered["description"])
+    numbers = read_description(description)[0].numbers
+    described, sent = tmp_path / "description", tmp_path / "message"
+    for poses in ("float32", "compact"):
+        payload = bytes.fromhex(numbered[poses])
+        described.write_bytes(description)
+        sent.write_bytes(payload)
+        command = [*program, str(described), str(sent)]
+        done = subprocess.run(command, capture_output=True, check=True, text=True)
+        rows = [line.split() for line in done.stdout.splitlines()]
+        expected = rows_of(decode_transforms(payload, numbers).batch)
+        assert [(row[0], row[1], int(row[2])) for row in rows] == [row[:3] for row in expected]
+        for row, (*_, pose) in zip(rows, expected, strict=True):
+            assert [*map(float, row[3:])] == pytest.approx(pose, rel=1e-12)
+        sent.write_bytes(payload[:-1])
+        assert subprocess.run(command, capture_output=True).returncode == 1
+        sent.write_bytes(msgpack.packb(msgpack.unpackb(payload) | {"epoch": 1}))
+        assert subprocess.run(command, capture_output=True).returncode == 1
 
 
 def test_no_program_of_the_wire_imports_tfbus() -> None:

@@ -14,8 +14,7 @@ import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
-from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, ExaminedHost
+from tfbus.doctor.examination import CHECKS, Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
@@ -374,6 +373,14 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     assert finding.verdict == verdict
     assert evidence in "\n".join(finding.evidence)
     assert finding.remedy
+
+
+def test_a_closed_bus_says_what_it_has_not_on_a_bad_network(healthy: Examination) -> None:
+    """It is well, and its links are of TCP alone."""
+    why = "a closed bus has links of TCP alone"
+    finding = CHECKS["encryption"](with_host(without_datagrams=why)(healthy))
+    assert (finding.verdict, finding.evidence[1:]) == ("ok", (why,))
+    assert len(CHECKS["encryption"](healthy).evidence) == 1
 
 
 def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> None:

@@ -16,8 +16,7 @@ from tests.recordings import (
     write,
 )
 from tfbus import NodeSettings
-from tfbus.doctor.checks import OF_A_BUS, examined
-from tfbus.doctor.examination import Finding
+from tfbus.doctor.examination import OF_A_BUS, Finding, examined
 from tfbus.doctor.recorded import examine_recorded
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item

@@ -5,6 +5,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
+import numpy as np
 import pytest
 
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
@@ -23,7 +24,7 @@ from tfbus import (
 )
 from tfbus.foxglove.front import Serving
 from tfbus.foxglove.live import LiveBridge
-from tfbus.messages import Clock, Pose, Spawn, Twist, Vector3
+from tfbus.messages import Clock, PointCloud, Pose, Spawn, Twist, Vector3
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
@@ -370,3 +371,19 @@ def test_a_type_of_ros_comes_as_itself(sender: Node, client: Client) -> None:
     scan, hand = client.channels["/scan"], client.channels["/hand"]
     assert (scan["encoding"], scan["schemaName"]) == ("cdr", "sensor_msgs/msg/LaserScan")
     assert (hand["schemaName"], hand["schema"]) == ("hand_msgs/msg/Hand", "float32[] gaps\n")
+
+
+def test_a_cloud_comes_as_others_read_it(sender: Node, client: Client) -> None:
+    """By ROS's definition, with all its bytes: rosbags reads it."""
+    typesys = pytest.importorskip("rosbags.typesys", reason="needs rosbags: the extra bags")
+    clouds = sender.create_publisher(PointCloud, "points")
+    sent = PointCloud.from_xyz(5 * S, "lidar", np.arange(30_000.0).reshape(-1, 3))
+    eventually(lambda: "/points" in client.channels)
+    channel = client.subscribe("/points")
+    assert (channel["encoding"], channel["schemaName"]) == ("cdr", "sensor_msgs/msg/PointCloud2")
+    send_until(lambda: clouds.publish(sent), lambda: client.of("/points"))
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    read = store.deserialize_cdr(client.of("/points")[0], "sensor_msgs/msg/PointCloud2")
+    assert (read.header.frame_id, read.header.stamp.sec) == ("lidar", 5)
+    assert [(each.name, each.offset) for each in read.fields] == [("x", 0), ("y", 4), ("z", 8)]
+    assert read.data.tobytes() == sent.data.tobytes()

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
@@ -17,9 +18,11 @@ from tfbus import Fleet, TransformStamped
 from tfbus.foxglove.front import Serving
 from tfbus.foxglove.playback import PlaybackBridge
 from tfbus.geometry.columns import Columns
+from tfbus.messages import LaserScan
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.tf_message import TFMessageReader
+from tfbus.wire.codec import decode_map, encode_message
 
 START = 1670400300 * S
 END = START + 10 * S
@@ -72,6 +75,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         at_ns = START + tenth * S // 10
         items.append(item(SIM, at_ns, moved(at_ns, "world", "base_link", tenth / 10), static=False))
         items.append(TopicItem(at_ns, "battery", "Battery", {"volts": tenth / 10}))
+    scan = LaserScan(START, "laser", 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 9.0, np.array([1.0, 2.0]))
+    values = decode_map(encode_message(scan))
+    items.append(TopicItem(START + S, "scan", "sensor_msgs/msg/LaserScan", values))
+    items.sort(key=lambda each: each.log_ns)
     return record(tmp_path_factory.mktemp("playback") / "run.mcap", items)
 
 
@@ -126,6 +133,18 @@ def test_it_plays_as_it_was_recorded(client: Client) -> None:
     assert times[-100:] == [START + tenth * S // 10 for tenth in range(1, 101)]
     state = client.control(play=True, speed=50.0, request="again")
     assert state.did_seek and state.time_ns == START
+
+
+def test_a_message_of_a_sensor_is_served_as_it_is_in_the_file(client: Client) -> None:
+    """By ROS's definition; rosbags reads it."""
+    typesys = pytest.importorskip("rosbags.typesys", reason="needs rosbags: the extra bags")
+    channel = client.subscribe("/scan")
+    assert (channel["encoding"], channel["schemaName"]) == ("cdr", "sensor_msgs/msg/LaserScan")
+    client.control(play=False, seek_ns=START + 2 * S, request="seek")
+    eventually(lambda: client.of("/scan"))
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    read = store.deserialize_cdr(client.of("/scan")[0], "sensor_msgs/msg/LaserScan")
+    assert (read.header.frame_id, read.ranges.tolist()) == ("laser", [1.0, 2.0])
 
 
 def test_a_seek_shows_where_everything_was(client: Client) -> None:

@@ -20,8 +20,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination
+from tfbus.doctor.examination import CHECKS, Examination
 from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.document import tree_lines
 from tfbus.frames.moment import BusMoment, stale_after_s, state

@@ -317,10 +317,10 @@ class TestCommand:
 
 def test_no_line_ends_within_an_option() -> None:
     """A line of `tfbus why` breaks at blanks, and never at the hyphen of an option."""
-    from tfbus.cli.why import wrapped
+    from tfbus.wording import wrapped
 
     for letters in range(50, 80):
-        lines = wrapped(f"{'a' * letters} --sim-time and --namespace", "  - ")
+        lines = wrapped(f"{'a' * letters} --sim-time and --namespace", 80, "  - ")
         assert not any(line.endswith("-") for line in lines)
         assert max(map(len, lines)) <= 80
 

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from tests import needs
 from tfbus.cli import main
-from tfbus.launch.unit import Service, unit_text
+from tfbus.launch.service_manager import Service, unit_text
 
 FILE = """
 arguments:

@@ -181,3 +181,23 @@ def test_sensors_are_recorded_as_types_of_ros(tmp_path: Path) -> None:
     back = from_map(LaserScan, items["scan"].values)
     assert np.array_equal(back.ranges, ranges)
     assert back.angle_increment == np.float32(0.01)
+
+
+def test_the_publish_time_of_a_message_is_its_stamp(tmp_path: Path) -> None:
+    """That of a header of ROS's too; without one, or with 0, it is the log time."""
+    path = tmp_path / "stamps.mcap"
+    header = {"stamp": {"sec": 3, "nanosec": 5}, "frame_id": "lidar"}
+    with RecordingWriter(path) as writer:
+        for topic, values in {
+            "ours": {"stamp_ns": 2 * S, "x": 1.0},
+            "header": {"header": header, "x": 1.0},
+            "zero": {"stamp_ns": 0, "x": 1.0},
+            "none": {"x": 1.0},
+        }.items():
+            writer.write(TopicItem(9 * S, topic, "", values))
+    with path.open("rb") as file:
+        found = {
+            channel.topic: message.publish_time
+            for _, channel, message in make_reader(file).iter_messages()
+        }
+    assert found == {"/ours": 2 * S, "/header": 3 * S + 5, "/zero": 9 * S, "/none": 9 * S}

@@ -137,11 +137,13 @@ def test_a_scan_whose_ranges_have_times_is_straightened(buffer: Buffer) -> None:
 
 
 def test_another_fixed_frame_places_what_is_drawn_anew(buffer: Buffer) -> None:
-    """Without another message."""
+    """Without another message; without a place in it nothing is drawn."""
     layer = layer_of(cloud(2 * S))
-    layer.step(buffer, "map", 0.0, SETTINGS)
-    layer.step(buffer, "base", 0.1, SETTINGS)
-    assert xs(layer) == [0.0]
+    found = []
+    for at, fixed_frame in enumerate(("map", "base", "elsewhere", "map")):
+        layer.step(buffer, fixed_frame, float(at), SETTINGS)
+        found.append(xs(layer))
+    assert found == [[2.0], [0.0], [], [2.0]]
 
 
 @pytest.mark.parametrize(
@@ -360,6 +362,9 @@ def test_a_topic_is_named_with_its_settings() -> None:
         ("scan:voxel=far", "voxel must be a number"),
         ("scan:quality=100", "quality must be from 5 to 95"),
         ("scan:voxel", "'voxel' is not a setting such as"),
+        ("scan:topic=points", "'topic=points' is not a setting such as"),
+        ("scan:voxel=2001-13-45", "voxel must be a number"),
+        (":voxel=5", "':voxel=5' has no topic"),
     ):
         with pytest.raises(SettingsError, match=why):
             topic_named(text, saved)

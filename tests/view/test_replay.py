@@ -2,17 +2,26 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.builders import S
 from tests.recordings import publisher, sent, write
 from tests.view.recordings import at, record
 from tfbus.frames.moment import state
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 
+from tfbus.messages import Marker, MarkerArray, PointCloud, PoseStamped, Vector3
+from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.view.replay import Replay
+from tfbus.recording.writer import RecordingWriter
+from tfbus.view.data.layer import TopicLayer
+from tfbus.view.replay import RecordedData, Replay
+from tfbus.view.settings import TopicSettings
+from tfbus.wire.codec import decode_map, encode_message, type_name
 from tfbus.wire.fleet import Fleet
 
 
@@ -198,3 +207,101 @@ def test_a_fleet_has_the_frames_of_all_robots(tmp_path: Path) -> None:
         with RecordingReader(path) as reader:
             replay = Replay(reader, at_ns=reader.end_ns, fleet=fleet)
             assert set(replay.buffer.frames()) == frames
+
+
+def drawn(replay: Replay, topic: str, **settings: float) -> dict[object, float]:
+    """The items of a topic that a page draws at the cursor, and where along x of the map."""
+    data = RecordedData(replay)
+    try:
+        data.want(data.topics())
+        now_s = data.catch_up(0.0)
+        waiting = data.waiting(topic)
+        assert waiting is not None
+        layer = TopicLayer(waiting)
+        chosen = TopicSettings(topic, **settings)
+        layer.recall(data.past(topic, chosen), "map", chosen)
+        layer.step(replay.buffer, "map", now_s, chosen, pace_s=now_s)
+        return {key: round(float(each.pose.xyz[0]), 2) for key, each in layer.placed.items()}
+    finally:
+        data.close()
+
+
+def cube(number: int, seconds: float, **values: Any) -> Marker:
+    """A marker where the base is."""
+    return Marker(at(seconds), "base", "some", number, scale=Vector3(1, 1, 1), **values)
+
+
+@pytest.fixture
+def seen(path: Path, tmp_path: Path) -> Path:
+    """The same file with a cloud at the base each half second from 0.5 s on, and markers: one that
+    stays, one of 2 s, and at 8 s the end of all before another.
+    """
+    arrays: list[tuple[float, str, Any]] = [
+        (tick / 2, "points", PointCloud.from_xyz(at(tick / 2), "base", np.zeros((1, 3))))
+        for tick in range(1, 23)
+        if not (4 < tick < 8 or 10 <= tick < 12)
+    ]
+    arrays += [
+        (1.0, "markers", MarkerArray((cube(1, 1.0), cube(2, 1.0, lifetime_ns=2 * S)))),
+        (
+            8.0,
+            "markers",
+            MarkerArray((Marker(at(8.0), "base", action=Marker.DELETEALL), cube(3, 8.0))),
+        ),
+        (1.5, "where", PoseStamped(at(1.5), "base")),
+    ]
+    whole = tmp_path / "seen.mcap"
+    with RecordingReader(path) as reader, RecordingWriter(whole) as writer:
+        further = [
+            TopicItem(at(second), name, type_name(type(each)), decode_map(encode_message(each)))
+            for second, name, each in arrays
+        ]
+        for item in sorted([*reader.items(), *further], key=lambda item: item.log_ns):
+            writer.write(item)
+    return whole
+
+
+# By second: the clouds of a second's decay, the markers, and the pose of 1.5 s.
+SEEN: dict[float, tuple[list[float], set[object], list[float]]] = {
+    0.2: ([], set(), []),
+    1.6: ([1.0, 1.5], {("some", 1), ("some", 2)}, [1.5]),
+    4.6: ([4.0, 4.5], {("some", 1)}, [1.5]),
+    7.2: ([6.5, 7.0], {("some", 1)}, [1.5]),
+    11.2: ([10.5, 11.0], {("some", 3)}, [1.5]),
+}
+
+
+@pytest.mark.parametrize("seconds", [[*SEEN], [*SEEN][::-1]], ids=["forward", "backward"])
+def test_messages_are_drawn_as_they_were_at_the_cursor(seen: Path, seconds: list[float]) -> None:
+    """Each at the place of its stamp, however long ago; from wherever the cursor comes."""
+    with RecordingReader(seen) as reader:
+        replay = Replay(reader, at_ns=0)
+        for second in seconds:
+            replay.playhead.seek(at(second))
+            replay.move(second, is_watched=True)
+            clouds, markers, poses = SEEN[second]
+            assert [*drawn(replay, "points", decay_s=1.0).values()] == clouds
+            assert {*drawn(replay, "markers")} == markers
+            assert [*drawn(replay, "where").values()] == poses
+            if ("some", 1) in markers:
+                assert drawn(replay, "markers")["some", 1] == 1.0
+
+
+def test_playing_reads_on_and_a_jump_begins_anew(seen: Path) -> None:
+    """The messages that come are those between the cursor's places."""
+    with RecordingReader(seen) as reader:
+        replay = Replay(reader, at_ns=at(0.2), plays=True)
+        data = RecordedData(replay)
+        data.want({"points": data.topics()["points"]})
+        data.catch_up(0.0)
+        waiting = data.waiting("points")
+        assert waiting is not None
+        for tick in range(9):
+            replay.move(0.2 * tick, is_watched=True)
+            data.catch_up(0.0)
+        assert [each.stamp_ns for each in waiting.take()] == [at(0.5), at(1.0), at(1.5)]
+        replay.playhead.seek(at(9.0))
+        replay.move(2.0, is_watched=True)
+        data.catch_up(0.0)
+        assert data.waiting("points") is not waiting
+        data.close()

@@ -9,7 +9,9 @@ import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from itertools import chain
 from pathlib import Path
+from struct import pack
 from typing import Any, get_args, get_origin, get_type_hints
 
 import msgpack
@@ -19,7 +21,14 @@ from tfbus import messages
 from tfbus.runtime.installation import installed_version
 from tfbus.wire import keys
 from tfbus.wire.codec import encode_message
-from tfbus.wire.descriptions import BufferDescription, NodeDescription, ParameterDescription
+from tfbus.wire.descriptions import (
+    BufferDescription,
+    NodeDescription,
+    ParameterDescription,
+    encode_stream,
+)
+from tfbus.wire.numbered import COMPACT, POSES
+from tfbus.wire.transforms import NumberedEncoder
 
 FOLDER = Path(__file__).parent / "frozen"
 SESSION = "f602e4"
@@ -57,6 +66,27 @@ NODE = NodeDescription(
 )
 
 
+# A mast that does not move, an arm that turns, and a robot that has driven ten metres.
+_ORIGINS = ((0.0, 0.0, 1.5, 0, 0, 0, 1.0), (0.5, 0, 0, 0, 0, 0, 1.0), (5e5, 4e6, 2.0, 0, 0, 0, 1.0))
+_POSES = (_ORIGINS[0], (0.5, 0, 0, 0, 0, 0.6, 0.8), (5e5 + 8, 4e6 - 6, 2.001, 0, 0, 0.6, 0.8))
+_PAIRS = (("base", "mast"), ("mast", "arm"), ("map", "base"))
+NUMBERED = description(
+    [(*pair, False) for pair in _PAIRS],
+    epoch=EPOCH_NS,
+    poses=COMPACT,
+    next_number=4,
+    numbered=((0, *_PAIRS[0]), (1, *_PAIRS[1]), (3, *_PAIRS[2])),
+    origins=pack("<21d", *chain(*_ORIGINS)),
+)
+
+
+def _numbered(*, is_short: bool) -> bytes:
+    encoder = NumberedEncoder(
+        EPOCH_NS, (0, 1, 3), pack("=21d", *chain(*_ORIGINS)), is_short=is_short
+    )
+    return encoder.encode(7, pack("=3q", *[STAMP_NS] * 3), pack("=21d", *chain(*_POSES)))
+
+
 def frozen_now() -> dict[str, Any]:
     """What this build writes, as it stands in a file."""
     return {
@@ -79,7 +109,14 @@ def frozen_now() -> dict[str, Any]:
             "static": payload([at(3.5, "dock", stamp_ns=STAMP_NS)], EPOCH_NS, 0).hex(),
         },
         "descriptions": {
-            type(each).__name__: encode_message(each).hex() for each in (STREAM, NODE, PARAMETER)
+            type(each).__name__: (
+                encode_stream(each) if each is STREAM else encode_message(each)
+            ).hex()
+            for each in (STREAM, NODE, PARAMETER)
+        },
+        "numbered": {
+            "description": encode_stream(NUMBERED).hex(),
+            **{poses: _numbered(is_short=poses == "float32").hex() for poses in POSES[1:]},
         },
         "messages": {
             kind.__qualname__: encode_message(example(kind)).hex() for kind in message_types()

@@ -47,6 +47,20 @@ def test_transforms_of_a_release_are_read_and_written_alike(release: Path) -> No
 
 
 @every_release
+def test_messages_with_numbers_of_a_release_are_read(release: Path) -> None:
+    """With its description, within the precision that it says; those of before have none."""
+    frozen = read(release).get("numbered", {})
+    for poses in frozen.keys() - {"description"}:
+        described, _ = read_description(bytes.fromhex(frozen["description"]))
+        message = decode_transforms(bytes.fromhex(frozen[poses]), described.numbers)
+        rows = rows_of(message.batch)
+        assert [row[:2] for row in rows] == [("base", "mast"), ("mast", "arm"), ("map", "base")]
+        assert rows[0][3] == (0, 0, 1.5, 0, 0, 0, 1)
+        assert rows[1][3] == pytest.approx((0.5, 0, 0, 0, 0, 0.6, 0.8), abs=1e-4)
+        assert rows[2][3] == pytest.approx((5e5 + 8, 4e6 - 6, 2.001, 0, 0, 0.6, 0.8), abs=1e-4)
+
+
+@every_release
 def test_descriptions_of_a_release_are_read_and_written_alike(release: Path) -> None:
     """Each field keeps its name and meaning; others may have come."""
     kinds = {kind.__name__: kind for kind in DESCRIPTIONS}

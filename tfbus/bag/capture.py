@@ -30,7 +30,12 @@ from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_message, is_of_ros
-from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
+from tfbus.wire.descriptions import (
+    NodeDescription,
+    StreamDescription,
+    facts_of_stream,
+    read_description,
+)
 from tfbus.wire.keys import (
     ALL_NODES,
     ALL_NODES_EVERYWHERE,
@@ -286,7 +291,7 @@ class Capture:
             stream, _ = read_description(payload)
             if len(self.described) < MOST_KEYS:
                 self.described.setdefault(name, stream)
-            return as_map(stream)
+            return facts_of_stream(stream)
         node = decode_message(NodeDescription, payload)
         for topic, type_name in node.publishes.items():
             if len(self.types) < _MOST_TOPICS:
@@ -407,7 +412,10 @@ class Capture:
         name: str,
         description: StreamDescription | NodeDescription | None = None,
     ) -> None:
-        facts = {} if description is None else as_map(description)
+        if isinstance(description, StreamDescription):
+            facts = facts_of_stream(description)
+        else:
+            facts = {} if description is None else as_map(description)
         self._queue.put(EVENTS, EventItem(0, kind, name, facts))
 
     # Nodes and topics

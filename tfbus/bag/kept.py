@@ -12,6 +12,7 @@ from tfbus.node.node import Node
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.state import BusState
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.structs import Struct
@@ -153,12 +154,33 @@ class KeptFiles:
         return Page(taken)
 
     def _items(self, begin_ns: int, end_ns: int, selection: Selection) -> Iterator[Item]:
-        paths = [path for path in self._paths() if self._has_some(path, begin_ns, end_ns)]
-        if paths:
+        state = BusState()
+        # One after the other: a page is mostly of one file, and there may be hundreds.
+        for paths in self._in_turn(begin_ns, end_ns):
             with RecordingReader(*paths, on_damage=lambda part, damage: None) as reader:
-                yield from reader.items(begin_ns, end_ns, selection)
+                for item in reader.items(begin_ns, end_ns, selection):
+                    # Each file begins with what is in force.
+                    if not state.says(item):
+                        state.take(item)
+                        yield item
 
-    def _has_some(self, path: Path, begin_ns: int, end_ns: int) -> bool:
+    def _in_turn(self, begin_ns: int, end_ns: int) -> Iterator[list[Path]]:
+        """The files with items between two log times; together those whose spans overlap."""
+        found = [(span, path) for path in self._paths() if (span := self._span_of(path))]
+        group: list[Path] = []
+        until_ns = -1
+        for (from_ns, to_ns), path in sorted(found):
+            if from_ns > end_ns or to_ns < begin_ns:
+                continue
+            if group and from_ns > until_ns:
+                yield group
+                group = []
+            group.append(path)
+            until_ns = max(until_ns, to_ns)
+        if group:
+            yield group
+
+    def _span_of(self, path: Path) -> tuple[int, int] | None:
         with self._lock:
             span = self._spans.get(path)
         if span is None:
@@ -169,8 +191,8 @@ class KeptFiles:
                         with self._lock:
                             self._spans[path] = span
             except (TfbusError, OSError):
-                return False  # it was deleted, or has only begun
-        return span[0] <= end_ns and span[1] >= begin_ns
+                return None  # it was deleted, or has only begun
+        return span
 
 
 def _was_sent(item: Item) -> bool:

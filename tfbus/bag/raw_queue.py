@@ -6,12 +6,14 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
+from tfbus.errors import DecodeError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transforms import TransformReader
+from tfbus.wire.numbered import FLOAT64, NO_NUMBERS
+from tfbus.wire.transforms import TransformMessage, TransformReader
 
 # What Python's objects of a message take, besides its payload.
 OVERHEAD_BYTES = 200
@@ -37,8 +39,8 @@ class MessageSource(Protocol):
     kind: str
     is_essential: bool
 
-    def is_described(self) -> bool:
-        """Whether all is known that its messages do not say themselves."""
+    def is_described(self, payload: Any) -> bool:
+        """Whether all is known that a message does not say itself."""
 
     def item(self, log_ns: int, payload: Any) -> Item:
         """A message, read. Raises DecodeError."""
@@ -185,15 +187,33 @@ class TransformSource:
         self._reader = reader
         self._static = static
         self._last: tuple[StreamDescription | None, RecordedStream] | None = None
+        self._numbered_by: StreamDescription | None = None
+        self._numbers = NO_NUMBERS
 
-    def is_described(self) -> bool:
-        """Whether its publisher's node is known."""
-        return self.name in self._described
+    def is_described(self, payload: bytes) -> bool:
+        """Whether its publisher's node is known, and the names of all frames in the message."""
+        description = self._described.get(self.name)
+        if description is None:
+            return False
+        if description.poses == FLOAT64:
+            return True
+        try:
+            return not self._read(payload, description).unnamed
+        except DecodeError:
+            return True
+
+    def _read(self, payload: bytes, description: StreamDescription | None) -> TransformMessage:
+        if description is not self._numbered_by:
+            self._numbered_by = description
+            self._numbers = NO_NUMBERS if description is None else description.numbers
+        return self._reader.read(payload, self._numbers)
 
     def item(self, log_ns: int, payload: bytes) -> TransformItem:
         """A message, read. Raises DecodeError."""
-        message = self._reader.read(payload)
         description = self._described.get(self.name)
+        message = self._read(payload, description)
+        if message.unnamed and not len(message.rows):
+            raise DecodeError("the description of its stream has no names for its frames")
         last = self._last
         if last is None or last[0] is not description or last[1].epoch_ns != message.epoch_ns:
             last = self._last = (description, self._stream(description, message.epoch_ns))
@@ -231,7 +251,7 @@ class TopicSource:
         self._codecs = codecs
         self._on_unfit = on_unfit
 
-    def is_described(self) -> bool:
+    def is_described(self, payload: Any) -> bool:
         """Whether its type is known."""
         return self.name in self._types
 
@@ -254,7 +274,7 @@ class EventSource:
     kind = "events"
     is_essential = True
 
-    def is_described(self) -> bool:
+    def is_described(self, payload: Any) -> bool:
         """An event says all itself."""
         return True
 

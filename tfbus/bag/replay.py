@@ -36,6 +36,7 @@ from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import encode_map, from_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
+from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
@@ -238,6 +239,8 @@ class Republisher:
             ),
             host=RECORDED,
             session=self._node.session.id,
+            # What was read in a message of numbers is in it, and is sent with names.
+            poses=FLOAT64,
             # So the order in which they started holds, among them and beside those that live.
             started_ns=started_ns + (self._past_ns or 0) if started_ns else 0,
         )

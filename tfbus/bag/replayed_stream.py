@@ -4,6 +4,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from tfbus.broadcast.retained import (
     FrameAnnouncer,
@@ -21,8 +22,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.node.node import Node
 from tfbus.recording.items import RecordedStream
 from tfbus.runtime import scheduler
-from tfbus.wire.codec import encode_map
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import StreamDescription, encode_stream
 from tfbus.wire.keys import (
     check_namespace,
     check_no_transforms,
@@ -31,7 +31,7 @@ from tfbus.wire.keys import (
     static_transforms_key_beside,
     transforms_key_beside,
 )
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformEncoder, TransformMessage, encode_transforms
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,9 @@ class ReplayedStream:
                 self._tables.clear()
             if not self._is_described:
                 self._announce(rows, static=False)
-            parts = self._tables[table] = self._keys.divide(rows, self._epoch_ns)
+            parts = self._tables[table] = self._keys.divide(
+                rows, partial(TransformEncoder, self._epoch_ns)
+            )
         return parts
 
     def _begin_epoch(self, epoch_ns: int) -> None:
@@ -257,7 +259,7 @@ class ReplayedStream:
 
     def _describe(self, frames: FrameRows) -> bytes:
         """The description of a stream that was recorded without one."""
-        return encode_map(vars(replace(self._description, frames=frames)))
+        return encode_stream(replace(self._description, frames=frames))
 
     def _on_query(self, query: Query) -> None:
         answer_from_history(query, transforms_key_beside(self._key), self._span)
@@ -288,7 +290,7 @@ class _Life:
 
     def describe(self, description: StreamDescription) -> None:
         """Send a description."""
-        self._descriptions.put(encode_map(vars(description)))
+        self._descriptions.put(encode_stream(description))
 
     def send_static(self, rows: Columns, epoch_ns: int) -> None:
         """Send the whole set."""

@@ -14,7 +14,12 @@ from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.wire.pages import KeptMessage, Page, encode_page
-from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.transforms import (
+    TransformMessage,
+    decode_transforms,
+    encode_transforms,
+    is_numbered,
+)
 from tfbus.wording import listed, near_names
 
 # For each child frame its parent, and whether the transform is static.
@@ -330,6 +335,9 @@ def _without_removed(kept: Sequence[Entry], first: int) -> list[tuple[int, str, 
 
 def _without(payload: bytes, removed: set[bytes]) -> bytes:
     """The message without these child frames; b"" if nothing is left of it."""
+    # Listeners drop the rows of numbers that the stream's description has no longer.
+    if is_numbered(payload):
+        return payload
     # Names are in it as they are: only messages that may have one are decoded, which is slow.
     named = {frame.decode() for frame in removed if frame in payload}
     if not named:

@@ -3,10 +3,11 @@
 import math
 import sys
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from operator import index
-from struct import pack
+from struct import iter_unpack, pack
 from typing import Protocol, SupportsFloat, SupportsIndex, TypeAlias
 
 from tfbus.broadcast.retained import (
@@ -26,9 +27,12 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime import scheduler
+from tfbus.runtime.structs import replace
+from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import escape, transforms_key
+from tfbus.wire.numbered import FLOAT32, FLOAT64, check_poses, origin_of
 from tfbus.wire.transform_bytes import OneMessage
-from tfbus.wire.transforms import TransformEncoder
+from tfbus.wire.transforms import NumberedEncoder, TransformEncoder, in_order_of_messages
 
 
 @dataclass(frozen=True)
@@ -37,13 +41,14 @@ class StreamOptions:
 
     With `split` each frame has a key of its own. Of two publishers of one frame, listeners with
     `conflicts="priority"` accept the one of higher `priority`, a 32-bit integer. Messages of the
-    last `history_s` seconds are kept for listeners that join later. Raises
-    InvalidArgumentException if one is invalid.
+    last `history_s` seconds are kept for listeners that join later. `poses` are "float64",
+    "float32" or "compact". Raises InvalidArgumentException if one is invalid.
     """
 
     split: bool = False
     priority: int = 0
     history_s: float = 10.0
+    poses: str = FLOAT64
 
     def __post_init__(self) -> None:
         history_s: object = self.history_s
@@ -57,9 +62,105 @@ class StreamOptions:
                 f"priority must be a 32-bit integer, not {self.priority!r}"
             )
         object.__setattr__(self, "priority", index(priority))
+        check_poses(self.poses)
 
     def __str__(self) -> str:
-        return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}"
+        poses = "" if self.poses == FLOAT64 else f", poses={self.poses}"
+        return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}{poses}"
+
+
+class Encoder(Protocol):
+    """Writes messages of the same rows."""
+
+    def encode(self, seq: int | None, stamps: bytes, poses: bytes) -> bytes:
+        """The payload of one message, as of `TransformEncoder`."""
+
+
+# Makes the encoder for rows with these frames and edges.
+EncoderOf = Callable[[Sequence[str], bytes], Encoder]
+
+
+class Numbering:
+    """The numbers that a stream gives its frames, each a pair of parent and child, in one epoch;
+    safe from any thread.
+
+    A number is never given twice, also not in another epoch.
+    """
+
+    def __init__(self, epoch_ns: int, poses: str) -> None:
+        self._poses = poses
+        self._lock = scheduler.Lock()
+        self._epoch_ns = epoch_ns
+        self._next_number = 0
+        # The number of each pair, and its origin.
+        self._numbers: dict[tuple[str, str], tuple[int, bytes]] = {}
+
+    @property
+    def row_bytes(self) -> int:
+        """How many bytes a row takes in a message."""
+        return 29 if self._poses == FLOAT32 else 19
+
+    @property
+    def is_full(self) -> bool:
+        """Whether `begin` should make room."""
+        return len(self._numbers) > _MOST_EDGES
+
+    def begin(self, epoch_ns: int) -> None:
+        """An epoch begins, or goes on: all have other numbers from now on, and need encoders for
+        them.
+        """
+        with self._lock:
+            self._epoch_ns = epoch_ns
+            self._numbers.clear()
+
+    def add(self, columns: Columns) -> bool:
+        """Give numbers to the pairs of these rows that have none; whether there were any."""
+        poses = columns.poses_bytes()
+        with self._lock:
+            former = self._next_number
+            for row, (parent, child) in enumerate(columns.pairs()):
+                pair = columns.frames[parent], columns.frames[child]
+                if pair not in self._numbers:
+                    origin = origin_of(poses[POSE_SIZE * row : POSE_SIZE * (row + 1)])
+                    self._numbers[pair] = self._next_number, origin
+                    self._next_number += 1
+            return self._next_number > former
+
+    def remove(self, children: Collection[str]) -> None:
+        """Child frames were removed: sent again, they have other numbers."""
+        with self._lock:
+            for pair in [pair for pair in self._numbers if pair[1] in children]:
+                del self._numbers[pair]
+
+    def encoder(self, frames: Sequence[str], edges: bytes) -> NumberedEncoder:
+        """The encoder of rows that have numbers."""
+        found = [
+            self._numbers[frames[parent], frames[child]]
+            for parent, child in iter_unpack("=2I", edges)
+        ]
+        return NumberedEncoder(
+            self._epoch_ns,
+            [number for number, _ in found],
+            b"".join([origin for _, origin in found]),
+            is_short=self._poses == FLOAT32,
+        )
+
+    def describe(self, description: StreamDescription) -> StreamDescription:
+        """The description of the stream with the numbers of its epoch."""
+        with self._lock:
+            if description.epoch != self._epoch_ns:
+                return replace(description, poses=self._poses)
+            items = sorted(
+                (number, parent, child, origin)
+                for (parent, child), (number, origin) in self._numbers.items()
+            )
+            return replace(
+                description,
+                poses=self._poses,
+                next_number=self._next_number,
+                numbered=tuple(each[:3] for each in items),
+                origins=in_order_of_messages(b"".join([each[3] for each in items])),
+            )
 
 
 class StreamKey:
@@ -77,7 +178,7 @@ class RowsOfKey:
 
     key: StreamKey
     rows: Sequence[int] | None
-    encoder: TransformEncoder
+    encoder: Encoder
 
     def encode(self, columns: Columns) -> bytes:
         """The next message of the key, with these rows."""
@@ -99,8 +200,12 @@ class StreamKeys(Protocol):
     def heard(self) -> bool:
         """Whether a process subscribes to any of them now."""
 
-    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """Which rows go on which key, for these columns and all with the same edges."""
+    def divide(
+        self, columns: Columns, encoder_of: EncoderOf, row_bytes: int = 0
+    ) -> Sequence[RowsOfKey]:
+        """Which rows go on which key, for these columns and all with the same edges; each takes
+        `row_bytes`, 0 for that of one with names.
+        """
 
     def restart(self) -> None:
         """Number messages from 0 again."""
@@ -136,28 +241,31 @@ class OneKey:
         """Whether a process subscribes to it now."""
         return self._key.publisher.heard
 
-    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+    def divide(
+        self, columns: Columns, encoder_of: EncoderOf, row_bytes: int = 0
+    ) -> Sequence[RowsOfKey]:
         """All rows in one message, or in several."""
-        if self._most_bytes and len(groups := self._groups(columns)) > 1:
+        if self._most_bytes and len(groups := self._groups(columns, row_bytes)) > 1:
             pairs = columns.pairs()
             return [
-                _rows(self._key, columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+                _rows(self._key, columns.frames, [pairs[row] for row in rows], rows, encoder_of)
                 for rows in groups
             ]
-        encoder = TransformEncoder(epoch_ns, columns.frames, columns.edges_bytes())
+        encoder = encoder_of(columns.frames, columns.edges_bytes())
         return [RowsOfKey(self._key, None, encoder)]
 
-    def _groups(self, columns: Columns) -> list[list[int]]:
+    def _groups(self, columns: Columns, row_bytes: int) -> list[list[int]]:
         """The rows of each message; one row may be larger than a message should be."""
         groups: list[list[int]] = []
         left, named = 0, set[int]()
         for row, pair in enumerate(columns.pairs()):
             new = {*pair} - named
-            size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in new)
+            size = row_bytes or _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in new)
             if not groups or size > left:
                 groups.append([])
                 named = set()
-                size = _ROW_BYTES + sum(_name_bytes(columns.frames[each]) for each in {*pair})
+                named_bytes = sum(_name_bytes(columns.frames[each]) for each in {*pair})
+                size = row_bytes or _ROW_BYTES + named_bytes
                 left = self._most_bytes - _HEAD_BYTES
             groups[-1].append(row)
             named.update(pair)
@@ -190,14 +298,16 @@ class KeyPerFrame:
         """Whether a process subscribes to any of them now."""
         return self._publishers.heard
 
-    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+    def divide(
+        self, columns: Columns, encoder_of: EncoderOf, row_bytes: int = 0
+    ) -> Sequence[RowsOfKey]:
         """A message a child frame."""
         pairs = columns.pairs()
         rows_by_child: dict[str, list[int]] = {}
         for row, (_, child) in enumerate(pairs):
             rows_by_child.setdefault(columns.frames[child], []).append(row)
         return [
-            _rows(self._key(child), columns.frames, [pairs[row] for row in rows], rows, epoch_ns)
+            _rows(self._key(child), columns.frames, [pairs[row] for row in rows], rows, encoder_of)
             for child, rows in rows_by_child.items()
         ]
 
@@ -226,17 +336,17 @@ def _rows(
     frames: Sequence[str],
     pairs: Sequence[tuple[int, int]],
     rows: list[int],
-    epoch_ns: int,
+    encoder_of: EncoderOf,
 ) -> RowsOfKey:
     """A message of some rows, with the names of their frames alone."""
     # On a key for each frame a frame nearly always has one row in a send.
     if len(rows) == 1:
         names = [frames[frame] for frame in pairs[0]]
-        return RowsOfKey(key, rows, TransformEncoder(epoch_ns, names, ONE_EDGE))
+        return RowsOfKey(key, rows, encoder_of(names, ONE_EDGE))
     used = sorted({frame for pair in pairs for frame in pair})
     at = {frame: number for number, frame in enumerate(used)}
     edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
-    encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
+    encoder = encoder_of([frames[frame] for frame in used], edges)
     return RowsOfKey(key, rows, encoder)
 
 
@@ -332,6 +442,9 @@ class NewestStamps:
 # What sends have in common is cached for tables of at most this many edges in all.
 _MOST_EDGES = 50_000
 
+# New numbers are described after this time.
+_ANNOUNCED_AFTER_S = 0.001
+
 # Whether columns have the byte order of messages on this machine.
 _AS_ON_THE_WIRE = sys.byteorder == "little"
 
@@ -404,6 +517,8 @@ class TransformSender:
         self._key = transforms_key(stream)
         self._takes_turns = session.network.is_bad
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(self._key, session)
+        is_numbered = options.poses != FLOAT64
+        self.numbering = Numbering(epoch_ns, options.poses) if is_numbered else None
         self._queryable = (
             None
             if self._history is None
@@ -476,13 +591,13 @@ class TransformSender:
     def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
         """Send one transform, and remember what the next ones of its frames have in common."""
         table = self._send(columns)
-        if _AS_ON_THE_WIRE:
-            part = table.parts[0]
+        encoder = table.parts[0].encoder
+        if _AS_ON_THE_WIRE and isinstance(encoder, TransformEncoder):
             self._singles[frames[1]] = _Single(
-                OneMessage(frames[0], frames[1], *part.encoder.fixed),
+                OneMessage(frames[0], frames[1], *encoder.fixed),
                 table.noted,
                 table.first_stamp_row,
-                part.key,
+                table.parts[0].key,
                 columns.last_stamp_ns() or 0,
             )
 
@@ -525,6 +640,9 @@ class TransformSender:
         with self._lock:
             self._frames.remove(*children, static=False)
             self._forget_tables()
+            if self.numbering is not None:
+                self.numbering.remove(children)
+                self._frames.announce_soon()
             for child in children:
                 self._newest.forget(child)
                 self._keys.forget(child)
@@ -555,6 +673,10 @@ class TransformSender:
         self._note_edges(by_child)
         if self._edges_remembered + len(rows) > _MOST_EDGES:
             self._forget_tables()
+        if self.numbering is not None and self.numbering.is_full:
+            self.numbering.begin(self._epoch_ns)
+            # Their encoders have numbers that the description has no longer.
+            self._forget_tables()
         self._edges_remembered += max(len(rows), 1)
         stamp_rows = self._newest.rows([child for _, child in rows])
         table = _Table(
@@ -564,10 +686,19 @@ class TransformSender:
             self._frames.reparented,
             stamp_rows,
             stamp_rows[0] if rows else 0,
-            self._keys.divide(columns, self._epoch_ns),
+            self._parts_of(columns),
         )
         self._tables[frames, edges] = table
         return table
+
+    def _parts_of(self, columns: Columns) -> Sequence[RowsOfKey]:
+        numbering = self.numbering
+        if numbering is None:
+            return self._keys.divide(columns, partial(TransformEncoder, self._epoch_ns))
+        if numbering.add(columns):
+            # Listeners hold messages back until it comes.
+            self._frames.announce_soon(_ANNOUNCED_AFTER_S)
+        return self._keys.divide(columns, numbering.encoder, numbering.row_bytes)
 
     def _forget_tables(self) -> None:
         self._tables.clear()
@@ -580,6 +711,8 @@ class TransformSender:
         back_ns = self._newest.newest_ns(stamp_row) - stamp_ns
         child = columns.frames[columns.pairs()[late][1]]
         self._epoch_ns = self._begin_epoch(child, back_ns)
+        if self.numbering is not None:
+            self.numbering.begin(self._epoch_ns)
         self._newest.clear()
         self._keys.restart()
         self._forget_tables()

@@ -13,12 +13,12 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
-from tfbus.buffer.info import Change, ExpiredLookups, Rejections
+from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
-from tfbus.buffer.store import Store
+from tfbus.buffer.store import ExpiredLookups, Store
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.core.sampling import TF2, Contents, Held, Sampling
 from tfbus.errors import (

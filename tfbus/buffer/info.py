@@ -1,17 +1,13 @@
-"""Reports of a buffer: its frames, their changes, and what it could not store or answer."""
+"""Reports of a buffer: its frames, their changes, and what it could not store."""
 
 from collections import Counter
 from typing import Literal
 
-from tfbus.errors import PastExtrapolationException, TransformException
 from tfbus.runtime.structs import Struct
 
 # Reasons name frames, and frames come from the bus: without a limit they would fill the memory.
 MOST_REASONS = 100
 OTHER_REASONS = "other reasons"
-
-# A buffer that has just started holds less than it will: lookups of older times say nothing yet.
-_FULL = 0.9
 
 Kind = Literal[
     "added",
@@ -91,26 +87,3 @@ class Rejections(Counter[str]):
         self.last = reason
         self.rows += 1
         self[reason if reason in self or len(self) < MOST_REASONS else OTHER_REASONS] += 1
-
-
-class ExpiredLookups:
-    """Counts lookups older than the cache in `count`; `missed_by_ns` is the largest distance to
-    the oldest sample.
-    """
-
-    def __init__(self, cache_time_s: float) -> None:
-        self._cache_time_s = cache_time_s
-        self.count = 0
-        self.missed_by_ns = 0
-
-    def record(self, error: TransformException | None) -> None:
-        """Count a lookup that failed so, if a longer cache would have had the answer."""
-        if (
-            isinstance(error, PastExtrapolationException)
-            and error.requested_ns is not None
-            and error.oldest_ns is not None
-            and error.newest_ns is not None
-            and error.newest_ns - error.oldest_ns > _FULL * self._cache_time_s * 1e9
-        ):
-            self.count += 1
-            self.missed_by_ns = max(self.missed_by_ns, error.oldest_ns - error.requested_ns)

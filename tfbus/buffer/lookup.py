@@ -16,8 +16,7 @@ from tfbus.buffer.explain import (
     why_not,
     without_waiting,
 )
-from tfbus.buffer.store import Store
-from tfbus.buffer.waiting import Question, Waiter
+from tfbus.buffer.store import Question, Store, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -31,8 +30,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.runtime.callbacks import Bell
-from tfbus.runtime.clock import Limit, limit_by
+from tfbus.runtime.clock import Bell, Limit, limit_by
 
 
 class Lookup:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.lookup import Lookup
-from tfbus.buffer.waiting import Waiter
+from tfbus.buffer.store import Waiter
 from tfbus.runtime.clock import limit_by
 
 

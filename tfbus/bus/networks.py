@@ -21,10 +21,10 @@ class Network(Struct):
     are lost. Messages of dynamic transforms, and the packets of links, have at most so many bytes
     (0: without bound); `urgent_batches` of these wait on a link. A try to open a link ends after
     `open_s`; the next one follows after `retry_s`, twice as much later, and at most `longest_s`.
-    Between hosts TCP takes further bytes only while fewer than `unsent_bytes` wait in it: transforms
-    come after these, and before all that waits in Zenoh. With `tcp_bytes` it has at most so many
-    that have not arrived yet, repeats lost packets at a steady pace, and measures the bandwidth
-    instead of taking a loss for a full link.
+    Between hosts TCP takes further bytes only while fewer than `unsent_bytes` wait in it:
+    transforms come after these, and before all that waits in Zenoh. With `tcp_bytes` it has at
+    most so many that have not arrived yet, repeats lost packets at a steady pace, and measures
+    the bandwidth instead of taking a loss for a full link.
     """
 
     name: str

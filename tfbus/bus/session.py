@@ -26,6 +26,7 @@ from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import (
     datagram_ports,
+    end_shared_memory,
     lease_s,
     listens_beyond_loopback,
     scouting_of,
@@ -112,6 +113,8 @@ class Session(NetworkSession):
         def open_once() -> zenoh.Session:
             self.network = network_of(settings.network, settings.connect)
             self._config = config = make_config()
+            if why := end_shared_memory(config):
+                self._log.warning("Shared memory stays off: %s", why)
             self._scouting = scouting_of(config, settings)
             self._sockets = ZenohSockets()
             if self._scouting is None:
@@ -125,6 +128,18 @@ class Session(NetworkSession):
         # as a router is. All others listen too; of these tfbus doctor tells.
         is_given = bool(settings.listen) and not settings.closed
         self.open_to = listens_beyond_loopback(self._config) if is_given else ()
+
+    @property
+    def without_datagrams(self) -> str:
+        """A clause that says why dynamic transforms wait for lost packets on a network on which an
+        open bus sends them by UDP; "" if it does so, or would not.
+        """
+        if self.settings.closed is None or not self.network.has_datagrams:
+            return ""
+        return (
+            f"a closed bus has links of TCP alone, also on network {self.network.name!r}: frames "
+            "that come after a lost packet wait for it"
+        )
 
     def _miss(self, error: zenoh.ZError) -> None:
         """A client waits for its router until its patience ends."""

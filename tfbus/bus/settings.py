@@ -12,6 +12,7 @@ from tfbus.errors import RightsError, SettingsError
 from tfbus.runtime.structs import Struct, field, replace
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
+from tfbus.wire.numbered import FLOAT64, POSES
 from tfbus.wording import printable
 
 if TYPE_CHECKING:
@@ -66,11 +67,13 @@ class NodeSettings(Struct):
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
     `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_NETWORK`, `TFBUS_LOG_LEVEL`,
-    `TFBUS_SIM_TIME`, `TFBUS_LIMITS`). `mode` is "peer", "client", "router", or "" for that of the
-    configuration file. Endpoints are Zenoh's (`tcp/host:7447`): several, or one as a str. `secure`
-    is the folder of an identity of a closed bus. `network` is "lan", "wifi", "mobile", "satellite",
-    or "auto" for that of this host's interface. `limits` are the largest messages that it reads
-    and sends; in the environment `topic=64MB, service=8MB`.
+    `TFBUS_SIM_TIME`, `TFBUS_LIMITS`, `TFBUS_POSES`). `mode` is "peer", "client", "router", or ""
+    for that of the configuration file. Endpoints are Zenoh's (`tcp/host:7447`): several, or one as
+    a str. `secure` is the folder of an identity of a closed bus. `network` is "lan", "wifi",
+    "mobile", "satellite", or "auto" for that of this host's interface. `limits` are the largest
+    messages that it reads and sends; in the environment `topic=64MB, service=8MB`. `poses` is how
+    precise the transforms are that it sends: "float64", "float32" or "compact", as of a
+    TransformBroadcaster.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """
@@ -88,6 +91,7 @@ class NodeSettings(Struct):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
     limits: Limits = field(default_factory=_limits_from_environment)
+    poses: str = field(default_factory=lambda: _from_environment("POSES") or FLOAT64)
     closed: "SecureFolder | None" = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -104,6 +108,7 @@ class NodeSettings(Struct):
             resolve(name, self.name, self.namespace)
         _check_choice("mode", self.mode, ("", *MODES))
         check_network(self.network)
+        _check_choice("poses", self.poses, POSES)
         set_field(self, "log_level", log_level_of(self.log_level))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):

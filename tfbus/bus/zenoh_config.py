@@ -17,6 +17,8 @@ from tfbus.bus.settings import PROTOCOLS, NodeSettings
 from tfbus.bus.zenoh_library import first_sentence
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
+from tfbus.runtime.limited_process import lockable_bytes
+from tfbus.wire.limits import size_text
 
 if TYPE_CHECKING:
     from tfbus.secure.folder import SecureFolder
@@ -47,6 +49,9 @@ _MOST_OF_ZENOH = 2**32 - 1
 
 # From this number on, rules of access control are read faster from a file.
 _MANY_RULES = 300
+
+# A pool of Zenoh's own size of 16 publishers of this host; each reader locks all of it.
+_LOCKED_AT_LEAST = 256_000_000
 
 # A process that is to have no datagrams takes none either that a router offers to all who scout:
 # Zenoh tries what it is offered in any order, and a connection must not begin by them.
@@ -95,7 +100,8 @@ def zenoh_config(
         "transport/link/rx/max_message_size": min(
             _NAMED_UP_TO * settings.limits.largest + _AROUND_A_PAYLOAD, _MOST_OF_ZENOH
         ),
-        # Zenoh polls it 30 times a second, which takes as much CPU as all else of an idle session.
+        # A process that may lock too little memory loses, without a word, each message that another
+        # puts into it; and Zenoh polls it 30 times a second, which doubles the CPU when idle.
         "transport/shared_memory": {"enabled": False},
     }
     if network.is_bad:
@@ -125,7 +131,8 @@ def zenoh_config(
             config.insert_json5(key, json.dumps(value))
     if control:
         config = _with_access_control(config, control)
-    if not _is_in(named, _LINK_PROTOCOLS) and not _has_udp(config):
+    is_open = settings.closed is None
+    if is_open and not _is_in(named, _LINK_PROTOCOLS) and not _has_udp(config):
         others = [each for each in PROTOCOLS if each != "udp"]
         config.insert_json5(_LINK_PROTOCOLS, json.dumps(others))
     if is_second:
@@ -134,6 +141,23 @@ def zenoh_config(
         listen = config.get_json("listen/endpoints")
         config.insert_json5("listen/endpoints", _PORT.sub(":0", listen))
     return config
+
+
+def end_shared_memory(config: zenoh.Config) -> str:
+    """Turn shared memory off in a configuration that turns it on, if this process may not lock as
+    much as others may share with it; why, "" if it stays as it is.
+    """
+    if json.loads(config.get_json("transport/shared_memory/enabled")) is not True:
+        return ""
+    may_lock = lockable_bytes()
+    if may_lock >= _LOCKED_AT_LEAST:
+        return ""
+    config.insert_json5("transport/shared_memory/enabled", "false")
+    return (
+        f"this process may lock {size_text(may_lock)} of memory, and would lose large messages of "
+        f"others without a word: let it lock {size_text(_LOCKED_AT_LEAST)} (ulimit -l, "
+        "LimitMEMLOCK of systemd)"
+    )
 
 
 def _retry(network: Network) -> dict[str, int]:

@@ -15,6 +15,7 @@ import click
 
 from tfbus.cli.output import sentence
 from tfbus.cli.verbs import Verbs
+from tfbus.runtime.limited_process import keep_freed_memory
 
 # What a write to a full disk fails with.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -271,6 +272,7 @@ def main(secure: str | None) -> None:
     if secure:
         # Also for the processes that a command starts.
         os.environ["TFBUS_SECURE"] = os.path.abspath(secure)
+    keep_freed_memory()
 
 
 def _print_version(context: click.Context) -> None:

@@ -1,7 +1,6 @@
 """`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
 import re
-import textwrap
 import time
 from collections import Counter
 from collections.abc import Iterable
@@ -24,12 +23,19 @@ from tfbus.cli.output import (
 from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
-from tfbus.doctor.checks import CHECKS, OF_A_BUS, examined
-from tfbus.doctor.examination import Examination, Finding, Verdict, scope
+from tfbus.doctor.examination import (
+    CHECKS,
+    OF_A_BUS,
+    Examination,
+    Finding,
+    Verdict,
+    examined,
+    scope,
+)
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut, duration, listed, natural_order, near_names
+from tfbus.wording import counted, cut, duration, listed, natural_order, near_names, wrapped
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
@@ -230,7 +236,7 @@ def _print(seen: Examination, names: tuple[str, ...], as_json: bool) -> None:
                 print_lines(_lines(name, by_robot.shortened(finding) if seen.is_fleet else finding))
         if left_out and not alone:
             others = ", ".join(left_out)
-            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {others})", "", ""))
+            print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {others})", ""))
         else:
             print_lines([_summary(findings)])
     if any(finding.verdict == "fail" for finding in findings.values()):
@@ -287,18 +293,12 @@ def _lines(name: str, finding: Finding) -> list[str]:
         return [f"{head}{paint('; '.join(finding.evidence), 'faint')}".rstrip()]
     lines = [head.rstrip()]
     for sentence in finding.evidence:
-        lines += _wrapped(sentence, "- ")
-    return [*lines, *_wrapped(f"Fix: {finding.remedy}", "")]
+        lines += _wrapped(sentence, f"{_INDENT}- ")
+    return [*lines, *_wrapped(f"Fix: {finding.remedy}", _INDENT)]
 
 
-def _wrapped(text: str, bullet: str, indent: str = _INDENT) -> list[str]:
-    return textwrap.wrap(
-        text,
-        max(width(), 40),
-        initial_indent=f"{indent}{bullet}",
-        subsequent_indent=indent + " " * len(bullet),
-        break_on_hyphens=False,
-    )
+def _wrapped(text: str, lead: str) -> list[str]:
+    return wrapped(text, max(width(), 40), lead)
 
 
 def _summary(findings: dict[str, Finding]) -> str:

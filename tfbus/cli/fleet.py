@@ -22,12 +22,12 @@ from tfbus.cli.output import (
     screen,
     table,
 )
-from tfbus.command.options import listening_options, roster_option
+from tfbus.command.options import listening_options, period_option, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import Number, own_name
+from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, duration, listed
 
@@ -62,16 +62,7 @@ _MOST_IN_PIPE = 200
     help="With --watch: run this in a shell for each robot that is gone or missing, with "
     "TFBUS_ROBOT and TFBUS_STATE (gone, missing) in its environment.",
 )
-@click.option(
-    "-p",
-    "--period",
-    "period_s",
-    type=Number(least=0.1, most=3600.0),
-    default=1.0,
-    metavar="SECONDS",
-    show_default=True,
-    help="How long rates are measured, and the time between pages, at least 0.1.",
-)
+@period_option("How long rates are measured, and the time between pages")
 @json_option("Print one JSON object; with --watch a line for each change of a robot's state.")
 @bag_options("at")
 @listening_options(lambda: own_name("_fleet"), always_fleet=True)
@@ -155,8 +146,9 @@ def _watch(
     on_gone: str | None,
     as_json: bool,
 ) -> None:
-    asked_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
-    frames_due_s, states = asked_s, dict[str, str]()
+    pace = Pace(_ASK_EVERY_S, _ASK_NEW_EVERY_S)
+    pace.is_due()  # they were asked when the command began
+    frames_due_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
     with suppress(KeyboardInterrupt), ExitStack() as stack:
         show = None if as_json else stack.enter_context(screen())
         while True:
@@ -181,10 +173,8 @@ def _watch(
                     run_in_shell("--on-gone", on_gone or "", told)
             if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
                 return
-            now_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
             is_new = any(each.state == "there" and not each.versions for each in robots)
-            if now_s - asked_s >= (_ASK_NEW_EVERY_S if is_new else _ASK_EVERY_S):
-                asked_s = now_s
+            if pace.is_due(is_new=is_new):
                 heard.ask_nodes()
 
 

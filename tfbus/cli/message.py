@@ -32,7 +32,7 @@ from tfbus.wire.codec import (
     renewed,
     type_name,
 )
-from tfbus.wording import did_you_mean
+from tfbus.wording import did_you_mean, wrapped
 
 
 def supplied_type(name: str) -> type | None:
@@ -98,7 +98,7 @@ def type_of_ros(text: str) -> type | None:
     if text.split("/")[1:-1] != ["msg"]:
         return None
     from tfbus.compat.bus_types import bus_type_of  # which tfbus's own types do not need
-    from tfbus.compat.message_classes import message_class
+    from tfbus.ros.message_classes import message_class
 
     try:
         found = message_class(text)
@@ -111,7 +111,7 @@ def call_of_ros(text: str) -> type | None:
     """The type of a service or action of ROS, `std_srvs/srv/Trigger`; None for any other text."""
     if text.split("/")[1:-1] not in (["srv"], ["action"]):
         return None
-    from tfbus.compat.message_classes import interface_class  # which tfbus's own do not need
+    from tfbus.ros.message_classes import interface_class  # which tfbus's own do not need
 
     try:
         return interface_class(text)
@@ -161,8 +161,8 @@ def _values_of_ros(
     such fields of it either, and click.UsageError if only the values are wrong.
     """
     from tfbus.compat.bus_types import bus_type_of  # which most types of tfbus's do not need
-    from tfbus.compat.message_classes import message_class
     from tfbus.ros.counterparts import AS_IN_ROS, BY_ROS_TYPE
+    from tfbus.ros.message_classes import message_class
 
     types = {**BY_ROS_TYPE, **AS_IN_ROS}
     if type_name(message_type) in AS_IN_ROS:
@@ -505,7 +505,7 @@ def _type_lines(type_: type) -> Iterator[str]:
 
 
 def _headed(name: str, doc: str) -> list[str]:
-    lines = textwrap.wrap(f"{name}: {doc}" if doc else name, max(width(), 40))
+    lines = wrapped(f"{name}: {doc}" if doc else name, max(width(), 40))
     return [
         line.replace(name, paint(name, "type"), 1) if not at else line
         for at, line in enumerate(lines)

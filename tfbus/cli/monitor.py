@@ -2,7 +2,6 @@
 
 import itertools
 import shlex
-import textwrap
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -30,9 +29,9 @@ from tfbus.cli.output import (
     screen,
     table,
 )
-from tfbus.command.options import listening_options
+from tfbus.command.options import listening_options, period_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import FrameName, Number, own_name
+from tfbus.command.types import FrameName, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusMoment, BusView, faults, state
 from tfbus.listen.info import StreamInfo
@@ -49,7 +48,7 @@ from tfbus.monitor.report import (
 )
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut_middle, duration, listed, stamp_text
+from tfbus.wording import counted, cut_middle, duration, listed, stamp_text, wrapped
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
@@ -70,16 +69,7 @@ _BESIDE_NAME = 20
 )
 @click.argument("target", type=FrameName(), required=False)
 @click.argument("source", type=FrameName(), required=False)
-@click.option(
-    "-p",
-    "--period",
-    "period_s",
-    type=Number(least=0.1, most=3600.0),
-    default=1.0,
-    metavar="SECONDS",
-    show_default=True,
-    help="Time between reports, at least 0.1.",
-)
+@period_option("Time between reports")
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
 @bag_options("begin", "end")
@@ -301,7 +291,7 @@ def _cut(name: str) -> str:
 
 
 def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, longest_line(), subsequent_indent="  ", break_on_hyphens=False)
+    return wrapped(line, longest_line(), after="  ")
 
 
 def _clock_lines(report: Report) -> list[str]:

@@ -37,6 +37,8 @@ def command(settings: NodeSettings) -> None:
         where = ", ".join(listen) or f"the endpoints of {settings.config}"
         is_open = " (the bus is open; --secure closes it)" if session.open_to else ""
         log.info("Routing on %s%s", where, is_open)
+        if session.without_datagrams:
+            log.info("No datagrams: %s", session.without_datagrams)
         signals.wait()
     signals.uninstall()
 

@@ -15,7 +15,7 @@ from tfbus.cli.output import print_lines, print_text, warn
 from tfbus.cli.verbs import Answering
 from tfbus.errors import InvalidArgumentException
 from tfbus.launch.find import installed_launch_files
-from tfbus.launch.unit import MARK, Service, container_text, unit_text
+from tfbus.launch.service_manager import MARK, Service, container_text, unit_text
 
 # There while systemd runs this machine.
 _SYSTEMD = Path("/run/systemd/system")

@@ -1,6 +1,5 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
-import textwrap
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -23,9 +22,12 @@ from tfbus.frames.why import (
 )
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import age, stamp_text
+from tfbus.wording import age, stamp_text, wrapped
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
+
+# The longest line.
+_LONGEST = 80
 
 # The most history that it asks for.
 _LONGEST_BACK_S = 3600.0
@@ -148,15 +150,15 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
     lines = [
         paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
     ]
-    lines += wrapped(it.failure, "  ") if it.failure else []
+    lines += wrapped(it.failure, _LONGEST, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)
     if it.filters:
         lines.append(paint("Messages that wait for it:", "heading"))
-        lines += [line for each in it.filters for line in wrapped(each, "  - ")]
+        lines += [line for each in it.filters for line in wrapped(each, _LONGEST, "  - ")]
     if it.remedies:
         lines.append(paint("What to do:", "heading"))
-        lines += [line for remedy in it.remedies for line in wrapped(remedy, "  - ")]
+        lines += [line for remedy in it.remedies for line in wrapped(remedy, _LONGEST, "  - ")]
     return lines
 
 
@@ -175,20 +177,9 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
     text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = wrapped(text, "        ")
+    lines = wrapped(text, _LONGEST, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
-    return lines + (wrapped(step.reason, "        ") if step.reason else [])
-
-
-def wrapped(text: str, lead: str) -> list[str]:
-    """The text in lines of at most 80 characters, indented by `lead`, without a break at `-`."""
-    return textwrap.wrap(
-        text,
-        width=80,
-        initial_indent=lead,
-        subsequent_indent=" " * len(lead),
-        break_on_hyphens=False,  # an option is one word
-    )
+    return lines + (wrapped(step.reason, _LONGEST, "        ") if step.reason else [])
 
 
 def _as_map(it: Explanation) -> dict[str, object]:

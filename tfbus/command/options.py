@@ -18,6 +18,7 @@ from tfbus.command.types import LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
+from tfbus.wire.numbered import POSES
 from tfbus.wording import natural_order, printable
 
 # In the context of a help that shows all.
@@ -301,6 +302,20 @@ def roster_option(function: F) -> F:
     return cast(F, option(command))
 
 
+def period_option(what: str) -> Callable[[F], F]:
+    """The option `--period`; its argument `period_s` is in seconds."""
+    return click.option(
+        "-p",
+        "--period",
+        "period_s",
+        type=Number(least=0.1, most=3600.0),
+        default=1.0,
+        metavar="SECONDS",
+        show_default=True,
+        help=f"{what}, at least 0.1.",
+    )
+
+
 def max_gap_option(function: F) -> F:
     """Add `--max-gap` to a click command. Its argument `sampling` is then a Sampling with it."""
 
@@ -513,6 +528,11 @@ _FLEET_OPTIONS = (
     ),
 )
 _NODE_OPTIONS = {
+    "poses": _option(
+        "--poses",
+        type=click.Choice(POSES),
+        help="How precise the transforms are that it sends (default float64).",
+    ),
     "name": _option("--name", metavar="NAME", help="The node's name."),
     "sim_time": _option(
         "--sim-time/--system-time",

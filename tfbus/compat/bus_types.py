@@ -11,20 +11,20 @@ from typing import Any
 
 from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.compat.fields import TFMessage, message_with, stamped_of
-from tfbus.compat.message_classes import RosMessage
 from tfbus.errors import DecodeError
+from tfbus.frames.named import NamedMessages
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.node import Node
 from tfbus.ros.counterparts import BY_ROS_TYPE, LIVE_COUNTERPARTS, Counterpart
 from tfbus.ros.definitions import STRING, TURTLE_POSE
+from tfbus.ros.message_classes import RosMessage
+from tfbus.ros.transforms import TFMessage, message_with, stamped_of
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.transform_bytes import TransformMessage
-from tfbus.wire.transforms import decode_transforms
 
 
 @dataclass(frozen=True)
@@ -158,23 +158,22 @@ class TransformsSubscription(NodeEndpoint):
         self, node: Node, topic: TransformsTopic, callback: Callable[[TransformMessage], object]
     ) -> None:
         super().__init__(topic.kind, TFMessage)
-        self._callback = callback
         self._once = LogOnce(node.log)
+        self._named = NamedMessages(node, lambda key, message, size: callback(message))
         key = f"{topic.key(node)}/**"  # each stream has its own, and each frame of a split one
         if topic.kind == STATIC_TRANSFORMS:
             self._parts.append(declare_retained_subscriber(node.session, key, self._take))
         else:
             self._parts.append(node.session.subscriber(key, self._take))
+        self._parts.append(self._named)
 
     def _take(self, key: str, payload: bytes) -> None:
         if self.closed or is_foreign(key):
             return
         try:
-            message = decode_transforms(payload)
+            self._named.take(key, payload)
         except DecodeError as error:
             self._once.warning(("unreadable", key), "Skipped a message on %r: %s", key, error)
-            return
-        self._callback(message)
 
 
 def _to_bus(message: Any) -> list[TransformStamped]:

@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from tfbus.compat.fields import stamp_ns_of
 from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.time import Time
+from tfbus.ros.transforms import stamp_ns_of
 
 __all__ = ["ApproximateTimeSynchronizer", "Cache", "SimpleFilter", "Subscriber", "TimeSynchronizer"]
 

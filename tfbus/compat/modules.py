@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, NoReturn
 
-from tfbus.compat.message_classes import PACKAGE, interface_class
 from tfbus.ros.definitions import FOLDERS_VARIABLE, interfaces_of, packages
+from tfbus.ros.message_classes import PACKAGE, interface_class
 from tfbus.wording import did_you_mean, listed, near_names
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.formats import as_dot, as_yaml
-from tfbus.compat.fields import message_of, stamp_ns_of, stamped_of
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.time import Time
 from tfbus.errors import (
@@ -21,6 +20,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.ros.transforms import message_of, stamp_ns_of, stamped_of
 from tfbus.runtime.log import LogOnce, library_log
 
 __all__ = [

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from tfbus.compat.fields import Header, transform_of
-from tfbus.compat.message_classes import message_class
 from tfbus.compat.sensor_msgs_py.point_cloud2 import create_cloud, read_points
 from tfbus.compat.tf2_geometry_msgs import from_msg_msg, to_msg_msg
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
 from tfbus.core import lazy_numpy as np
+from tfbus.ros.message_classes import message_class
+from tfbus.ros.transforms import Header, transform_of
 
 __all__ = ["do_transform_cloud", "from_msg_msg", "to_msg_msg", "transform_points"]
 

@@ -6,6 +6,7 @@ from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.long cimport PyLong_AsLongLongAndOverflow
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.limits cimport LLONG_MIN
+from libc.math cimport floor
 from libc.string cimport memcmp, memcpy
 
 ctypedef (double, double, double, double, double, double, double) pose_t
@@ -74,6 +75,55 @@ cdef inline unsigned long long big_endian_at(
     for i in range(at, at + size):
         number = number << 8 | data[i]
     return number
+
+
+cdef inline void put(
+        unsigned char[::1] data, Py_ssize_t at, long long number, Py_ssize_t size) noexcept nogil:
+    cdef unsigned long long left = <unsigned long long> number
+    cdef Py_ssize_t i
+    for i in range(at, at + size):
+        data[i] = left & 255
+        left >>= 8
+
+
+cdef inline long long little_endian_at(
+        octets_t data, Py_ssize_t at, Py_ssize_t size) noexcept nogil:
+    cdef unsigned long long number = 0
+    cdef Py_ssize_t i
+    for i in range(size):
+        number |= <unsigned long long> data[at + i] << (8 * i)
+    if size < 8 and number >> (8 * size - 1):
+        number |= <unsigned long long> -1 << (8 * size)
+    return <long long> number
+
+
+cdef inline long long bits_of(double number) noexcept nogil:
+    cdef long long bits
+    memcpy(&bits, &number, 8)
+    return bits
+
+
+cdef inline double float_of(long long bits) noexcept nogil:
+    cdef double number
+    memcpy(&number, &bits, 8)
+    return number
+
+
+cdef inline int short_bits_of(double number) noexcept nogil:
+    cdef float near = <float> number
+    cdef int bits
+    memcpy(&bits, &near, 4)
+    return bits
+
+
+cdef inline double short_float_of(int bits) noexcept nogil:
+    cdef float near
+    memcpy(&near, &bits, 4)
+    return near
+
+
+cdef inline long long nearest(double number) noexcept nogil:
+    return <long long> floor(number + 0.5)
 
 
 cdef inline array.array unset(array.array like, Py_ssize_t count):

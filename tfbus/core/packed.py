@@ -7,9 +7,10 @@ in C. Compiled modules inline functions of other modules from a .pxd only; so ea
 of the processor; a call would pass a pose of 56 bytes for each row of a batch.
 """
 
+import math
 from array import array
-from collections.abc import Sequence
-from struct import pack, unpack_from
+from collections.abc import MutableSequence, Sequence
+from struct import pack, unpack, unpack_from
 from typing import TypeVar
 
 Pose = tuple[float, float, float, float, float, float, float]
@@ -70,6 +71,45 @@ def pose_bytes(pose: Pose) -> bytes:
 def big_endian_at(data: bytes, at: int, size: int) -> int:
     """An unsigned integer of `size` bytes, 8 at most, the greatest first."""
     return int.from_bytes(data[at : at + size], "big")
+
+
+def put(data: MutableSequence[int], at: int, number: int, size: int) -> None:
+    """Write the last `size` bytes of an integer, 8 at most, the least first."""
+    data[at : at + size] = list((number & (1 << 8 * size) - 1).to_bytes(size, "little"))
+
+
+def little_endian_at(data: bytes, at: int, size: int) -> int:
+    """A signed integer of `size` bytes, 8 at most, the least first."""
+    return int.from_bytes(data[at : at + size], "little", signed=True)
+
+
+def bits_of(number: float) -> int:
+    """The bits of a float of 64 bits, as a signed integer."""
+    bits: int = unpack("=q", pack("=d", number))[0]
+    return bits
+
+
+def float_of(bits: int) -> float:
+    """The float whose bits `bits_of` gives."""
+    number: float = unpack("=d", pack("=q", bits))[0]
+    return number
+
+
+def short_bits_of(number: float) -> int:
+    """The bits of the nearest float of 32 bits, as a signed integer; it has to be in its range."""
+    bits: int = unpack("=i", pack("=f", number))[0]
+    return bits
+
+
+def short_float_of(bits: int) -> float:
+    """The float whose bits `short_bits_of` gives."""
+    number: float = unpack("=f", pack("=i", bits))[0]
+    return number
+
+
+def nearest(number: float) -> int:
+    """The nearest integer of a float that is smaller than 2**62."""
+    return math.floor(number + 0.5)
 
 
 def unset(like: "array[_Number]", count: int) -> "array[_Number]":

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import relative, relative_name
+from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import natural_order, printable
 
 # At most this many namespaces are named in a hint.
@@ -31,6 +32,8 @@ class Endpoint:
     retained: bool = False
     # Of a subscription whose messages wait for transforms: its counts, as a sentence.
     filtered: str = ""
+    # Of a publisher of dynamic transforms: how precise they are, "" for exact ones.
+    poses: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,9 @@ def graph_of(
     for key, stream in streams.items():
         for name in _stream_topics(key, stream):
             by, host = printable(stream.node), printable(stream.host)
-            end = Endpoint(by, TRANSFORMS_TYPE, host, stream.pid)
+            is_exact = stream.poses == FLOAT64 or "tf_static" in name.split("/")
+            poses = "" if is_exact else printable(stream.poses)
+            end = Endpoint(by, TRANSFORMS_TYPE, host, stream.pid, poses=poses)
             topics[name] = TopicInfo(name, (end,), None)
     services = {
         name: ServiceInfo(name, at("serves", name), at("calls", name))

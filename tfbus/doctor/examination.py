@@ -1,21 +1,19 @@
-"""The evidence that the checks judge, as one value, and the findings that they return."""
+"""The evidence that the checks judge, as one value, the findings that they return, and all checks
+by their stable names.
+"""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.report import Edge, EdgeFlow
+from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import relative_name
 from tfbus.wording import and_more
-
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
 
 @dataclass(frozen=True)
@@ -61,10 +59,11 @@ class ExaminedHost:
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
-    `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
-    compiler failed, if it did. `scouts` are other processes of this host that take part in
-    scouting, by their pids, and `stopped` the pids of those that do not run, by SIGSTOP or in a
-    debugger. `name` is what its nodes say is their host.
+    `listens_beyond` are the endpoints that other hosts can reach. `without_datagrams` is why frames
+    wait for lost packets on a network where those of an open bus do not, "" if they do not.
+    `why_interpreted` is why the compiler failed, if it did. `scouts` are other processes of this
+    host that take part in scouting, by their pids, and `stopped` the pids of those that do not run,
+    by SIGSTOP or in a debugger. `name` is what its nodes say is their host.
     """
 
     versions: Mapping[str, str]
@@ -78,6 +77,7 @@ class ExaminedHost:
     scouts: Mapping[int, str] = field(default_factory=dict)
     stopped: frozenset[int] = frozenset()
     name: str = ""
+    without_datagrams: str = ""
 
 
 NO_HOST = ExaminedHost({}, is_compiled=False, interfaces=(), scouted=None, routers=0)
@@ -109,7 +109,7 @@ class RecordedSpan:
     start_ns: int
     is_complete: bool
     restarts: dict[str, list[int]]
-    samples: "dict[Edge, EdgeSamples]"
+    samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
     lost: int = 0
     paused: int = 0
@@ -167,11 +167,11 @@ class Examination:
     @property
     def below(self) -> tuple[str, ...]:
         """The relative names of nodes in namespaces below that only a fleet's scope has."""
-        names = [relative_name(name, self.moment.namespace) for name in self.moment.node_names]
+        names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
     def _is_in_scope(self, node: str) -> bool:
-        name = relative_name(node, self.moment.namespace)
+        name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:
@@ -234,3 +234,56 @@ def first_of(sentences: list[str]) -> list[str]:
     """The first ten sentences, and how many more there are."""
     more = and_more(len(sentences), _MOST_SENTENCES)
     return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]
+
+
+# The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and
+# what nodes count; a recording has a span of time, with all that came and went in it.
+Need = Literal["tree", "bus", "recording"]
+
+Find = Callable[[Examination], Finding]
+
+OF_A_BUS = skipped("it needs a live bus: a recording does not have that")
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check, and the evidence that it needs; it is skipped if an examination has none."""
+
+    find: Find
+    needs: Need = "tree"
+
+    @property
+    def promise(self) -> str:
+        """The sentence that holds if it finds nothing."""
+        return self.find.__doc__ or ""
+
+    def applies(self, *, to_recording: bool) -> bool:
+        """Whether a recording, or a live bus, has the evidence."""
+        return self.needs == "tree" or to_recording == (self.needs == "recording")
+
+    def __call__(self, seen: Examination) -> Finding:
+        if self.applies(to_recording=seen.span is not None):
+            return self.find(seen)
+        if self.needs == "recording":
+            return skipped("it needs a recording: give --bag FILE")
+        return OF_A_BUS
+
+
+# In the order in which they are printed: of this host, of the tree of frames, of what comes.
+CHECKS: dict[str, Check] = {}
+
+
+def check(name: str, *, needs: Need = "tree") -> Callable[[Find], Find]:
+    """List a function as the check of this name; its docstring is the promise."""
+
+    def listed(find: Find) -> Find:
+        CHECKS[name] = Check(find, needs)
+        return find
+
+    return listed
+
+
+def examined(seen: Examination, names: Iterable[str] = ()) -> dict[str, Finding]:
+    """The findings of all checks, or of these, by their names."""
+    wanted = set(names) or CHECKS.keys()
+    return {name: check(seen) for name, check in CHECKS.items() if name in wanted}

@@ -69,7 +69,7 @@ def examine(
         # Before we subscribe: a listener that nodes report is not ours.
         answers = _ask(node.session, on_unreadable)
         out_of_reach = "" if answers.nodes else bus_out_of_reach(node.session)
-        host = examine_host(settings, len(node.session.routers()))
+        host = examine_host(settings, node.session)
         buffer, before = Buffer(_HISTORY_S), None
         watch = None if fleet is None else FleetWatch(roster)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
@@ -118,8 +118,8 @@ _PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _SCOUT_S = 1.5
 
 
-def examine_host(settings: NodeSettings, routers: int) -> ExaminedHost:
-    """Look at this host; the trial of scouting takes 1 to 2 s."""
+def examine_host(settings: NodeSettings, session: Session) -> ExaminedHost:
+    """Look at this host and its session; the trial of scouting takes 1 to 2 s."""
     scouts = local_scouts()
     return ExaminedHost(
         versions={
@@ -131,7 +131,8 @@ def examine_host(settings: NodeSettings, routers: int) -> ExaminedHost:
         why_interpreted="" if COMPILED else why_interpreted(),
         interfaces=tuple(interfaces()),
         scouted=_is_scouted(settings),
-        routers=routers,
+        routers=len(session.routers()),
+        without_datagrams=session.without_datagrams,
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from tfbus.core import lazy_numpy as np
 from tfbus.doctor.examination import (
@@ -10,6 +9,7 @@ from tfbus.doctor.examination import (
     Finding,
     RecordedSpan,
     Verdict,
+    check,
     first_of,
     found,
     ok,
@@ -20,13 +20,11 @@ from tfbus.frames.moment import state, why_another_time
 from tfbus.frames.snapshot import in_the_future, who
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import EdgeFlow
+from tfbus.monitor.report import EdgeFlow, EdgeSamples
 from tfbus.wording import counted, duration, listed
 
-if TYPE_CHECKING:
-    from tfbus.monitor.meter import EdgeSamples
 
-
+@check("clock")
 def check_clock(seen: Examination) -> Finding:
     """The doctor uses the same time as the publishers."""
     time = simulated_time(seen.nodes)
@@ -75,6 +73,7 @@ _SENT_IRREGULARLY = (
 _BATCH_BYTES = 65_535
 
 
+@check("complete", needs="recording")
 def check_complete(seen: Examination) -> Finding:
     """The recording is whole: not cut short, and nothing was dropped."""
     span = seen.span
@@ -100,6 +99,7 @@ def check_complete(seen: Examination) -> Finding:
     )
 
 
+@check("clock-skew", needs="bus")
 def check_clock_skew(seen: Examination) -> Finding:
     """The clocks of publishers agree with ours."""
     offsets = {
@@ -123,6 +123,7 @@ def check_clock_skew(seen: Examination) -> Finding:
     )
 
 
+@check("rates")
 def check_rates(seen: Examination) -> Finding:
     """Frames come as often as they are sent, and at all times."""
     span = seen.span
@@ -156,7 +157,7 @@ def _held_up(seen: Examination) -> list[str]:
     return evidence
 
 
-def _changed_rates(span: RecordedSpan, child: str, samples: "EdgeSamples") -> Iterator[str]:
+def _changed_rates(span: RecordedSpan, child: str, samples: EdgeSamples) -> Iterator[str]:
     log_ns = samples.log_ns
     parts = np.array_split(log_ns, _PARTS)
     rates = [
@@ -173,6 +174,7 @@ def _changed_rates(span: RecordedSpan, child: str, samples: "EdgeSamples") -> It
         yield f"{child!r} comes at {usual:.1f} Hz, but from {span.time(at_ns)} on at {hz:.1f} Hz"
 
 
+@check("jitter")
 def check_jitter(seen: Examination) -> Finding:
     """Frames come regularly."""
     evidence, remedies = [], set()
@@ -194,6 +196,7 @@ def check_jitter(seen: Examination) -> Finding:
     return _of_flows(seen, "warn", evidence, "; ".join(sorted(remedies)))
 
 
+@check("gaps")
 def check_gaps(seen: Examination) -> Finding:
     """No samples are missing in between."""
     if seen.span is None:
@@ -240,6 +243,7 @@ def _of_gap(span: RecordedSpan, flow: EdgeFlow, from_ns: int) -> str:
     )
 
 
+@check("clock-jumps", needs="recording")
 def check_clock_jumps(seen: Examination) -> Finding:
     """The clocks of publishers and recorder went on evenly."""
     span = seen.span
@@ -261,7 +265,7 @@ def check_clock_jumps(seen: Examination) -> Finding:
     )
 
 
-def _jumps(samples: "EdgeSamples") -> Iterator[tuple[int, float]]:
+def _jumps(samples: EdgeSamples) -> Iterator[tuple[int, float]]:
     """When the delays of an edge jumped and stayed so, and by how much, in s."""
     bins = (samples.log_ns - samples.log_ns[0]) // _BIN_NS
     _, first = np.unique(bins, return_index=True)
@@ -278,6 +282,7 @@ def _jumps(samples: "EdgeSamples") -> Iterator[tuple[int, float]]:
         yield int(samples.log_ns[row]), float(after[at] - before[at])
 
 
+@check("order")
 def check_order(seen: Examination) -> Finding:
     """Samples come in the order of their stamps."""
     evidence = [
@@ -290,6 +295,7 @@ def check_order(seen: Examination) -> Finding:
     )
 
 
+@check("stamps")
 def check_stamps(seen: Examination) -> Finding:
     """No stamp is in the future, or zero."""
     evidence = [
@@ -328,6 +334,7 @@ def check_stamps(seen: Examination) -> Finding:
     )
 
 
+@check("messages", needs="bus")
 def check_messages(seen: Examination) -> Finding:
     """Messages fit into one packet of Zenoh."""
     if not seen.largest:
@@ -345,6 +352,7 @@ def check_messages(seen: Examination) -> Finding:
     )
 
 
+@check("refused")
 def check_refused(seen: Examination) -> Finding:
     """No transform was rejected."""
     evidence = [

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
-from tfbus.doctor.examination import Examination, Finding, first_of, found, ok, skipped
+from tfbus.doctor.examination import Examination, Finding, check, first_of, found, ok, skipped
 from tfbus.ros.rmw import HIGHEST_DOMAIN, is_bridge
 from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
@@ -15,6 +15,7 @@ _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _ZENOH = "1.10"
 
 
+@check("install", needs="bus")
 def check_install(seen: Examination) -> Finding:
     """tfbus and what it needs are installed."""
     versions = seen.host.versions
@@ -23,6 +24,7 @@ def check_install(seen: Examination) -> Finding:
     return found("fail", missing, "pip install tfbus", fine)
 
 
+@check("kernel", needs="bus")
 def check_kernel(seen: Examination) -> Finding:
     """The buffer is compiled."""
     if seen.host.is_compiled:
@@ -34,6 +36,7 @@ def check_kernel(seen: Examination) -> Finding:
     )
 
 
+@check("zenoh", needs="bus")
 def check_zenoh(seen: Examination) -> Finding:
     """tfbus is tested with this version of Zenoh."""
     version = seen.host.versions.get("eclipse-zenoh", "")
@@ -46,6 +49,7 @@ def check_zenoh(seen: Examination) -> Finding:
     )
 
 
+@check("scouting", needs="bus")
 def check_scouting(seen: Examination) -> Finding:
     """Processes find each other by multicast."""
     if seen.host.scouted is None:
@@ -68,6 +72,7 @@ def check_scouting(seen: Examination) -> Finding:
     return Finding("fail", tuple(evidence), remedy)
 
 
+@check("alone", needs="bus")
 def check_alone(seen: Examination) -> Finding:
     """The processes of this host that scout run, and are on the bus."""
     if seen.host.scouted is None:
@@ -98,6 +103,7 @@ def _programs(scouts: Mapping[int, str], pids: Iterable[int]) -> str:
     return listed([f"{scouts[pid]} (pid {pid})" for pid in sorted(pids)])
 
 
+@check("routers", needs="bus")
 def check_routers(seen: Examination) -> Finding:
     """The endpoints of --connect answer."""
     endpoints = seen.settings.connect
@@ -119,12 +125,14 @@ _SOON = timedelta(days=30)
 _OPEN = "it is an open bus"
 
 
+@check("encryption", needs="bus")
 def check_encryption(seen: Examination) -> Finding:
     """The bus is closed, or no other machine is on it."""
     closed = seen.settings.closed
     if closed is not None:
         identity = closed.identity
-        return ok(f"encrypted; this is identity {identity.name!r}, {identity.role}")
+        said = f"encrypted; this is identity {identity.name!r}, {identity.role}"
+        return ok(said, *filter(None, (seen.host.without_datagrams,)))
     beyond = list(seen.host.listens_beyond)
     if not beyond:
         return ok("open, to this machine only")
@@ -143,6 +151,7 @@ def check_encryption(seen: Examination) -> Finding:
     )
 
 
+@check("certificate", needs="bus")
 def check_certificate(seen: Examination) -> Finding:
     """The certificate of this identity is valid for a while."""
     closed = seen.settings.closed
@@ -159,6 +168,7 @@ def check_certificate(seen: Examination) -> Finding:
     )
 
 
+@check("rights", needs="bus")
 def check_rights(seen: Examination) -> Finding:
     """All nodes enforce the same rights, and none is wider than its role needs."""
     closed = seen.settings.closed
@@ -196,6 +206,7 @@ _BRIDGED_1 = "ros1"
 _BRIDGE_TYPE = "RosBridge"
 
 
+@check("ros", needs="bus")
 def check_ros(seen: Examination) -> Finding:
     """The ROS that is there, and how its frames come to tfbus."""
     sentences = [*_rmw_zenoh(seen), *_ros2dds(seen), *_dds(seen), *_sourced(seen), *_ros1(seen)]

@@ -8,6 +8,7 @@ from tfbus.doctor.examination import (
     PassingProblem,
     RecordedSpan,
     Verdict,
+    check,
     first_of,
     found,
     ok,
@@ -27,6 +28,7 @@ _WHY_ENDED = "see why its node ended: its log, and its host's"
 _MOST_TIMES = 5
 
 
+@check("nodes", needs="bus")
 def check_nodes(seen: Examination) -> Finding:
     """There are nodes in the namespaces that the doctor looks at, and each answers."""
     if unanswered := [name for name in seen.unanswered if not _is_tool(name)]:
@@ -67,6 +69,7 @@ def _namespaces(names: list[str]) -> str:
     return f"namespace{'s' * (len(names) > 1)} {listed(names, most=_NAMED)}"
 
 
+@check("robots")
 def check_robots(seen: Examination) -> Finding:
     """Each robot of the roster is there, and no other."""
     if not seen.roster:
@@ -89,6 +92,7 @@ def check_robots(seen: Examination) -> Finding:
     )
 
 
+@check("node-names")
 def check_node_names(seen: Examination) -> Finding:
     """No two nodes have the same name."""
     places = defaultdict(list)
@@ -110,6 +114,7 @@ def check_node_names(seen: Examination) -> Finding:
     )
 
 
+@check("callbacks", needs="bus")
 def check_callbacks(seen: Examination) -> Finding:
     """No callback holds up timers and topics of its node."""
     nodes = [node for node in seen.nodes if not _is_tool(node.name)]
@@ -123,21 +128,25 @@ def check_callbacks(seen: Examination) -> Finding:
     )
 
 
+@check("conflicts")
 def check_conflicts(seen: Examination) -> Finding:
     """Each frame has one publisher."""
     return _of_tree(seen, "conflict", "fail")
 
 
+@check("loops")
 def check_loops(seen: Examination) -> Finding:
     """No edges make a loop."""
     return _of_tree(seen, "loop", "fail")
 
 
+@check("orphans")
 def check_orphans(seen: Examination) -> Finding:
     """No frame is alone."""
     return _of_tree(seen, "orphan", "warn")
 
 
+@check("disconnected")
 def check_disconnected(seen: Examination) -> Finding:
     """All frames are in one tree."""
     apart = [each.frames[0] for each in seen.moment.problems if each.kind == "disconnected"]
@@ -153,6 +162,7 @@ def check_disconnected(seen: Examination) -> Finding:
     )
 
 
+@check("gone")
 def check_gone(seen: Examination) -> Finding:
     """The publisher of each frame runs."""
     span = seen.span
@@ -184,6 +194,7 @@ def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str
     return "check the link to its host: its node came back without a restart"
 
 
+@check("restarts", needs="recording")
 def check_restarts(seen: Examination) -> Finding:
     """No publisher was restarted."""
     evidence = []
@@ -196,6 +207,7 @@ def check_restarts(seen: Examination) -> Finding:
     return found("warn", first_of(evidence), _WHY_ENDED, counted(len(seen.tree.streams), "stream"))
 
 
+@check("stale")
 def check_stale(seen: Examination) -> Finding:
     """Samples of each dynamic frame still come."""
     tree = seen.tree
@@ -215,11 +227,13 @@ def check_stale(seen: Examination) -> Finding:
     )
 
 
+@check("silent")
 def check_silent(seen: Examination) -> Finding:
     """Each announced frame is sent."""
     return _of_tree(seen, "silent", "warn")
 
 
+@check("static-dynamic")
 def check_static_dynamic(seen: Examination) -> Finding:
     """No frame is both static and dynamic."""
     kinds = defaultdict(list)
@@ -253,6 +267,7 @@ def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str
 _FEW_UNREAD = 10
 
 
+@check("unread", needs="bus")
 def check_unread(seen: Examination) -> Finding:
     """At most ten streams are unread."""
     if not any(node.streams for node in seen.nodes):
@@ -271,6 +286,7 @@ def check_unread(seen: Examination) -> Finding:
     )
 
 
+@check("buffers", needs="bus")
 def check_buffers(seen: Examination) -> Finding:
     """Buffers are long enough for their lookups."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
@@ -291,6 +307,7 @@ def check_buffers(seen: Examination) -> Finding:
     )
 
 
+@check("filters", needs="bus")
 def check_filters(seen: Examination) -> Finding:
     """Messages that wait for their transform get it."""
     filters = [(node, each) for node in seen.nodes for each in node.filters]
@@ -308,6 +325,7 @@ def check_filters(seen: Examination) -> Finding:
     )
 
 
+@check("dropped", needs="bus")
 def check_dropped(seen: Examination) -> Finding:
     """Listeners drop no messages."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]

@@ -28,6 +28,7 @@ from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate
 from tfbus.recording.reader import RecordingReader, TopicSummary
 from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
+from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce, open_log
@@ -262,7 +263,7 @@ class PlaybackBridge(Requests):
                 self._described[item.topic] = item
                 self._send_description(channel, item, log_ns)
         else:
-            self._send_values(channel, item, item.values, log_ns)
+            self._send_values(channel, item, item.values, log_ns, item.encoded)
 
     def _send_description(self, channel: ServedTopic, item: TopicItem, log_ns: int) -> None:
         namespace = item.topic.strip("/").rpartition("/")[0]
@@ -270,10 +271,15 @@ class PlaybackBridge(Requests):
         self._send_values(channel, item, self._robots.shown(item.values, names, namespace), log_ns)
 
     def _send_values(
-        self, channel: ServedTopic, item: TopicItem, values: Mapping[str, Any], log_ns: int
+        self,
+        channel: ServedTopic,
+        item: TopicItem,
+        values: Mapping[str, Any],
+        log_ns: int,
+        encoded: tuple[Definition, bytes] | None = None,
     ) -> None:
         try:
-            channel.send(values, log_ns)
+            channel.send(values, log_ns, encoded)
         except ValueError as error:
             self._once.warning(
                 ("topic", item.topic), "Left out a message on topic %r: %s", item.topic, error

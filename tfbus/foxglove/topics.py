@@ -87,9 +87,16 @@ class ServedTopic:
         elif codec is not None:
             self._open(codec.definition)
 
-    def send(self, values: Mapping[str, Any], log_ns: int) -> None:
-        """Send a message. Raises ValueError if neither CDR nor JSON can express it."""
-        message = self._in_cdr(values)
+    def send(
+        self,
+        values: Mapping[str, Any],
+        log_ns: int,
+        encoded: tuple[Definition, bytes] | None = None,
+    ) -> None:
+        """Send a message, as it is `encoded` already if it is. Raises ValueError if neither CDR nor
+        JSON can express it.
+        """
+        message = self._in_cdr(values) if encoded is None else self._as_it_is(*encoded)
         if message is None and (self.channel is None or self._definition is not None):
             self._open(None)
         assert self.channel is not None
@@ -99,6 +106,15 @@ class ServedTopic:
         """Take the channel back. Twice is fine."""
         if self.channel is not None:
             self.channel.close()
+
+    def _as_it_is(self, definition: Definition, data: bytes) -> bytes | None:
+        """The message, in the schema of the channel from now on; None as `_in_cdr`."""
+        is_json = self.channel is not None and not self._definition
+        if self._changes > _MOST_CHANGES or is_json or not _shows_all(definition):
+            return None
+        if definition != self._definition:
+            self._open(definition)
+        return data
 
     def _in_cdr(self, values: Mapping[str, Any]) -> bytes | None:
         """The message in the schema of the channel, which becomes that of the message; None if
@@ -206,7 +222,7 @@ class _LiveTopic:
 
     def _send(self, payload: bytes) -> None:
         try:
-            values: Mapping[str, Any] = decode_map(payload)
+            values: Mapping[str, Any] = decode_map(payload, in_place=self.codec is not None)
             if self._shown is not None:
                 values = self._shown(self._name, values)
             with self._lock:
@@ -377,7 +393,7 @@ def _plain(value: Any) -> Any:
         return {_key(key): _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
-    if isinstance(value, bytes):
+    if isinstance(value, bytes | memoryview):
         return b64encode(value).decode()
     if isinstance(value, float):
         return value if math.isfinite(value) else None

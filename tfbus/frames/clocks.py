@@ -60,7 +60,7 @@ def is_another_time(age_s: float | None) -> bool:
 
 
 def whose_clock(*, is_simulated: bool) -> str:
-    """What to ask where stamps are of another clock than one's own, which may be simulated."""
+    """The question to ask about stamps of another clock than our own, which may be simulated."""
     return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
 
 

@@ -18,7 +18,7 @@ from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
 from tfbus.runtime.stamps import MOST_AHEAD_NS
 from tfbus.wire.fleet import Fleet
 
@@ -72,7 +72,11 @@ class Listening:
         """
         tree = self.tree()
         ages_s = map(tree.age_s, tree.frames.values())
-        if not self.node.clock.is_simulated and any(map(_is_odd, ages_s)) and self._asked.is_due():
+        if (
+            not self.node.clock.is_simulated
+            and any(map(_is_odd, ages_s))
+            and self._asked.pace.is_due()
+        ):
             self.ask_nodes()
 
     def ask_nodes(self, timeout_s: float = 1.0) -> None:
@@ -106,7 +110,7 @@ class Listening:
 
     def hint_while_empty(self) -> str:
         """`hint()` for a screen that shows nothing yet: asked again every 3 s at most."""
-        if self._asked.is_due():
+        if self._asked.pace.is_due():
             self._asked.hint = self.hint()
         return self._asked.hint
 
@@ -123,15 +127,7 @@ class _Asked:
 
     answers: Described = field(default_factory=Described)
     hint: str = ""
-    at_s: float = -math.inf
-
-    def is_due(self) -> bool:
-        """Whether it is time to ask again, which is noted."""
-        now_s = scheduler.monotonic()
-        if now_s - self.at_s < _ASK_EVERY_S:
-            return False
-        self.at_s = now_s
-        return True
+    pace: Pace = field(default_factory=lambda: Pace(_ASK_EVERY_S))
 
 
 def _is_odd(age_s: float | None) -> bool:

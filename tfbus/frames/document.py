@@ -8,7 +8,6 @@ import csv
 import io
 import json
 import math
-import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,9 +19,12 @@ from tfbus.frames.snapshot import FrameTree, who
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.trajectory import CSV_COLUMNS
-from tfbus.wording import age, columns, counted, cut, duration, natural_order, stamp_text
+from tfbus.wording import age, columns, counted, cut, duration, natural_order, stamp_text, wrapped
 
 Paint = Callable[[str, State], str]
+
+# Before the first line of a problem, and before its others.
+_INDENTED = ("  ", "    ")
 
 
 def plain(text: str, state: State) -> str:
@@ -187,24 +189,13 @@ def summary(tree: FrameTree, tree_part: list[str] | None = None, *, width: int =
     lines = tree_lines(tree, width=width) if tree_part is None else list(tree_part)
     lines += ["", "Publishers:"]
     for line in publisher_lines(tree):
-        lines += _wrapped(line, width)
+        lines += wrapped(line, width, *_INDENTED, break_words=False)
     if problems := tree.problems():
         lines += ["", "Problems:"]
         for problem in problems:
-            lines += _wrapped(f"{problem.kind}: {problem.text}", width)
+            text = f"{problem.kind}: {problem.text}"
+            lines += wrapped(text, width, *_INDENTED, break_words=False)
     return lines
-
-
-def _wrapped(line: str, width: int) -> list[str]:
-    """The line wrapped and indented, from its second line on by more; words stay whole."""
-    return textwrap.wrap(
-        line,
-        width,
-        initial_indent="  ",
-        subsequent_indent="    ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 def _mermaid(text: str) -> str:

@@ -124,7 +124,7 @@ class _Parts:
 
 @dataclass
 class _Seen:
-    """What is remembered of a robot that was there: its versions, and the frames of the last look.
+    """A robot that was seen: its versions, and its frames at the last look.
 
     `gone_ns` is None while it is there, and if since when it is gone is not known.
     """

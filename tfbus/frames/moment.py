@@ -38,7 +38,7 @@ from tfbus.frames.snapshot import FrameTree, Problem
 from tfbus.listen.info import StreamInfo
 from tfbus.runtime import structs
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-from tfbus.wire.keys import namespace_of_node, stream_key
+from tfbus.wire.keys import namespace_of_node, relative_name, stream_key
 from tfbus.wording import age, duration
 
 K = TypeVar("K", bound=Hashable)
@@ -250,6 +250,10 @@ class BusMoment:
         """How many transforms were rejected, and messages that could not be read."""
         unread = sum(stream.rejected for stream in self.streams.values())
         return unread + sum(self.rejected.values())
+
+    def relative_name(self, node: str) -> str:
+        """A node's name in the namespace of the moment; that of a node elsewhere has its slash."""
+        return relative_name(node, self.namespace)
 
     def since(self, before: "BusMoment") -> "BusMoment":
         """The same moment, with the counts of lost and refused transforms since an earlier one."""

@@ -101,7 +101,8 @@ class RecordedFrames:
         """The streams, and the clock where that is followed; no other topics."""
         names = {channel.stream.name for channel in self._source.streams} | self._described
         topics = (clock_topic(self._view.namespace),) if self._follows_clock else ()
-        return Selection(topics=topics, streams=tuple(sorted(names)))
+        # Without streams and topics it would take everything.
+        return Selection(topics=topics, streams=tuple(sorted(names)) or ("",))
 
     def _start(self) -> None:
         self.buffer = self._new_buffer()

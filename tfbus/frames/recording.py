@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.core.lazy_numpy import ArrayLike, NDArray
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -36,9 +36,6 @@ from tfbus.runtime.stamps import other_clock
 from tfbus.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names, printable
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 M = TypeVar("M")
 
@@ -268,8 +265,10 @@ class Recording(AbstractContextManager["Recording"]):
         for item in self.items(from_ns, to_ns, Selection(topics=(topic,))):
             if isinstance(item, (EventItem, TransformItem)):
                 continue
-            is_map = message_type is None
-            yield item.log_ns, item.with_arrays if is_map else from_map(message_type, item.values)
+            if message_type is None:
+                yield item.log_ns, item.with_arrays
+            else:
+                yield item.log_ns, from_map(message_type, item.values)
 
     # Lookups, by stamps
 

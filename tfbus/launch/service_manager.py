@@ -1,9 +1,18 @@
-"""The service manager that has started this process, systemd: what it is told, and its journal."""
+"""systemd: the unit that starts a launch file at boot, what a running launch tells the service
+manager, and its journal; and an image of the same.
+"""
 
+import json
 import os
 import re
 import socket
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from tfbus.errors import InvalidArgumentException
+from tfbus.wording import printable
 
 # It is told three times as often as it waits.
 _TOLD_AS_OFTEN = 3
@@ -56,3 +65,125 @@ def journal_level(line: bytes) -> bytes:
     """The level of a line of a log, as the journal reads it in front; b"" if it says none."""
     found = _LEVEL.match(line)
     return _LEVELS[found[1]] if found else b""
+
+
+MARK = "# Written by `tfbus service install`; `tfbus service uninstall` removes it."
+
+# Longer than launch takes to end its processes.
+_STOPS_WITHIN_S = 15
+# Launch tells that it lives three times as often.
+_WATCHDOG_S = 30
+_AGAIN_AFTER_S = 2
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9:_.-]{0,99}")
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service: its name, the command that it runs and in which folder, its environment, and the
+    user that it runs as, "" for the one whose service manager it is in, or root.
+    """
+
+    name: str
+    command: Sequence[str]
+    folder: Path
+    environment: Mapping[str, str]
+    user: str = ""
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise InvalidArgumentException(
+                f"'{printable(self.name, 60)}' cannot be the name of a service: use letters, "
+                "digits, ':', '_', '.' and '-', and give another one with --name"
+            )
+        for text in (*self.command, str(self.folder), self.user, *self.environment.values()):
+            _check_printable(text)
+
+
+def _check_printable(text: str) -> None:
+    if not text.isprintable():
+        raise InvalidArgumentException(
+            f"'{printable(text, 60)}' has a character that such a file cannot hold"
+        )
+
+
+def unit_text(service: Service, *, is_system: bool) -> str:
+    """The unit of a service of the whole system, or of a user."""
+    # A dollar begins a variable there.
+    command = " ".join(_quoted(word).replace("$", "$$") for word in service.command)
+    environment = [
+        f"Environment={_quoted(f'{name}={value}')}"
+        for name, value in sorted(service.environment.items())
+    ]
+    lines = [
+        MARK,
+        "[Unit]",
+        f"Description={_escaped(f'tfbus: {service.name}')}",
+        # A network may come later, and processes of tfbus join it then.
+        "After=network.target",
+        "StartLimitIntervalSec=0",
+        "",
+        "[Service]",
+        "Type=notify",
+        "NotifyAccess=main",
+        f"ExecStart={command}",
+        f"WorkingDirectory={_escaped(str(service.folder))}",
+        *environment,
+        *([f"User={service.user}"] if service.user else []),
+        "Restart=always",
+        f"RestartSec={_AGAIN_AFTER_S}",
+        # Nodes may wait for others that come later.
+        "TimeoutStartSec=infinity",
+        f"TimeoutStopSec={_STOPS_WITHIN_S}",
+        f"WatchdogSec={_WATCHDOG_S}",
+        # Launch ends its processes itself.
+        "KillMode=mixed",
+        "LimitNOFILE=65536",
+        f"SyslogIdentifier={service.name}",
+        "",
+        "[Install]",
+        f"WantedBy={'multi-user' if is_system else 'default'}.target",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def container_text(file: str, arguments: Sequence[str], extras: str) -> str:
+    """A container file for a launch file and all in its folder; the image's entry point is
+    `tfbus launch` with these arguments. Raises InvalidArgumentException for a text that cannot
+    stand there.
+    """
+    entry = ["tfbus", "launch", file, *arguments]
+    for text in entry:
+        _check_printable(text)
+    path = PurePosixPath(file)
+    name = re.sub(r"[^a-z0-9]+", "-", path.stem.lower()).strip("-") or "robot"
+    return f"""\
+# The folder of {path.name} with tfbus, of a clone of it:
+#   docker build -t {name} -f Containerfile --build-context tfbus=CLONE .
+#   docker run -d --restart unless-stopped --network host --init {name}
+# The host's network carries multicast; -e TFBUS_NAMESPACE=robot7 gives settings.
+FROM python:3.12 AS build
+COPY --from=tfbus . /tfbus
+RUN pip wheel --wheel-dir /wheels "/tfbus[{extras}]"
+
+FROM python:3.12-slim
+RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \\
+    pip install --no-cache-dir --no-index --find-links /wheels "tfbus[{extras}]"
+RUN useradd --create-home robot
+COPY --chown=robot . /robot
+USER robot
+WORKDIR /robot
+STOPSIGNAL SIGTERM
+ENTRYPOINT {json.dumps(entry, ensure_ascii=False)}
+"""
+
+
+def _escaped(text: str) -> str:
+    """A text of a unit: `%` begins a specifier there."""
+    return text.replace("%", "%%")
+
+
+def _quoted(text: str) -> str:
+    """A word of a command line, or of an environment, of a unit."""
+    text = _escaped(text).replace("\\", "\\\\").replace('"', '\\"')
+    return text if re.fullmatch(r"[\w@%+=:,./-]+", text, re.ASCII) else f'"{text}"'

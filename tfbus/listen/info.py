@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from tfbus.runtime.structs import Struct, replace
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import namespace_of
+from tfbus.wire.numbered import FLOAT64
 
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
@@ -58,7 +59,9 @@ class StreamInfo(Struct):
     smoothed; `kept_delay_s` is how old the newest was that the stream had kept, when that came. All
     five are None while they are not known. `origin` are the gids of the publishers in ROS whose
     transforms a bridge sends in it. `namespace` is that of its publisher, below the listener's: the
-    robot of a fleet.
+    robot of a fleet. `poses` is how precise its dynamic transforms are, "float64", "float32" or
+    "compact"; `unnamed` messages had frames whose numbers had not been described when they came:
+    they are read again when they are.
     """
 
     name: str
@@ -87,6 +90,8 @@ class StreamInfo(Struct):
     kept_delay_s: float | None = None
     namespace: str = ""
     silent: bool = False
+    poses: str = FLOAT64
+    unnamed: int = 0
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
@@ -108,6 +113,7 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
             frames=description.frames,
             priority=description.priority,
             origin=description.origin,
+            poses=description.poses,
         )
     if stream is not None:
         info = replace(

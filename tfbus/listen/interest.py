@@ -484,8 +484,8 @@ class Interest:
 
     def _find(self, fleet: Fleet, frames: set[str], now: float) -> None:
         """Want the streams that may send these frames: by the robot of a frame at once, by a list
-        with a shared frame once that is still needed when the robots may have said theirs. Those
-        that have not been needed for as long as a key is read are wanted no longer.
+        with a shared frame once that is still needed when the robots may have said theirs. A
+        stream that has not been needed for as long as a key is read is wanted no longer.
         """
         shared = (frames & fleet.shared_frames) - self._wanted_frames.keys()
         self._needed_since = {frame: self._needed_since.get(frame, now) for frame in shared}

@@ -51,6 +51,9 @@ from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
 Reads = Literal["everything", "needed"]
 
 
+# The description of new frames follows their first message at once, unless it is lost.
+_NAMED_WITHIN_S = 0.25
+
 # Streams that are long gone, where there are many, are forgotten within this time.
 _TIDY_EVERY_S = 30.0
 
@@ -127,6 +130,8 @@ class TransformListener:
         self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
         self._unlisted = UnlistedFrames(self._executor, self._drop_unlisted)
+        # Streams with messages that wait for the names of their frames.
+        self._unnamed: set[str] = set()
         self._foreign = 0
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
@@ -295,7 +300,8 @@ class TransformListener:
             + KEY_BYTES * len(stream.keys)
             + JUDGED_BYTES * stream.reception.contest.judged_rows
             + FRAME_BYTES * frames
-            + ROW_BYTES * (0 if described is None else len(described.frames))
+            + ROW_BYTES
+            * (0 if described is None else len(described.frames) + len(described.numbered))
         )
         owner = "" if state is None else state.owner
         for each in self._budget.resize(name, owner, size):
@@ -377,6 +383,16 @@ class TransformListener:
         if stream is not None and stream.state is not None and not self._closed:
             stream.state = replace(stream.state, description=None)
             self._watch.ask_again(stream.state.key, epoch_ns)
+
+    def _ask_for_names(self, name: str, epoch_ns: int) -> None:
+        """Ask for the description again where it has not come by itself in a while, as on a link
+        that loses it.
+        """
+        self._unnamed.discard(name)
+        reception = self._registry.reception(name)
+        if self._closed or reception is None or not self._around.pending.has(name):
+            return
+        self._watch.ask_for_epoch(name, epoch_ns)
 
     def _forget_unconfirmed(self) -> None:
         self._executor.submit(
@@ -551,6 +567,13 @@ class _ListenerHooks(ReceptionHooks):
 
     def on_dispute(self, stream: str, epoch_ns: int) -> None:
         self._listener._watch.ask_for_epoch(stream, epoch_ns)
+
+    def on_unnamed(self, stream: str, epoch_ns: int) -> None:
+        listener = self._listener
+        if stream not in listener._unnamed:
+            listener._unnamed.add(stream)
+            ask = listener._ask_for_names
+            listener._executor.after(_NAMED_WITHIN_S, lambda: ask(stream, epoch_ns))
 
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)

@@ -25,6 +25,7 @@ from tfbus.listen.stages import (
 from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamCounts, StreamFacts
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
 from tfbus.wire.transforms import TransformMessage, TransformReader
 from tfbus.wording import listed
 
@@ -70,6 +71,8 @@ class StreamReception:
         self.contest = Contest(self.facts, self.around, now_s)
         self.insertion = Insertion(self.facts)
         self.statics = StaticReception(self)
+        # The frames of its messages, if it gives them numbers.
+        self.numbers = NO_NUMBERS
         # At this count of transforms it may have grown.
         self.grows_at = _GROWS_AFTER
 
@@ -113,6 +116,8 @@ class StreamReception:
         if message is None:
             return
         facts, rows = self.facts, message.rows
+        if message.unnamed:
+            self.hold(message.epoch_ns, payload)
         are_taken = None
         while are_taken is None:
             permit = facts.permit
@@ -132,10 +137,39 @@ class StreamReception:
         """Receive the static transforms of a recording, which came at `heard_ns`."""
         self.statics.accept(message, heard_ns)
 
+    def hold(self, epoch_ns: int, payload: bytes) -> None:
+        """Read a message again when the numbers of all its frames are described."""
+        with self.facts.lock:
+            self.counts.unnamed += 1
+        numbers, pending = self.numbers, self.around.pending
+        pending.add(self.name, epoch_ns, self._receive_again, payload)
+        self.around.on_unnamed(self.name, epoch_ns)
+        if self.numbers is not numbers:  # it came in between, perhaps before the message was added
+            pending.release(self.name, epoch_ns)
+
+    def _receive_again(self, payload: bytes) -> None:
+        """Store the rows of a message that came before their names, and was counted then."""
+        message = self.decode(payload)
+        if message is None:
+            return
+        if message.unnamed:
+            self.facts.warn_once(
+                "unnamed",
+                "Dropped rows of a message of stream %r: its description has no names for their "
+                "numbers",
+                self.name,
+            )
+        are_taken = None
+        while are_taken is None:
+            permit = self.facts.permit
+            if not self.admission.admit(message.epoch_ns):
+                return
+            are_taken = self.store(message.rows, message.epoch_ns, False, permit)
+
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, if it cannot be read."""
         try:
-            return self.reader.read(payload)
+            return self.reader.read(payload, self.numbers)
         except DecodeError as error:
             self.reject(error)
             return None
@@ -170,6 +204,7 @@ class StreamReception:
             publisher if description.session else None,
             started_ns=description.started_ns,
             confirmed=confirmed,
+            numbers=description.numbers if description.poses != FLOAT64 else NO_NUMBERS,
         )
 
     def describe(
@@ -181,9 +216,11 @@ class StreamReception:
         *,
         started_ns: int = 0,
         confirmed: bool = False,
+        numbers: FrameNumbers = NO_NUMBERS,
     ) -> None:
         """Take the child frames that the stream lists, and which of them are static; those that the
-        same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch.
+        same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch, and
+        its frames have these `numbers`.
 
         `confirmed` if it came from the publisher's own session: its epoch counts.
         """
@@ -194,6 +231,7 @@ class StreamReception:
             else admission.admit_unconfirmed(epoch_ns)
         ):
             return
+        self.numbers = numbers
         with facts.lock:
             if publisher is not None and facts.listing.publisher not in (None, publisher):
                 facts.static_set.expire_before(started_ns or epoch_ns)
@@ -211,7 +249,7 @@ class StreamReception:
         held = facts.buffer.sent_by(self.name)
         if unlisted := frozenset(child for child in held.keys() - children if held[child]):
             self.around.on_unlisted(self.name, unlisted)
-        if confirmed:
+        if confirmed or (numbers is not NO_NUMBERS and facts.epochs.confirmed_ns is None):
             self.around.pending.release(self.name, epoch_ns)
 
     def drop_unlisted(self, silent: frozenset[str]) -> None:
@@ -272,7 +310,7 @@ class DynamicReception:
         """Receive one message as it comes."""
         stream = self.stream
         try:
-            message = stream.reader.read(payload)
+            message = stream.reader.read(payload, stream.numbers)
         except DecodeError as error:
             stream.reject(error)
             return
@@ -301,6 +339,8 @@ class DynamicReception:
             ):
                 return
             are_taken = stream.store(rows, epoch_ns, False, permit)
+        if message.unnamed:
+            stream.hold(epoch_ns, payload)
         stamp_ns, now_ns = rows.last_stamp_ns(), stream.now_ns()
         seq, counts = message.seq, facts.counts
         # 0 while a simulated time is not known.
@@ -343,8 +383,11 @@ class StaticReception:
 
     def receive(self, payload: bytes) -> None:
         """Receive the whole set of static transforms of the stream, in place of the former one."""
-        message = self.stream.decode(payload)
-        if message is not None:
+        try:
+            message = self.stream.reader.read(payload)
+        except DecodeError as error:
+            self.stream.reject(error)
+        else:
             self.accept(message, scheduler.time_ns(), self.receive, payload)
 
     def accept(

@@ -196,7 +196,8 @@ class _OutdatedMessages:
 
 
 class PendingMessages:
-    """Messages of disputed epochs, at most `most_bytes` of all streams; safe from any thread.
+    """Messages of disputed epochs, and of frames without names, at most `most_bytes` of all
+    streams; safe from any thread.
 
     The oldest go first.
     """
@@ -208,12 +209,17 @@ class PendingMessages:
         self._bytes = 0
 
     def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
-        """Add a message of this epoch, which `receive` takes once the epoch is confirmed."""
+        """Add a message of this epoch, which `receive` takes once the stream is described."""
         with self._lock:
             self._messages.append((stream, epoch_ns, receive, payload))
             self._bytes += len(payload) + _OVERHEAD_BYTES
             while self._bytes > self._most_bytes:
                 self._bytes -= len(self._messages.popleft()[3]) + _OVERHEAD_BYTES
+
+    def has(self, stream: str) -> bool:
+        """Whether messages of a stream wait."""
+        with self._lock:
+            return any(message[0] == stream for message in self._messages)
 
     def release(self, stream: str, epoch_ns: int) -> None:
         """The stream is in this epoch: have its messages received, and forget those of others."""
@@ -351,7 +357,7 @@ _SMOOTHING = 0.1
 _COUNTED = tuple(
     each.name
     for each in fields_of(StreamInfo)[9:]
-    if each.name not in ("clock_offset_s", "origin", "namespace", "silent")
+    if each.name not in ("clock_offset_s", "origin", "namespace", "silent", "poses")
 )
 
 
@@ -368,6 +374,7 @@ class StreamCounts:
     def __init__(self) -> None:
         self.messages = self.transforms = self.bytes = self.missed = 0
         self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
+        self.unnamed = 0
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
         self.last_delay_s: float | None = None
@@ -449,6 +456,9 @@ class ReceptionHooks:
 
     def on_dispute(self, stream: str, epoch_ns: int) -> None:
         """Messages of an epoch come that the publisher has to confirm."""
+
+    def on_unnamed(self, stream: str, epoch_ns: int) -> None:
+        """A message has come with numbers that the stream has not described."""
 
     def on_growth(self, stream: str) -> None:
         """The stream may take more memory."""

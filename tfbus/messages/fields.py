@@ -6,6 +6,9 @@ from functools import cache
 from math import isfinite, prod
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
+
 # Where a field with a former name is now, as a path; of a list, a path for each item.
 Former = Mapping[str, str | tuple[str, ...]]
 
@@ -41,8 +44,6 @@ class ArrayOf:
         Bytes and the like are taken as the numbers' memory. Raises ValueError for another shape,
         and for numbers that this type does not hold.
         """
-        import numpy as np
-
         if isinstance(value, bytes | bytearray | memoryview):
             return self.of_memory(value, name)
         given = np.asarray(value)
@@ -68,8 +69,6 @@ class ArrayOf:
 
         Raises ValueError if they are not whole rows.
         """
-        import numpy as np
-
         size = memoryview(data).nbytes
         if size % self.row_size:
             raise ValueError(
@@ -88,8 +87,6 @@ class ArrayOf:
         return (len(self.columns),) if self.columns else ()
 
     def _of_this_type(self, given: Any, name: str) -> Any:
-        import numpy as np
-
         wanted = np.dtype(self.dtype)
         if given.dtype == wanted:
             return given
@@ -124,9 +121,6 @@ _POSE = (*(f"position.{each}" for each in "xyz"), *(f"orientation.{each}" for ea
 
 # Types of fields: a type checker sees numpy's, and `wire.codec` the numbers on the bus.
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     Int8Array: TypeAlias = NDArray[np.int8]
     UInt8Array: TypeAlias = NDArray[np.uint8]
     Float32Array: TypeAlias = NDArray[np.float32]
@@ -148,8 +142,6 @@ else:
 
 def no_numbers() -> Any:
     """An empty array; the constructor makes it one of the field's type."""
-    import numpy as np
-
     return np.empty(0, np.uint8)
 
 
@@ -187,8 +179,6 @@ def _arrays_of(message_type: type) -> tuple[tuple[str, ArrayOf], ...]:
 def _are_equal(one: Any, other: Any) -> bool:
     if not hasattr(one, "dtype"):
         return bool(one == other)
-    import numpy as np
-
     return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
 
 
@@ -200,8 +190,6 @@ def check_finite(name: str, value: float) -> None:
 
 def check_all_finite(name: str, array: Any) -> None:
     """Raise ValueError for an array with a number that is not finite."""
-    import numpy as np
-
     if not np.isfinite(array).all():
         at = int(np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))[0])
         raise ValueError(f"{name}[{at}] must be finite, not {array[at]}")

@@ -2,8 +2,10 @@
 
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.messages.fields import (
     Float64Array,
     UInt8Array,
@@ -15,10 +17,6 @@ from tfbus.messages.fields import (
     check_unsigned,
     no_numbers,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 # How many times as many rows as the image they have, in one plane behind the other.
 _PLANAR = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
@@ -106,8 +104,6 @@ class Image(WithArrays):
         rgba8 of uint8, 16UC1 of uint16, 32FC1 of float32, and so on: say bgr8 for images of OpenCV.
         Raises ValueError for pixels that the encoding does not have.
         """
-        import numpy as np
-
         pixels = np.ascontiguousarray(pixels)
         if pixels.ndim not in (2, 3):
             raise ValueError(
@@ -135,8 +131,6 @@ class Image(WithArrays):
         """The pixels (height, width), or (height, width, channels) of several: a view of `data`,
         which cannot be written to.
         """
-        import numpy as np
-
         kind, count = _pixel(self.encoding)
         dtype = np.dtype(f"{'>' if self.is_bigendian else '<'}{kind}")
         shape: tuple[int, ...] = (self.height, self.width)
@@ -228,12 +222,8 @@ class CameraInfo(WithArrays):
 
     def matrix(self) -> "NDArray[np.float64]":
         """`k` as a matrix (3, 3)."""
-        import numpy as np
-
         return np.array(self.k, np.float64).reshape(3, 3)
 
     def projection(self) -> "NDArray[np.float64]":
         """`p` as a matrix (3, 4)."""
-        import numpy as np
-
         return np.array(self.p, np.float64).reshape(3, 4)

@@ -1,8 +1,10 @@
 """Messages of drawings, maps and logs."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.messages.fields import (
     ColorsArray,
     Int8Array,
@@ -21,10 +23,6 @@ from tfbus.messages.fields import (
 )
 from tfbus.messages.geometry import Pose3D, Vector3
 from tfbus.messages.images import CompressedImage
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _INT32 = range(-(2**31), 2**31)
 

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import ArrayLike, NDArray
 from tfbus.messages.fields import (
     Float32Array,
     UInt8Array,
@@ -19,10 +21,6 @@ from tfbus.messages.fields import (
     no_numbers,
 )
 from tfbus.messages.geometry import Quaternion, Vector3
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
 
 # More columns than these are refused: no sensor has so many, and to name them takes long.
 _MOST_COLUMNS = 1000
@@ -131,8 +129,6 @@ class PointCloud(WithArrays):
         """The cloud of points (N, 3) in m, as float32 in columns x, y and z, and further columns,
         each of N numbers or (N, count). Raises ValueError for another shape.
         """
-        import numpy as np
-
         points = np.asarray(xyz)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"xyz must have the shape (N, 3), not {points.shape}")
@@ -160,8 +156,6 @@ class PointCloud(WithArrays):
         It shares the array's memory, if that is contiguous. Raises ValueError for an array without
         fields, or with one of another type than a PointField has.
         """
-        import numpy as np
-
         names = array.dtype.names
         if names is None or array.ndim not in (1, 2):
             raise ValueError(
@@ -211,8 +205,6 @@ class PointCloud(WithArrays):
         """The points as a structured array (height, width), or (N,) if it has one row: a view of
         `data`, which cannot be written to.
         """
-        import numpy as np
-
         layout = _layout(self.fields, self.is_bigendian, self.point_step)
         shape = (self.height, self.width) if self.height != 1 else (self.width,)
         if not len(self):
@@ -241,8 +233,6 @@ class PointCloud(WithArrays):
         """The points (N, 3) in m: float32 or float64 as in the cloud, a view of `data` if x, y and
         z lie one behind the other. Raises KeyError if it lacks one of them.
         """
-        import numpy as np
-
         columns = [self[name] for name in "xyz"]
         by_name = {each.name: each for each in self.fields}
         x, y, z = (by_name[name] for name in "xyz")
@@ -271,8 +261,6 @@ class PointCloud(WithArrays):
         Integers are nanoseconds and floats seconds, after the stamp, or since the Unix epoch if
         they are that large. A time that is not finite is that of the stamp.
         """
-        import numpy as np
-
         name = self.time_column
         if name is None:
             return None
@@ -304,8 +292,6 @@ class PointCloud(WithArrays):
 
 def _unit(times: "NDArray[Any]") -> tuple[int, bool]:
     """How many nanoseconds a one of these times is, and whether they are since the Unix epoch."""
-    import numpy as np
-
     known = times if times.dtype.kind in "iu" else times[np.isfinite(times)]
     largest = float(np.max(np.abs(known.astype(np.float64)), initial=0.0))
     if times.dtype.kind in "iu":
@@ -323,8 +309,6 @@ def _layout(fields: tuple[PointField, ...], is_bigendian: bool, point_step: int)
     """The structured dtype of a point. Raises ValueError for two columns of one name, and for one
     that does not end within the point.
     """
-    import numpy as np
-
     for each in fields:
         if each.offset + each.size > point_step:
             raise ValueError(
@@ -383,14 +367,10 @@ class LaserScan(WithArrays):
 
     def angles(self) -> "NDArray[np.float64]":
         """The angle of each range (N,), in rad."""
-        import numpy as np
-
         return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     def xyz(self) -> "NDArray[np.float64]":
         """The points (N, 3) in m in the frame of the sensor, NaN where there is no measurement."""
-        import numpy as np
-
         angles = self.angles()
         ranges = self.ranges.astype(np.float64)
         with np.errstate(invalid="ignore"):
@@ -404,8 +384,6 @@ class LaserScan(WithArrays):
 
     def stamps_ns(self) -> "NDArray[np.int64]":
         """When each range was measured (N,)."""
-        import numpy as np
-
         after_ns = np.rint(self.time_increment * 1e9 * np.arange(len(self.ranges)))
         stamps_ns: NDArray[np.int64] = after_ns.astype(np.int64) + self.stamp_ns
         return stamps_ns

@@ -6,20 +6,30 @@ import math
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence, Sized
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.frames.changes import Ticks
+from tfbus.frames.named import NamedMessages
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
-from tfbus.monitor.report import Edge, EdgeFlow, PairWatch, Report, StreamFlow, make_report
+from tfbus.monitor.report import (
+    Edge,
+    EdgeFlow,
+    EdgeSamples,
+    PairWatch,
+    Report,
+    StreamFlow,
+    make_report,
+)
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
@@ -28,12 +38,10 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
-from tfbus.wire.transforms import TransformMessage, decode_transforms
+from tfbus.wire.transforms import TransformMessage
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node  # Zenoh, which a recording does not need
-
-Ints: TypeAlias = "NDArray[np.int64]"
 
 RECENT_S = 10.0
 _MOST_SAMPLES = 5_000
@@ -92,12 +100,14 @@ class TransformMeter:
         self.samples = 0
         self._looked_s = -math.inf
         self._names = StreamNames(fleet)
+        self._named = NamedMessages(node, self._measure, everywhere=fleet is not None)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
         self._subscription = node.session.subscriber(keys, self.receive)
 
     def close(self) -> None:
         """Stop measuring. Twice is fine; closing the node does it too."""
         self._subscription.close()
+        self._named.close()
 
     def edges(self) -> Iterator[EdgeFlow]:
         """How the samples of each edge came."""
@@ -141,19 +151,20 @@ class TransformMeter:
 
     def receive(self, key: str, payload: bytes) -> None:
         """Measure a message of transforms that has come at this key."""
+        # The listener counts what it cannot read, and logs it where it is not of ROS 2.
+        with suppress(DecodeError):
+            self._named.take(key, payload)
+
+    def _measure(self, key: str, message: TransformMessage, size: int) -> None:
         at_s, now_ns = self._elapsed_s(), self._node.now_ns()
-        try:
-            message = decode_transforms(payload)
-        except DecodeError:
-            return  # the listener counts it, and logs it where it is not of ROS 2
         stream, frames = stream_of(key), self._names.of_message(key, message.rows.frames)
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or self._has_room(self._streams, at_s):
                 window = self._streams.setdefault(stream, MessageWindow(_MOST_SAMPLES))
                 grow = self.samples < _MOST_IN_ALL
-                self.samples += window.add(at_s, len(payload), grow=grow)
-                self.largest[stream] = max(self.largest[stream], len(payload))
+                self.samples += window.add(at_s, size, grow=grow)
+                self.largest[stream] = max(self.largest[stream], size)
                 last_ns, epochs = self._epochs.get(stream, (-1, 0))
                 if message.epoch_ns > last_ns:
                     self._epochs[stream] = message.epoch_ns, epochs + 1
@@ -208,17 +219,6 @@ class _Rows:
     log_ns: "array[int]" = field(default_factory=lambda: array("q"))
     now_ns: "array[int]" = field(default_factory=lambda: array("q"))
     stamps: bytearray = field(default_factory=bytearray)
-
-
-@dataclass(frozen=True)
-class EdgeSamples:
-    """The samples of an edge in the order in which they came: when they did, what time it was then
-    (it differs under simulated time), and their stamps, each (N,) in ns.
-    """
-
-    log_ns: "Ints"
-    now_ns: "Ints"
-    stamps_ns: "Ints"
 
 
 class SpanMeter:

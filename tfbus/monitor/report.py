@@ -6,18 +6,33 @@ A function and an entry in `EDGES` or `STREAMS` make a new column, in both tools
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.core import lazy_numpy as np
+from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.recording.pauses import Pause
+from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import duration, natural_order
 
 Edge = tuple[str, str, str]  # stream, parent, child
+Ints: TypeAlias = "NDArray[np.int64]"
+
+
+@dataclass(frozen=True)
+class EdgeSamples:
+    """The samples of an edge in the order in which they came: when they did, what time it was then
+    (it differs under simulated time), and their stamps, each (N,) in ns.
+    """
+
+    log_ns: "Ints"
+    now_ns: "Ints"
+    stamps_ns: "Ints"
 
 
 @dataclass(frozen=True)
@@ -331,6 +346,10 @@ def _restarts(report: Report, stream: StreamInfo) -> Value:
     return report.meter.stream(stream.name).restarts or None
 
 
+def _poses(report: Report, stream: StreamInfo) -> Value:
+    return None if stream.poses == FLOAT64 else stream.poses
+
+
 def _clock(report: Report, stream: StreamInfo) -> Value:
     return stream.clock_offset_s
 
@@ -340,5 +359,6 @@ STREAMS: tuple[Column[StreamInfo], ...] = (
     Column("kB/s", _kilobytes, ".1f", rare=True),
     Column("missed", _missed, "d", "messages that were sent and never came"),
     Column("restarts", _restarts, "d", rare=True),
+    Column("poses", _poses, "", "how precise its transforms are", rare=True),
     Column("clock", _clock, _OFFSET, "how far the publisher's clock is ahead of ours", rare=True),
 )

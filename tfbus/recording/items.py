@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tfbus.geometry.columns import Columns
-from tfbus.ros.counterparts import with_arrays
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import message_of
 
@@ -67,6 +66,8 @@ class TopicItem:
         """Its fields with arrays of numpy in the place of binaries."""
         if self.encoded is None:
             return self.values
+        from tfbus.ros.counterparts import with_arrays  # with all messages, which few items need
+
         found: dict[str, Any] = with_arrays(self.values, message_of(self.encoded[0]))
         return found
 

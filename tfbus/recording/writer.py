@@ -28,6 +28,7 @@ from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
 from tfbus.runtime.installation import installed_version
+from tfbus.wire.codec import stamp_in
 
 Compression = Literal["zstd", "lz4", "none"]
 
@@ -221,8 +222,8 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
             check_text(item.type_name)
             channel = self._new_channel(f"/{item.topic}", definition, topic_metadata(item))
             self._topic_channels[key] = channel
-        stamp = item.values.get("stamp_ns")
-        publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns
+        stamp_ns = stamp_in(item.values) or 0  # 0 stands for no time
+        publish_ns = stamp_ns if 0 < stamp_ns < 2**63 else item.log_ns
         sequence = REPEATED
         if not item.repeated:
             sequence = self._sequences[channel] = self._sequences.get(channel, REPEATED) + 1

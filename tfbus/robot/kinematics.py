@@ -14,20 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from math import cos, isfinite, sin
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import IDENTITY, Pose, compose, normalised
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.core.lazy_numpy import ArrayLike, NDArray
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.rotations import matrix_of, product
 from tfbus.geometry.transform import Transform, as_floats
 from tfbus.geometry.transform_array import TransformArray, make_array, rotate
 from tfbus.robot.model import Joint, Vector
 from tfbus.wording import counted, did_you_mean
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

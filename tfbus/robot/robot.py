@@ -10,11 +10,11 @@ from itertools import accumulate
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.kernel import IDENTITY, compose, invert, normalised
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.core.lazy_numpy import ArrayLike, NDArray
 from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import Transform, make_transform
@@ -25,9 +25,6 @@ from tfbus.robot.model import Collision, Joint, Link, Model, Visual
 from tfbus.robot.urdf import read_model
 from tfbus.robot.xml import MOST_BYTES, decoded, read_xml
 from tfbus.wording import counted, did_you_mean, printable
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -19,6 +19,31 @@ Jumped = Callable[[int], None]
 _NEVER_NS = 2**63
 
 
+class Bell:
+    """A bell that one thread sleeps on until another rings it: an Event whose `ring` may interrupt
+    its own `wait`, as in a signal handler.
+    """
+
+    __slots__ = ("_silent",)
+
+    def __init__(self) -> None:
+        self._silent = scheduler.Lock()
+        self._silent.acquire()
+
+    def ring(self) -> None:
+        """End the `wait` of now, or else the next one."""
+        try:  # noqa: SIM105  # `suppress` would be a third of this
+            self._silent.release()
+        except RuntimeError:
+            pass
+
+    def wait(self, timeout_s: float | None) -> None:
+        """Sleep until it is rung, at most this long; None: for as long as it takes."""
+        if timeout_s is None or timeout_s > scheduler.TIMEOUT_MAX:
+            timeout_s = scheduler.TIMEOUT_MAX
+        self._silent.acquire(timeout=timeout_s if timeout_s > 0.0 else 0.0)
+
+
 class Limit:
     """The end of a wait by one clock; it is in force until the end of its `with`.
 
@@ -292,6 +317,31 @@ def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> L
     """
     limit = (clock if isinstance(clock, Clock) else SYSTEM_CLOCK).limit(timeout_s, wake)
     return limit if here.closing is None else _LimitInCallback(limit, here.closing, wake)
+
+
+class Pace:
+    """Says when nodes are due to be asked again: every `every_s` real seconds; after news at once,
+    and every `soon_s` while these are fresh, as a node describes its topics soon after it came.
+    """
+
+    def __init__(self, every_s: float, soon_s: float | None = None) -> None:
+        self._every_s = every_s
+        self._soon_s = every_s if soon_s is None else soon_s
+        self._asked_s = self._news_s = -float("inf")
+
+    def note_news(self) -> None:
+        """A node came or left; from any thread."""
+        self._news_s = scheduler.monotonic()
+
+    def is_due(self, *, is_new: bool = False) -> bool:
+        """Whether it is time to ask again, which is noted; `is_new` if news are still fresh."""
+        now_s = scheduler.monotonic()
+        is_new = is_new or now_s - self._news_s < self._every_s
+        every_s = self._soon_s if is_new else self._every_s
+        if self._asked_s >= self._news_s and now_s - self._asked_s < every_s:
+            return False
+        self._asked_s = now_s
+        return True
 
 
 class Timer:

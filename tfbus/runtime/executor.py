@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import TfbusError
 from tfbus.runtime import scheduler
-from tfbus.runtime.callbacks import SLOW_S, Bell, CallbackGroup, Delays, ExecutorEnd, Ran, here
-from tfbus.runtime.clock import SimulatedClock, Timer
+from tfbus.runtime.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Ran, here
+from tfbus.runtime.clock import Bell, SimulatedClock, Timer
 from tfbus.wording import counted
 
 if TYPE_CHECKING:

@@ -54,12 +54,11 @@ _MOST_STEP_S = 0.25
 
 @dataclass(frozen=True)
 class Cursor:
-    """The moment that is shown: a log time, and the buffer as of then, which has what came since
-    `since_ns`. `jumps` counts how often it did not come on from the one before.
+    """The moment that is shown: a log time, and the buffer as of then. `jumps` counts how often it
+    did not come on from the one before.
     """
 
     at_ns: int
-    since_ns: int
     buffer: Buffer
     jumps: int
 
@@ -237,8 +236,7 @@ class Replay:
         return is_jump
 
     def _cursor(self) -> Cursor:
-        at_ns = self._frames.at_ns
-        return Cursor(at_ns, at_ns - int(self._before_s * 1e9), self.buffer, self._jumps)
+        return Cursor(self._frames.at_ns, self.buffer, self._jumps)
 
     def _move(self, passed_s: float, trail_s: float) -> bool:
         jumps = self.playhead.jumps
@@ -333,9 +331,11 @@ _MOST_DECAYING = 60
 _MOST_LINES = 100
 # Of the others the newest of this time are candidates.
 _CHOICES_NS = 1_000_000_000
-# What is older than the buffer is placed by the frames of its time, and a little later.
+# Each message is placed by the frames of its time, and a little later.
 _PAST_S = 4.0
-_LATER_NS = 1_000_000_000
+_LATER_NS = 200_000_000
+# Each of these has its own place.
+_APART = (messages.Marker, messages.MarkerArray)
 
 
 class RecordedData:
@@ -408,20 +408,16 @@ class RecordedData:
 
     def past(self, topic: str, settings: TopicSettings) -> Iterator[Past]:
         """The messages up to the cursor that have to do with what is drawn there."""
-        waiting, cursor = self._waiting[topic], self._cursor
+        waiting = self._waiting[topic]
         waiting.take()
         found = self._found_before(topic, waiting.message_type, settings)
-        apart = waiting.is_every or settings.decay_s > 0.0
-        together: list[Any] = []
-        for log_ns, message in reversed(found):
-            if log_ns <= cursor.since_ns:
-                yield self._buffer_at(log_ns), log_ns / 1e9, [message]
-            elif apart:
-                yield cursor.buffer, log_ns / 1e9, [message]
-            else:
-                together.append(message)
-        if together:
-            yield cursor.buffer, cursor.at_ns / 1e9, together
+        if waiting.message_type in _APART or settings.decay_s:
+            groups = [[each] for each in reversed(found)]
+        else:
+            groups = [found[::-1]] if found else []
+        for group in groups:
+            log_ns = group[-1][0]
+            yield self._buffer_at(log_ns), log_ns / 1e9, [message for _, message in group]
 
     def _found_before(
         self, topic: str, message_type: type, settings: TopicSettings
@@ -454,14 +450,20 @@ class RecordedData:
         return found
 
     def _buffer_at(self, log_ns: int) -> Buffer:
-        """The buffer as it was a little after a log time before the cursor."""
-        frames = self._past_frames
-        if frames is None:
-            frames = self._past_frames = self._replay.frames_of(self._files, _PAST_S)
-            frames.pass_time(0)
-        if not log_ns <= frames.at_ns <= log_ns + 2 * _LATER_NS:
-            frames.seek(min(log_ns + _LATER_NS, self._cursor.at_ns))
-        return frames.buffer
+        """The buffer as it was a little after a log time up to the cursor: a publisher may have
+        begun anew since.
+        """
+        to_ns = log_ns + _LATER_NS
+        if to_ns >= self._cursor.at_ns:
+            return self._cursor.buffer
+        if self._past_frames is None:
+            self._past_frames = self._replay.frames_of(self._files, _PAST_S)
+            self._past_frames.seek(to_ns)
+        elif 0 <= to_ns - self._past_frames.at_ns <= _PAST_S * 1e9:
+            self._past_frames.advance(to_ns)
+        else:
+            self._past_frames.seek(to_ns)
+        return self._past_frames.buffer
 
     def _new_waiting(self, topic: str, message_type: type) -> Waiting:
         waiting = Waiting(message_type, self._replay.frame_names(self._topics[topic]))

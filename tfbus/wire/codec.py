@@ -133,6 +133,21 @@ def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
     return value
 
 
+def stamp_in(message: Mapping[str, Any]) -> int | None:
+    """The stamp_ns of a message or of its header, or the stamp of ROS; None if it has none."""
+    header = message.get("header")
+    for fields in (message, header if isinstance(header, dict) else {}):
+        stamp_ns = fields.get("stamp_ns")
+        if type(stamp_ns) is int:
+            return stamp_ns
+        stamp = fields.get("stamp")
+        if isinstance(stamp, dict):
+            sec, nanosec = stamp.get("sec"), stamp.get("nanosec")
+            if type(sec) is int and type(nanosec) is int:
+                return sec * 1_000_000_000 + nanosec
+    return None
+
+
 def is_of_ros(data: bytes) -> bool:
     """Whether a message is one of ROS 2, in CDR, which is never a msgpack map.
 
@@ -343,14 +358,15 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
 
 def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     if isinstance(value, list | tuple):
-        if in_bytes and 0 < len(value) <= _LONGEST_REMEMBERED and _is_remembered(type(value[0])):
+        is_short = 0 < len(value) <= _LONGEST_REMEMBERED
+        if in_bytes and is_short and _is_remembered(value[0].__class__):
             with suppress(TypeError):  # something in it has no hash
                 return _maps_of(tuple(value), as_in_ros)
         return [
             item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
             for item in value
         ]
-    return _map_of(value, as_in_ros, in_bytes) if _is_message(type(value)) else value
+    return _map_of(value, as_in_ros, in_bytes) if _is_message(value.__class__) else value
 
 
 @lru_cache(_MOST_REMEMBERED)

@@ -1,10 +1,14 @@
 """Descriptions of nodes and streams on the bus; docs/reference/wire.md has the format."""
 
+import sys
+from array import array
 from typing import Any
 
+from tfbus.core.packed import POSE_SIZE
 from tfbus.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.runtime.structs import Struct, field, replace
-from tfbus.wire.codec import decode_message
+from tfbus.wire.codec import as_map, decode_message, encode_map
+from tfbus.wire.numbered import FLOAT64, FrameNumbers
 from tfbus.wording import counted, duration, listed, printable
 
 
@@ -174,6 +178,11 @@ class StreamDescription(Struct):
     the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
     the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 if
     unknown. `origin` are the gids of the ROS publishers whose transforms a bridge sends in it.
+
+    `poses` is how precise its dynamic transforms are, "float64", "float32" or "compact". In
+    messages of the latter two frames have numbers: each of `numbered` is one, with the parent and
+    child that it stands for in this epoch, and `origins` has the poses from which theirs count,
+    seven floats of 64 bits each. `next_number` is the first that has not been given.
     """
 
     v: int
@@ -188,6 +197,10 @@ class StreamDescription(Struct):
     history_s: float = 0.0
     started_ns: int = 0
     origin: tuple[str, ...] = ()
+    poses: str = FLOAT64
+    next_number: int = 0
+    numbered: tuple[tuple[int, str, str], ...] = ()
+    origins: bytes = b""
 
     def __post_init__(self) -> None:
         if self.v != STREAM_VERSION:
@@ -195,7 +208,46 @@ class StreamDescription(Struct):
                 f"a description of version {self.v}; this tfbus reads version {STREAM_VERSION}: "
                 "update the older of the two"
             )
-        _check_names(node=self.node, host=self.host, session=self.session)
+        _check_names(node=self.node, host=self.host, session=self.session, poses=self.poses)
+        if len(self.origins) != POSE_SIZE * len(self.numbered):
+            raise ValueError("field 'origins' must have a pose for each of 'numbered'")
+
+    @property
+    def numbers(self) -> FrameNumbers:
+        """The frames that have numbers."""
+        origins = self.origins
+        if sys.byteorder != "little":
+            swapped = array("d", origins)
+            swapped.byteswap()
+            origins = swapped.tobytes()
+        return FrameNumbers(self.epoch, self.next_number, self.numbered, origins)
+
+
+# The fields of which a stream that names its frames in each message says nothing.
+_OF_NUMBERED = ("poses", "next_number", "numbered", "origins")
+
+
+def encode_stream(description: StreamDescription) -> bytes:
+    """The payload of the description of a stream."""
+    # Its fields go on the wire as they are; with 10,000 frames `as_map` would take 20 ms.
+    return encode_map(_without_defaults(vars(description)))
+
+
+def facts_of_stream(description: StreamDescription) -> dict[str, Any]:
+    """The fields of a description as a recording has them, which names the frames of transforms
+    itself.
+    """
+    facts = as_map(replace(description, next_number=0, numbered=(), origins=b""))
+    return _without_defaults(facts)
+
+
+def _without_defaults(fields: dict[str, Any]) -> dict[str, Any]:
+    """Without the fields about numbers that are as they are without one."""
+    kept = dict(fields)
+    for name in _OF_NUMBERED:
+        if not kept[name] or kept[name] == FLOAT64:
+            del kept[name]
+    return kept
 
 
 class FramesAsked(Struct):

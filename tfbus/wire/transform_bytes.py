@@ -12,6 +12,7 @@ from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped, child_name
+from tfbus.wire.numbered import FrameNumbers, NumberedRows, unpack_poses
 
 try:
     import cython
@@ -23,6 +24,8 @@ except ImportError:
 FAST: bool = cython.compiled and sys.byteorder == "little"
 
 VERSION = 1
+# Of messages whose frames have numbers.
+NUMBERED = 2
 
 # A publisher mostly sends the same frames again: at most 1024 lists of names are kept, each of at
 # most 16 KiB, of at most 100,000 names and 4 MiB in all, which take 15 MB. The oldest go first.
@@ -32,11 +35,14 @@ _MOST_NAMES = 100_000
 _MOST_BYTES = 4 * 2**20
 
 _VERSION = VERSION
+_NUMBERED = NUMBERED
 _LARGEST = 2**63 - 1
 
 # The keys of a message, as they have been seen; all but the last are needed.
 _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ = 1, 2, 4, 8, 16, 32, 64
 _NEEDED = 63
+# Those of a message whose frames have numbers: it has neither frames nor edges.
+_RUNS, _FORMS = _FRAMES, _EDGES
 
 
 class TransformMessage:
@@ -44,15 +50,21 @@ class TransformMessage:
 
     `epoch_ns` is when its publisher started, in nanoseconds since the Unix epoch: a larger one
     than before means that the publisher was restarted, or that its clock went back. `seq` counts
-    the messages of its key in this epoch from 0; None if the publisher does not count.
+    the messages of its key in this epoch from 0; None if the publisher does not count. `unnamed`
+    more rows have numbers for which no names are known so far.
     """
 
     def __init__(
-        self, rows: Columns | TransformBatch, epoch_ns: int, seq: int | None = None
+        self,
+        rows: Columns | TransformBatch,
+        epoch_ns: int,
+        seq: int | None = None,
+        unnamed: int = 0,
     ) -> None:
         self.rows = rows if isinstance(rows, Columns) else Columns.of_batch(rows)
         self.epoch_ns = epoch_ns
         self.seq = seq
+        self.unnamed = unnamed
 
     @property
     def batch(self) -> TransformBatch:
@@ -61,7 +73,8 @@ class TransformMessage:
 
     def with_frames(self, frames: tuple[str, ...]) -> "TransformMessage":
         """The same message with other names for its frames. Raises as `Columns.with_frames`."""
-        return TransformMessage(self.rows.with_frames(frames), self.epoch_ns, self.seq)
+        rows = self.rows.with_frames(frames)
+        return TransformMessage(rows, self.epoch_ns, self.seq, self.unnamed)
 
 
 class NameTables:
@@ -173,7 +186,7 @@ def scan_message(payload: bytes, tables: NameTables) -> TransformMessage | None:
     columns = Columns((), 0)
     # Calling the class would take as long as a tenth of the rest.
     message = TransformMessage.__new__(TransformMessage)
-    message.rows, message.epoch_ns, message.seq = columns, 0, None
+    message.rows, message.epoch_ns, message.seq, message.unnamed = columns, 0, None, 0
     columns.edges = columns.stamps = columns.poses = payload
     edges_size = stamps_size = poses_size = seen = 0
     for _ in range(cursor.map_length()):
@@ -212,6 +225,96 @@ def scan_message(payload: bytes, tables: NameTables) -> TransformMessage | None:
         return None
     columns.count = count
     return message
+
+
+def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | None:
+    """As `scan_message`, of a message whose frames have these numbers, as tfbus writes it."""
+    cursor = _Cursor(payload)
+    epoch_ns, seq, seen = 0, None, 0
+    runs = stamps = forms = poses = b""
+    stamp_ns = 0
+    for _ in range(cursor.map_length()):
+        key = _key_of_numbered(cursor)
+        if key == 0 or seen & key:
+            return None
+        seen |= key
+        start = cursor.at
+        if key == _RUNS:
+            for _ in range(cursor.array_length()):
+                cursor.integer()
+                if cursor.failed:
+                    return None
+            runs = payload[start : cursor.at]
+        elif key == _STAMPS:
+            if _is_binary(cursor):
+                stamps = _binary(cursor)
+            else:
+                stamp_ns = cursor.integer()
+        elif key == _FORMS:
+            forms = _binary(cursor)
+        elif key == _POSES:
+            poses = _binary(cursor)
+        elif key == _EPOCH:
+            epoch_ns = cursor.integer()
+        elif key == _SEQ:
+            seq = cursor.integer()
+        elif cursor.integer() != _NUMBERED:
+            return None
+        if cursor.failed:
+            return None
+    if cursor.failed or cursor.at != cursor.end or seen & _NEEDED != _NEEDED:
+        return None
+    # Only where they were found before: what a message may hold is looked at once.
+    rows = numbers.get(runs) if epoch_ns == numbers.epoch_ns else None
+    if rows is None:
+        return None
+    return numbered_message(
+        rows, epoch_ns, seq, stamps or packed.stamp_bytes(stamp_ns), forms, poses
+    )
+
+
+def numbered_message(
+    rows: NumberedRows, epoch_ns: int, seq: int | None, stamps: bytes, forms: bytes, poses: bytes
+) -> TransformMessage | None:
+    """The message of these rows, or None where the bytes are not as many as it takes. One stamp is
+    that of all rows, and one form that of all poses.
+    """
+    count = rows.count
+    if len(stamps) == STAMP_SIZE:
+        stamps *= count
+    if len(stamps) != STAMP_SIZE * count or len(forms) not in (1, count):
+        return None
+    unpacked = unpack_poses(forms, poses, rows.origins, count)
+    if unpacked is None:
+        return None
+    return TransformMessage(rows.columns(stamps, unpacked), epoch_ns, seq, rows.unnamed)
+
+
+def _is_binary(cursor: _Cursor) -> bool:
+    return cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6
+
+
+def _binary(cursor: _Cursor) -> bytes:
+    """The bytes that follow."""
+    size = cursor.binary_size()
+    start = cursor.skip(size)
+    return b"" if cursor.failed else cursor.payload[start : start + size]
+
+
+def _key_of_numbered(cursor: _Cursor) -> int:
+    """As `_key`, of a message whose frames have numbers."""
+    start = cursor.at
+    size = cursor.text_size()
+    at = cursor.skip(size)
+    if cursor.failed:
+        return 0
+    if size == 4 and packed.is_at(cursor.data, at, b"runs", 4):
+        return _RUNS
+    if size == 5 and packed.is_at(cursor.data, at, b"forms", 5):
+        return _FORMS
+    cursor.at = start
+    key = _key(cursor)
+    return key if key & ~(_FRAMES | _EDGES) else 0
 
 
 def _key(cursor: _Cursor) -> int:

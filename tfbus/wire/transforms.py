@@ -16,7 +16,16 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.wire.codec import decode_map
 from tfbus.wire.fleet import FrameNames
-from tfbus.wire.transform_bytes import FAST, VERSION, NameTables, scan_message
+from tfbus.wire.numbered import MOST_ROWS, FrameNumbers, pack_poses
+from tfbus.wire.transform_bytes import (
+    FAST,
+    NUMBERED,
+    VERSION,
+    NameTables,
+    numbered_message,
+    scan_message,
+    scan_numbered,
+)
 from tfbus.wire.transform_bytes import TransformMessage as TransformMessage
 from tfbus.wording import counted
 
@@ -78,19 +87,88 @@ class TransformEncoder:
         return b"".join((self._counted, seq.to_bytes(8, "big"), *columns))
 
 
-def decode_transforms(payload: bytes) -> TransformMessage:
-    """The message in a payload.
+class NumberedEncoder:
+    """As TransformEncoder, of version 2: with the numbers of rows instead of names, and each pose
+    less its origin, in floats of 32 bits if it `is_short`, or compact.
+    """
 
-    Raises DecodeError if the payload is not a message of a version that this tfbus reads.
-    Unknown keys are ignored. The buffer judges the numbers themselves.
+    def __init__(
+        self, epoch_ns: int, numbers: Sequence[int], origins: bytes, *, is_short: bool
+    ) -> None:
+        pack = self._pack = msgpack.Packer().pack
+        common = [pack("v"), pack(NUMBERED), pack("epoch"), pack(epoch_ns)]
+        common += [pack("runs"), pack(runs_of(numbers))]
+        self._head = b"".join([b"\x87", *common, pack("seq")])
+        self._stamps, self._forms, self._poses = pack("stamps"), pack("forms"), pack("poses")
+        self._count = len(numbers)
+        self._origins = origins
+        self._is_short = is_short
+
+    def encode(self, seq: int | None, stamps: bytes, poses: bytes) -> bytes:
+        """The payload of one message: a stamp and a pose for each number, as bytes in the byte
+        order of this machine.
+        """
+        count = self._count
+        forms, poses = pack_poses(poses, count, self._origins, self._is_short)
+        first = stamps[:STAMP_SIZE]
+        if count and stamps == first * count and first[-1] < 0x80:
+            column = self._pack(int.from_bytes(first, sys.byteorder))
+        else:
+            stamps = _little_endian(stamps, _STAMPS)
+            column = _bin_header(len(stamps)) + stamps
+        if forms == forms[:1] * count:
+            forms = forms[:1]
+        return b"".join(
+            (
+                self._head,
+                self._pack(seq or 0),
+                self._stamps,
+                column,
+                self._forms,
+                _bin_header(len(forms)),
+                forms,
+                self._poses,
+                _bin_header(len(poses)),
+                poses,
+            )
+        )
+
+
+_NUMBERED_HEAD: bytes = msgpack.packb("v") + msgpack.packb(NUMBERED)
+
+
+def is_numbered(payload: bytes) -> bool:
+    """Whether a message, as tfbus writes it, has numbers instead of names."""
+    return payload[1 : 1 + len(_NUMBERED_HEAD)] == _NUMBERED_HEAD
+
+
+def runs_of(numbers: Sequence[int]) -> list[int]:
+    """The first of each run of numbers that follow each other, and how many there are in it."""
+    runs: list[int] = []
+    for number in numbers:
+        if runs and number == runs[-2] + runs[-1]:
+            runs[-1] += 1
+        else:
+            runs += [number, 1]
+    return runs
+
+
+def decode_transforms(payload: bytes, numbers: FrameNumbers | None = None) -> TransformMessage:
+    """The message in a payload; of version 2 with the `numbers` of the stream's frames.
+
+    Raises DecodeError if the payload is not a message of a version that this tfbus reads, or if its
+    frames have numbers, and there are none of them. Unknown keys are ignored. The buffer judges the
+    poses themselves.
     """
     columns = decode_map(payload)
     version = columns.get("v")
-    if type(version) is not int or version != VERSION:
+    if type(version) is not int or version not in (VERSION, NUMBERED):
         raise DecodeError(
-            f"a transform message of version {version!r:.40}; this tfbus reads version "
-            f"{VERSION}: update the older of the two"
+            f"a transform message of version {version!r:.40}; this tfbus reads versions "
+            f"{VERSION} and {NUMBERED}: update the older of the two"
         )
+    if version == NUMBERED:
+        return _decode_numbered(columns, numbers)
     frames = columns.get("frames")
     if not isinstance(frames, list) or not all(isinstance(name, str) for name in frames):
         raise DecodeError("'frames' is not a list of texts")
@@ -116,6 +194,51 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     return TransformMessage(rows, epoch_ns, seq)
 
 
+def _decode_numbered(columns: dict[str, Any], numbers: FrameNumbers | None) -> TransformMessage:
+    if numbers is None:
+        raise DecodeError("its frames have numbers, and static transforms have names")
+    epoch_ns, seq, runs = columns.get("epoch"), columns.get("seq"), columns.get("runs")
+    if type(epoch_ns) is not int:
+        raise DecodeError("'epoch' is not an integer of nanoseconds")
+    if seq is not None and type(seq) is not int:
+        raise DecodeError("'seq' is not an integer")
+    if not isinstance(runs, list) or not all(type(each) is int for each in runs):
+        raise DecodeError("'runs' is not a list of integers")
+    stamps = columns.get("stamps")
+    if type(stamps) is int and -(2**63) <= stamps < 2**63:
+        stamps = stamps.to_bytes(STAMP_SIZE, "little", signed=True)
+    if not isinstance(stamps, bytes):
+        raise DecodeError("'stamps' is neither an integer nor bytes")
+    forms, poses = columns.get("forms"), columns.get("poses")
+    if not isinstance(forms, bytes) or not isinstance(poses, bytes):
+        raise DecodeError("'forms' or 'poses' is not bytes")
+    rows = numbers.find(msgpack.packb(runs), runs, epoch_ns)
+    if rows is None:
+        raise DecodeError(
+            f"'runs' must be pairs of a number and how many follow, 0 or more each, and of at "
+            f"most {MOST_ROWS:,} rows"
+        )
+    stamps = _little_endian(stamps, _STAMPS) if len(stamps) % STAMP_SIZE == 0 else stamps
+    message = numbered_message(rows, epoch_ns, seq, stamps, forms, poses)
+    if message is None:
+        raise DecodeError(
+            f"'stamps', 'forms' and 'poses' do not have the bytes of {counted(rows.count, 'row')}"
+        )
+    return message
+
+
+def newest_stamp(payload: bytes) -> int:
+    """The newest stamp in a message, 0 for none, whatever the names of its frames are. Raises
+    DecodeError as `decode_transforms`.
+    """
+    if not is_numbered(payload):
+        return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
+    stamps = decode_map(payload).get("stamps", b"")
+    if isinstance(stamps, int):
+        return stamps
+    return max(memoryview(_column({"stamps": stamps}, "stamps", 8, "q")).cast("q"), default=0)
+
+
 class TransformReader:
     """Reads messages of transforms; safe from any thread.
 
@@ -134,14 +257,21 @@ class TransformReader:
         self._names = names if names is not None and names.namespace else None
         self._tables = NameTables() if tables is None else tables
 
-    def read(self, payload: bytes) -> TransformMessage:
+    def read(self, payload: bytes, numbers: FrameNumbers | None = None) -> TransformMessage:
         """The message in a payload. Raises DecodeError as `decode_transforms`."""
         message = scan_message(payload, self._tables) if FAST else None
+        if message is None and numbers is not None and FAST:
+            message = scan_numbered(payload, numbers)
         if message is None:
-            message = decode_transforms(payload)
+            message = decode_transforms(payload, numbers)
         if self._names is not None:
             message = message.with_frames(self._names.all_outside(message.rows.frames))
         return message
+
+
+def in_order_of_messages(poses: bytes) -> bytes:
+    """Poses in the byte order of messages."""
+    return _little_endian(poses, _POSES)
 
 
 def _bin_header(size: int) -> bytes:

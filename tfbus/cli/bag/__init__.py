@@ -28,7 +28,7 @@ VERBS: dict[str, str] = {
 _EDITS = ("cut", "filter", "merge", "recover")
 
 # Verbs of ros2 bag that have another name here.
-_CALLED_IN_ROS = {
+_OF_BAG = {
     "burst": "use: tfbus bag play --rate 1000",
     "convert": "use: tfbus bag cut, merge, filter or export",
     "list": "recordings are MCAP files; tfbus bag import reads other formats",
@@ -62,6 +62,6 @@ def _module(name: str) -> ModuleType:
     return import_module(f"tfbus.cli.bag.{name}")
 
 
-@click.group(cls=_Bag, hints=_CALLED_IN_ROS)
+@click.group(cls=_Bag, hints=_OF_BAG)
 def command() -> None:
     """Record a bus, replay it, and cut, convert and repair recordings."""

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import RECORDING, SelectionOptions, selecting
+from tfbus.cli.bag.selecting import (
+    CALLED_IN_ROS,
+    NO_SERVICES,
+    RECORDING,
+    SelectionOptions,
+    selecting,
+)
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Moment, MomentType, Number
@@ -43,25 +49,18 @@ def _with_clock_rate(args: list[str]) -> Iterable[str]:
 
 
 # Options of `ros2 bag play` that are not needed here, or have another name.
-_NONE_RECORDED = "services and actions are not recorded, so none are played"
-
-_CALLED_IN_ROS = {
+_OF_PLAY = {
     "-a": "not needed: all that was recorded is played",
     "--all": "not needed: all that was recorded is played",
     "--wait-for-all-acked": "not needed: there are no acknowledgements to wait for",
     "--read-ahead-queue-size": "not needed: the player reads ahead by itself",
-    "--qos-profile-overrides-path": "not needed: there is no QoS",
     "--message-order": "messages are played in the order in which they were received",
     "--use-sim-time": "use --clock, which publishes the recorded time for nodes with --sim-time",
     "--clock-topics": "use --clock, with a rate in Hz after it",
     "--clock-topics-all": "use --clock, with a rate in Hz after it",
-    "--services": _NONE_RECORDED,
-    "--exclude-services": _NONE_RECORDED,
-    "--actions": _NONE_RECORDED,
-    "--exclude-actions": _NONE_RECORDED,
-    "--publish-service-requests": _NONE_RECORDED,
-    "--service-requests-source": _NONE_RECORDED,
-    "--send-actions-as-client": _NONE_RECORDED,
+    "--publish-service-requests": NO_SERVICES,
+    "--service-requests-source": NO_SERVICES,
+    "--send-actions-as-client": NO_SERVICES,
     "--burst": "use --rate with a large number, or --pause and the key . for single messages",
     "--storage-config-file": "not needed: files are read as they are",
     "--disable-loan-message": "not needed: messages are never loaned",
@@ -72,7 +71,7 @@ _CALLED_IN_ROS = {
 @click.command(
     "play",
     cls=_Play,
-    hints=_CALLED_IN_ROS,
+    hints=CALLED_IN_ROS | _OF_PLAY,
     epilog="Examples: tfbus bag play run.mcap; tfbus bag play run.mcap --start 60 --rate 2 --loop; "
     "tfbus bag play run.mcap --clock",
 )

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import SelectionOptions, selecting
+from tfbus.cli.bag.selecting import CALLED_IN_ROS, NO_SERVICES, SelectionOptions, selecting
 from tfbus.cli.verbs import Answering
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import POSITIVE, ByteSize, Number, SpanOrSize, TopicName
@@ -21,17 +21,12 @@ _NO_CACHE = "messages are always written from memory, within 1 s; omit the optio
 _NO_LIMIT = "omit the option for no limit"
 
 # Options of `ros2 bag record` that are not needed here, or have another name.
-_NO_SERVICES = "services and actions are not recorded"
 _COMPRESSION = "use --compression zstd, lz4 or none"
 _NO_THREADS = "not needed: compression takes part of one thread; --compression none takes none"
 
-_CALLED_IN_ROS = {
-    "--services": _NO_SERVICES,
-    "--all-services": _NO_SERVICES,
-    "--exclude-services": _NO_SERVICES,
-    "--actions": _NO_SERVICES,
-    "--all-actions": _NO_SERVICES,
-    "--exclude-actions": _NO_SERVICES,
+_OF_RECORD = {
+    "--all-services": NO_SERVICES,
+    "--all-actions": NO_SERVICES,
     "--topic-types": "use --topics with what tfbus topic find TYPE prints",
     "--exclude-topic-types": "use --exclude-topics with what tfbus topic find TYPE prints",
     "--static-topics-path": "use --topics; they need not be there yet",
@@ -41,7 +36,6 @@ _CALLED_IN_ROS = {
     "--no-discovery": "use --topics for those that are there now",
     "--polling-interval": "not needed: nodes tell of their topics",
     "-p": "not needed: nodes tell of their topics",
-    "--qos-profile-overrides-path": "not needed: there is no QoS",
     "--snapshot-mode": "use --snapshot SECONDS",
     "--max-cache-duration": "use --snapshot SECONDS",
     "--use-sim-time": "not needed: stamps are recorded as they are, and the topic clock",
@@ -59,7 +53,7 @@ _CALLED_IN_ROS = {
 @click.command(
     "record",
     cls=Answering,
-    hints=_CALLED_IN_ROS,
+    hints=CALLED_IN_ROS | _OF_RECORD,
     epilog="Examples: tfbus bag record; tfbus bag record -o run --max-size 500MB; tfbus bag record "
     "--topics turtle1/pose tf tf_static; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )

@@ -22,6 +22,16 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+# Options of both `ros2 bag record` and `ros2 bag play` that have no counterpart.
+NO_SERVICES = "services and actions are not recorded, so none are played"
+CALLED_IN_ROS = {
+    "--services": NO_SERVICES,
+    "--exclude-services": NO_SERVICES,
+    "--actions": NO_SERVICES,
+    "--exclude-actions": NO_SERVICES,
+    "--qos-profile-overrides-path": "not needed: there is no QoS",
+}
+
 
 @dataclass(frozen=True)
 class SelectionOptions:

@@ -287,6 +287,7 @@ def _end_lines(end: Endpoint) -> list[str]:
         f"    Host: {end.host}",
         f"    Pid: {end.pid}",
         *(["    Retained: its last message reaches late subscribers"] if end.retained else ()),
+        *([f"    Poses: {end.poses}"] if end.poses else ()),
     ]
 
 

@@ -21,7 +21,7 @@ from tfbus.cli.message import (
 )
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, say, warn, yaml_text
-from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of, summarized
 from tfbus.cli.topic.source import (
     SAY_AFTER_S,
     Reader,
@@ -82,7 +82,9 @@ class Inbox:
         self._timeout_s = timeout_s
         self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
         self._skipped = 0
-        self._subscription = subscribe(node, topic, type_name, self._take, retained=retained)
+        self._subscription = subscribe(
+            node, topic, type_name, self._take, retained=retained, named=True
+        )
 
     def __enter__(self) -> "Inbox":
         return self
@@ -152,6 +154,8 @@ class _Form:
         shown = part_of(message, self.part) if self.part else message
         if self.kind == "json":
             return json_line(shown)
+        if self.kind == "yaml" and not self.part and self.shortening.summarizes:
+            shown = summarized(message)
         short = self.shortening.shorten(shown)
         if self.kind == "csv":
             return csv_row(short)
@@ -239,7 +243,7 @@ _CALLED_IN_ROS = {
     show_default=True,
     help="Truncate strings and lists to this length.",
 )
-@click.option("-f", "--full-length", is_flag=True, help="Truncate nothing.")
+@click.option("-f", "--full-length", is_flag=True, help="Truncate and summarize nothing.")
 @click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each message.")
 @bag_options("begin", "end")
 @bus_options("topic")
@@ -267,7 +271,8 @@ def echo_command(
     TYPE, such as Pose or package.module:Name, is optional; it is an error if other nodes announce
     another type. Messages of the types in tfbus.messages are checked. The transforms of one stream
     are on the topics tf/STREAM and tf_static/STREAM, those of all streams on tf and tf_static.
-    With --bag, print those of a recording.
+    With --bag, print those of a recording. Of a cloud, an image or a map the data are a summary,
+    unless in CSV or JSON, or with --field.
     """
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are mutually exclusive: give one")

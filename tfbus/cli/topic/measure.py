@@ -19,7 +19,6 @@ from tfbus.cli.topic.source import (
     full_topic,
     reader_of,
     reading_of,
-    stamp_in,
     subscribe,
     type_of,
     visiting,
@@ -34,9 +33,9 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.monitor.windows import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.wire.codec import decode_map
+from tfbus.wire.codec import decode_map, stamp_in
 from tfbus.wire.keys import relative
-from tfbus.wire.transforms import decode_transforms
+from tfbus.wire.transforms import newest_stamp
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
@@ -434,7 +433,7 @@ class _Age:
 
 
 def _newest_stamp(payload: bytes) -> int:
-    return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
+    return newest_stamp(payload)
 
 
 def _stamp(topic: str, payload: bytes) -> int:

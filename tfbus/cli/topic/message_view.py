@@ -3,13 +3,18 @@
 import csv
 import io
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields
 from typing import Any
 
 import click
 
 from tfbus.cli.output import OneLine, as_text
+from tfbus.errors import DecodeError
+from tfbus.messages import CompressedImage, Image, OccupancyGrid, PointCloud
+from tfbus.wire.codec import from_map
+from tfbus.wire.limits import size_text
 from tfbus.wording import did_you_mean
 
 _PART = re.compile(r"[^.\[\]]+")
@@ -26,12 +31,17 @@ class Shortening:
     lists: bool = True
     texts: bool = True
 
+    @property
+    def summarizes(self) -> bool:
+        """Whether large data may be a summary: of neither all of it nor its length alone."""
+        return self.lists and self.longest is not None
+
     def shorten(self, value: Any) -> Any:
         """The value with all that is too long cut, also nested; bytes in hexadecimal."""
         if isinstance(value, dict):
             return {key: self.shorten(item) for key, item in value.items()}
         if isinstance(value, list):
-            return self._list(value)
+            return value if isinstance(value, OneLine) else self._list(value)
         if _is_array(value):
             return self._array(value)
         if isinstance(value, bytes):
@@ -63,6 +73,76 @@ class Shortening:
 
 def _is_array(value: object) -> bool:
     return hasattr(value, "dtype")
+
+
+_FIRST_ROWS = 3
+_MOST_COLUMNS = 30
+
+
+def summarized(message: dict[str, Any]) -> dict[str, Any]:
+    """The message with a summary in the place of the bytes of a cloud, an image or a map; any other
+    as it is.
+    """
+    for kind, summary in _SUMMARIES.items():
+        if {each.name for each in fields(kind)} - {"stamp_ns", "frame_id"} <= message.keys():
+            with suppress(DecodeError, ValueError, TypeError):
+                return {**message, "data": summary(from_map(kind, message))}
+    return message
+
+
+def _of_cloud(cloud: PointCloud) -> object:
+    names = [each.name for each in cloud.fields if each.name][:_MOST_COLUMNS]
+    first = [[cloud[name].reshape(len(cloud), -1)[row] for name in names] for row in _rows(cloud)]
+    return {
+        "points": len(cloud),
+        "columns": {name: _span(cloud[name]) for name in names},
+        "first": [OneLine([number for part in row for number in part.tolist()]) for row in first],
+    }
+
+
+def _rows(cloud: PointCloud) -> range:
+    return range(min(len(cloud), _FIRST_ROWS))
+
+
+def _of_image(image: Image) -> str:
+    size = f"{image.width} by {image.height}, {image.encoding}, {size_text(len(image.data))}"
+    try:
+        return f"{size}, {_span(image.pixels())}"
+    except ValueError:  # an encoding that is not known
+        return size
+
+
+def _of_compressed_image(image: CompressedImage) -> str:
+    return f"{image.format}, {size_text(len(image.data))}"
+
+
+def _of_grid(grid: OccupancyGrid) -> str:
+    size = f"{grid.info.width} by {grid.info.height} cells of {grid.info.resolution:g} m"
+    cells = grid.data
+    if not len(cells):
+        return size
+    parts = (("free", cells == 0), ("unknown", cells < 0), ("occupied", cells >= _OCCUPIED))
+    return f"{size}: {', '.join(f'{each.mean():.1%} {name}' for name, each in parts)}"
+
+
+# As map_saver has it.
+_OCCUPIED = 65
+
+
+def _span(numbers: Any) -> str:
+    """The type of an array, and its least and greatest number."""
+    flat = numbers[numbers == numbers]  # without NaN
+    span = f", {flat.min():.6g} to {flat.max():.6g}" if flat.size else ""
+    missing = numbers.size - flat.size
+    return f"{numbers.dtype}{span}{f', {missing} NaN' if missing else ''}"
+
+
+_SUMMARIES: Mapping[type[Any], Callable[[Any], object]] = {
+    PointCloud: _of_cloud,
+    Image: _of_image,
+    OccupancyGrid: _of_grid,
+    CompressedImage: _of_compressed_image,
+}
 
 
 def part_of(message: Any, path: str) -> Any:

@@ -5,7 +5,7 @@ all streams.
 """
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from struct import iter_unpack
@@ -29,9 +29,15 @@ from tfbus.recording.reader import (
     topics_of,
 )
 from tfbus.recording.selection import Selection
-from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map
+from tfbus.runtime.log import LogOnce
+from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, stamp_in
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
-from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.transforms import (
+    TransformMessage,
+    decode_transforms,
+    encode_transforms,
+    is_numbered,
+)
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
@@ -80,10 +86,12 @@ def subscribe(
     callback: Callable[[bytes], None],
     *,
     retained: bool = False,
+    named: bool = False,
 ) -> Any:
     """Call `callback(payload)` for each message, on a thread of Zenoh.
 
     Static transforms come at once, as for a listener, and so do messages that are `retained`.
+    If they are to be `named`, transforms have the names of their frames, whatever they are sent as.
     """
     from tfbus.bus.retained import declare_retained_subscriber  # Zenoh
 
@@ -92,12 +100,45 @@ def subscribe(
             callback(payload)
 
     kind, stream = _transforms(topic)
+    if kind == TRANSFORMS and named:
+        return _Named(node, f"{topic}/**", callback)
     if kind == STATIC_TRANSFORMS:
         key = topic if stream else f"{topic}/**"
         return declare_retained_subscriber(node.session, key, on_transforms)
     if kind == TRANSFORMS:  # each frame of a split stream has its own key
         return node.session.subscriber(f"{topic}/**", on_transforms)
     return node.create_raw_subscription(topic, callback, type_name=type_name, retained=retained)
+
+
+class _Named:
+    """A subscription of transforms with the names of their frames; close it with `close()`."""
+
+    def __init__(self, node: "Node", key: str, callback: Callable[[bytes], None]) -> None:
+        from tfbus.frames.named import NamedMessages  # Zenoh
+
+        self._callback = callback
+        self._once = LogOnce(node.log)
+        self._named = NamedMessages(node, self._receive, everywhere=True)
+        self._subscription = node.session.subscriber(key, self._take)
+
+    def close(self) -> None:
+        """End it. Twice is fine."""
+        self._subscription.close()
+        self._named.close()
+
+    def _take(self, key: str, payload: bytes) -> None:
+        if is_foreign(key):
+            return
+        if not is_numbered(payload):
+            self._callback(payload)
+            return
+        try:
+            self._named.take(key, payload)
+        except DecodeError as error:
+            self._once.warning(key, "Skipped a message on %r: %s", key, error)
+
+    def _receive(self, key: str, message: TransformMessage, size: int) -> None:
+        self._callback(encode_transforms(message))
 
 
 def may_be_retained(graph: Graph, topic: str) -> bool:
@@ -273,21 +314,6 @@ def messages_of(bag: OpenBag, name: str) -> Iterator[RecordedMessage]:
             kind = STATIC_TRANSFORMS if item.static else TRANSFORMS
             if name in (kind, topic_of_stream(kind, item.stream.name, item.stream.namespace)):
                 yield RecordedMessage(name, item.log_ns, item)
-
-
-def stamp_in(message: Mapping[str, Any]) -> int | None:
-    """The stamp_ns of a message or of its header, or the stamp of ROS; None if it has none."""
-    header = message.get("header")
-    for fields in (message, header if isinstance(header, dict) else {}):
-        stamp_ns = fields.get("stamp_ns")
-        if type(stamp_ns) is int:
-            return stamp_ns
-        stamp = fields.get("stamp")
-        if isinstance(stamp, dict):
-            sec, nanosec = stamp.get("sec"), stamp.get("nanosec")
-            if type(sec) is int and type(nanosec) is int:
-                return sec * 1_000_000_000 + nanosec
-    return None
 
 
 def reading_of(

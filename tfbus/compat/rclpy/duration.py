@@ -4,7 +4,7 @@ from functools import total_ordering
 from math import isnan
 from typing import Any
 
-from tfbus.compat.fields import DurationMessage
+from tfbus.ros.transforms import DurationMessage
 
 __all__ = ["Duration", "Infinite"]
 

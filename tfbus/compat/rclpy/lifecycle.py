@@ -7,9 +7,9 @@ from enum import IntEnum
 from functools import wraps
 from typing import Any, NamedTuple
 
-from tfbus.compat.message_classes import interface_class, message_class
 from tfbus.compat.rclpy.endpoints import Publisher
 from tfbus.compat.rclpy.node import Node
+from tfbus.ros.message_classes import interface_class, message_class
 
 __all__ = [
     "LifecycleNode",

@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from tfbus.compat import bus_types as of
-from tfbus.compat.fields import TFMessage
-from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy import context as contexts
 from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from tfbus.compat.rclpy.clock import Clock
@@ -28,6 +26,8 @@ from tfbus.node.action import CancelGoal
 from tfbus.node.node import Node as TfbusNode
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.ros.definitions import TF_MESSAGE, interfaces_of
+from tfbus.ros.message_classes import message_class
+from tfbus.ros.transforms import TFMessage
 from tfbus.runtime.callbacks import join
 from tfbus.runtime.structs import replace
 

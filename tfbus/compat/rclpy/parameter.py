@@ -7,7 +7,6 @@ from concurrent.futures import TimeoutError as NotYet
 from enum import IntEnum
 from typing import Any
 
-from tfbus.compat.message_classes import message_class
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.compat.rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
@@ -19,6 +18,7 @@ from tfbus.compat.rclpy.type_support import TakesTypes
 from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
+from tfbus.ros.message_classes import message_class
 from tfbus.runtime.callbacks import MutuallyExclusiveCallbackGroup
 
 __all__ = ["Parameter", "ParameterValue"]

@@ -4,8 +4,8 @@ from enum import IntEnum
 from functools import total_ordering
 from typing import Any
 
-from tfbus.compat.fields import TimeBase, TimeMessage
 from tfbus.compat.rclpy.duration import Duration
+from tfbus.ros.transforms import TimeBase, TimeMessage
 
 __all__ = ["ClockType", "Duration", "Time"]
 

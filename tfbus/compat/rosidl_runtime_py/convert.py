@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.compat.message_classes import RosMessage
+from tfbus.ros.message_classes import RosMessage
 
 __all__ = [
     "get_message_slot_types",

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tfbus.compat.message_classes import RosMessage
 from tfbus.errors import DecodeError
+from tfbus.ros.message_classes import RosMessage
 
 __all__ = ["set_message_fields"]
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from tfbus.compat.message_classes import interface_class
 from tfbus.errors import DecodeError
+from tfbus.ros.message_classes import interface_class
 
 __all__ = ["get_action", "get_interface", "get_message", "get_service"]
 

@@ -5,8 +5,8 @@ from collections import namedtuple
 from collections.abc import Iterable
 from typing import Any
 
-from tfbus.compat.message_classes import message_class
 from tfbus.core import lazy_numpy as np
+from tfbus.ros.message_classes import message_class
 
 __all__ = [
     "create_cloud",

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from tfbus.compat.fields import Header, TFMessage
-from tfbus.compat.fields import TransformStampedMessage as TransformStamped
 from tfbus.compat.modules import missing_names
 from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.time import Time
@@ -29,6 +27,8 @@ from tfbus.compat.tf2_ros.buffer_interface import (
 from tfbus.compat.tf2_ros.static_transform_broadcaster import StaticTransformBroadcaster
 from tfbus.compat.tf2_ros.transform_broadcaster import TransformBroadcaster
 from tfbus.compat.tf2_ros.transform_listener import TransformListener
+from tfbus.ros.transforms import Header, TFMessage
+from tfbus.ros.transforms import TransformStampedMessage as TransformStamped
 
 __all__ = [
     "Buffer",

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, ClassVar
 
-from tfbus.compat.fields import Header
 from tfbus.compat.rclpy.duration import Duration
+from tfbus.ros.transforms import Header
 
 __all__ = [
     "BufferInterface",

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from tfbus.broadcast.broadcaster import TransformBroadcaster as TfbusBroadcaster
-from tfbus.compat.fields import stamped_of
 from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.geometry.transform import TransformStamped
+from tfbus.ros.transforms import stamped_of
 from tfbus.runtime.arguments import called_as
 
 __all__ = ["TransformBroadcaster"]

@@ -79,7 +79,7 @@ def is_frame_name(name: str) -> bool:
 # ------------------------------------------------------------------- A message of transforms
 
 
-@dataclass
+@dataclass(frozen=True)
 class Numbers:
     """The frames of a stream that have numbers in one epoch (Frames by numbers): parent, child and
     origin of each; `next_number` is the first that has not been given.

@@ -79,7 +79,7 @@ def measure(link: Link, network: str, *, film: bool = False) -> Row:
         stack.callback(hosts.close)
         bad = hosts.join_by_link("robot", "desk", link.conditions)
 
-        def start(host: str, function: str, env: dict[str, str], **arguments: float) -> Process:
+        def start(host: str, function: str, env: dict[str, str], **arguments: Any) -> Process:
             def on(*command: str) -> list[str]:
                 return [*hosts.command(host, *command)]
 
@@ -119,7 +119,7 @@ def measure_here(*, film: bool) -> Heard:
     """
     with place() as at, ExitStack() as stack:
 
-        def start(function: str, env: dict[str, str], **arguments: float) -> Process:
+        def start(function: str, env: dict[str, str], **arguments: Any) -> Process:
             return stack.enter_context(Process(at, function, env, **arguments))
 
         listener = start("links:listen", at.listening(), seconds=SECONDS, camera=film)

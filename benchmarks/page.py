@@ -35,6 +35,17 @@ Python's lock, as with bare Zenoh; [more measures](performance-tables.md#the-bus
 
 [Scaling](../guide/scaling.md) says what follows.
 
+## Large messages
+
+Clouds of points on one host: the CPU of both ends over that of bare Zenoh by TCP, with callbacks on
+Zenoh's own thread, and the median latency. {large_place}
+
+{large}
+
+{bridge}Frames at 50 Hz beside a camera that fills the link, their age (p99):
+
+{beside}
+
 An hour of faults, `python -m benchmarks.soak`: every 5 s one of six publishers is killed and
 started again, every 120 s the router.
 
@@ -113,11 +124,15 @@ _ROBOTS = (
 def made() -> str:
     """The whole page."""
     buffer, bus, files, robots = kept("buffer"), kept("bus"), kept("recordings"), kept("robots")
-    view, resources = kept("view"), kept("resources")
+    view, resources, large = kept("view"), kept("resources"), kept("large")
     return _PAGE.format(
         versions=_versions(buffer),
         peers=_peers(buffer).as_markdown(),
         others=_others(bus).as_markdown(),
+        large=_large(large).as_markdown(),
+        large_place=_elsewhere(large, buffer),
+        bridge=_bridge(large),
+        beside=large.tables["beside"].as_markdown(),
         hour=files.facts["hour"],
         files=_files(files).as_markdown(),
         arm=robots.facts["arm"],
@@ -203,6 +218,33 @@ def _fine(ratio: str) -> str:
 def _only(table: Table, names: Iterable[str], headings: Sequence[str]) -> Table:
     rows = [[table.row(name)[heading] for heading in headings] for name in names]
     return Table(headings, rows)
+
+
+_LARGE_SIZES = ("1 kB", "1 MB", "16 MB")
+
+
+def _large(large: Part) -> Table:
+    """Who sends by size, from a row for each."""
+    table, rows = large.tables["sizes"], []
+    for who in dict.fromkeys(row[1] for row in table.rows):
+        cells = []
+        for size in _LARGE_SIZES:
+            row = table.row(size, who)
+            latency = "" if row["latency p50"] == "-" else f", {row['latency p50']}"
+            cells.append(f"{row['both over bare Zenoh']}{latency}")
+        rows.append([who, *cells])
+    return Table(["", *_LARGE_SIZES], rows)
+
+
+def _bridge(large: Part) -> str:
+    table = large.tables.get("bridge")
+    if table is None:
+        return ""
+    shares = [f"{row[1]} {row[0]}" for row in table.rows]
+    return (
+        "`tfbus ros2 --via dds`, 30 clouds of 1 MB a second, rclpy from wheels: "
+        f"{', '.join(shares)}, of a core.\n\n"
+    )
 
 
 def _files(files: Part) -> Table:

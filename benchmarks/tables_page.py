@@ -20,6 +20,8 @@ cores, and CPU and ratios say more than times.
 {4}
 
 {5}
+
+{6}
 """
 
 _BUFFER = """\
@@ -114,9 +116,19 @@ browser open. 32 of the threads are Zenoh's [that
 receive](../internals/zenoh.md#zenoh-receives-with-32-threads), and sleep.
 """
 
+_LARGE = """\
+## Large messages
+
+By `python -m benchmarks.bus.large --write`, as root for the links; peers take turns, up to 60 MB a
+second. Latency is from before the message is made until the callback has it. rclpy is that with
+Fast DDS from wheels, foxglove-sdk's client reads only the time, and rerun's server tells none.
+{left_out}
+"""
+
 _PARTS = {
     "buffer": _BUFFER,
     "bus": _BUS,
+    "large": _LARGE,
     "view": _VIEW,
     "recordings": _RECORDINGS,
     "robots": _ROBOTS,
@@ -147,7 +159,8 @@ def _part(part: Part, text: str) -> str:
     facts = dict(part.facts)
     if "pictures" in facts:
         facts["pictures"] = _PICTURES[facts["pictures"]]
-    if facts.get("left_out"):
+    facts.setdefault("left_out", "")
+    if facts["left_out"]:
         facts["left_out"] = f"\nLeft out: {facts['left_out']}\n"
     if "measures" in part.tables:
         facts["shown"] = _shown(part.tables["measures"]).as_markdown()

@@ -182,8 +182,10 @@ def main(
     chosen = load_settings(path) if path and not is_new else ViewSettings()
     if follow is not None:
         chosen = replace(chosen, follow=follow)
+    names = []
     for text in topics:
         shown = topic_named(text, chosen)
+        names.append(shown.topic)
         others = tuple(each for each in chosen.topics if each.topic != shown.topic)
         chosen = replace(chosen, topics=(*others, shown))
     if screenshot and listening.is_public:
@@ -219,7 +221,7 @@ def main(
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes, topics)
+        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes, names)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
@@ -247,7 +249,7 @@ def main(
             finally:
                 if shot:
                     shot.stop()
-            for name in (text.partition(":")[0] for text in topics if shot):
+            for name in names if shot else ():
                 if page.data is not None and (why := page.data.why_not_drawn(name)):
                     node.log.warning("Topic %r is not drawn: %s", name, why)
             page.close()

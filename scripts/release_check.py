@@ -5,7 +5,8 @@
     python scripts/release_check.py --tag v1.2.3   # only whether it is the version, and dated
 
 Builds the sdist, a wheel of the clone and one of the sdist, and compares their files; looks whether
-the wheel runs on systems of manylinux_2_17; and runs tests/installed.py with both on every Python
+the wheel runs on systems of manylinux_2_17 (`exp`, `log` or `pow` in a compiled module would raise
+that to 2.29); and runs tests/installed.py with both on every Python
 from 3.11 on that is there: the wheel without a compiler, the sdist with one and without.
 """
 

@@ -30,6 +30,9 @@ TFBUS, BARE = "tfbus", "bare Zenoh"
 SHARED, BARE_SHARED = "tfbus, shared memory", "bare Zenoh, shared memory"
 RCLPY, RERUN, FOXGLOVE = "rclpy, Fast DDS", "rerun", "foxglove-sdk"
 _RCLPY_IS_IN = "TFBUS_ROS2_KILTED"
+_BESIDE_ROS = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+# Its Python is another one, with packages of its own.
+_ROS = {**_BESIDE_ROS, "PYTHONPATH": ""}
 
 # Of x, y, z and an intensity.
 _POINT = 16
@@ -91,8 +94,7 @@ class Pair:
             here, there = (_with_shared_memory(at, env, shared) for env in (here, there))
         elif peer == RCLPY:
             how["python"] = _python_of_rclpy()
-            domain = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-            here, there = here | domain, there | domain
+            here, there = here | _ROS, there | _ROS
         elif peer in (RERUN, FOXGLOVE):
             module = {RERUN: "rerun", FOXGLOVE: "foxglove"}[peer]
             if find_spec(module) is None:
@@ -457,7 +459,6 @@ def bridged() -> Any:
     from benchmarks.parts import Table
 
     python, rows = _python_of_rclpy(), []
-    ros = {"ROS_DOMAIN_ID": "79", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     crossing = ("from_ros", "to_ros")
     command = [sys.executable, "-m", "tfbus", "ros2", "--via", "dds"]
     for topic in crossing:
@@ -469,10 +470,10 @@ def bridged() -> Any:
             process.hear()
             return process
 
-        in_ros = {"env": at.env | ros, "python": python}
+        in_ros = {"env": at.env | _ROS, "python": python}
         receivers = {"from_ros": start("receive_tfbus", at.listening(), topic="from_ros")}
         bridge = subprocess.Popen(
-            command, env=at.connecting() | ros, cwd=at.folder, stderr=subprocess.DEVNULL
+            command, env=at.connecting() | _BESIDE_ROS, cwd=at.folder, stderr=subprocess.DEVNULL
         )
         stack.callback(bridge.wait)
         stack.callback(bridge.terminate)

@@ -89,9 +89,7 @@ def film(size: int, hz: float) -> None:
         longest_s = 0.0
         while not ended.wait(1.0 / hz):
             began_s = time.monotonic()
-            publisher.publish(
-                Image(time.time_ns(), "camera", 1, size, "mono8", False, size, pixels)
-            )
+            publisher.publish(Image(time.time_ns(), "camera", 1, size, "mono8", 0, size, pixels))
             longest_s = max(longest_s, time.monotonic() - began_s)
         say(longest_s)
 

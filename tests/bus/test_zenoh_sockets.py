@@ -1,6 +1,7 @@
 """Sockets of sessions: which of a process's own a session has opened."""
 
 import os
+import select
 import socket
 import threading
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from tfbus.bus.zenoh_sockets import (
     ZenohSockets,
     admit_datagrams,
     end_datagrams,
+    hold_back,
     with_sockets,
 )
 from tfbus.runtime import scheduler
@@ -159,3 +161,25 @@ def test_a_session_of_datagrams_ends_here_before_there(monkeypatch: pytest.Monke
         with pytest.raises(BlockingIOError):
             far.recv(100)
     assert pauses[0] == 0.0 and min(pauses[1:]) >= 0.2
+
+
+def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> None:
+    """Of a link that is held back TCP takes more bytes only while little waits to be sent."""
+    listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
+    one = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
+    other, _ = listening.accept()
+    closed_at_the_end.enter_context(other)
+    taken = {}
+    for unsent_bytes in (None, 4096):
+        if unsent_bytes is not None:
+            here, there = (":".join(map(str, end())) for end in (one.getsockname, one.getpeername))
+            hold_back({(here, there)}, unsent_bytes)
+            while other.recv(2**20, socket.MSG_DONTWAIT):
+                if not select.select([other], [], [], 0.1)[0]:
+                    break
+        one.setblocking(False)
+        taken[unsent_bytes] = 0
+        with suppress(BlockingIOError):
+            while True:
+                taken[unsent_bytes] += one.send(bytes(65536))
+    assert taken[4096] < taken[None]

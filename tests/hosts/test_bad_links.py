@@ -29,11 +29,11 @@ class Robot:
         self.conditions = conditions
         self.link: LossyLink = self.network.hosts.join_by_link("robot", ROUTER_HOST, conditions)
         env = {"TFBUS_NETWORK": network}
-        self.network.start_router(env=env)
+        self.base = self.network.start_router(env=env)
         base = f"tcp/{self.network.hosts.link_address[ROUTER_HOST]}:7447"
         routing = env | {"TFBUS_CONNECT": base, "TFBUS_LISTEN": HERE}
-        router = self.network.start("robot", "-m", "tfbus", "router", env=routing)
-        router.wait_for_line("Routing on")
+        self.router = self.network.start("robot", "-m", "tfbus", "router", env=routing)
+        self.router.wait_for_line("Routing on")
         local = env | {"TFBUS_MODE": "client", "TFBUS_CONNECT": HERE}
         arguments = ["arm", "--moving=arm", "--static=camera", "--correct=camera"]
         self.arm = self.network.start("robot", "stream_publisher.py", *arguments, env=local)
@@ -48,6 +48,15 @@ class Robot:
             and known["arm"]["age_s"] < 1.0
             and known["camera"].get("x") == camera_x
         )
+
+    def wait_until_known(self, camera_x: float) -> None:
+        """Wait until it is known; an AssertionError says what the listener knew at last."""
+        try:
+            eventually(lambda: self.is_known(camera_x))
+        except AssertionError as error:
+            ends = (self.witness, self.arm, self.router, self.base)
+            told = [line for end in ends for line in (*end.out[-2:], *end.err[-20:])]
+            raise AssertionError("\n".join([str(error), *told])) from None
 
     def wait_for_reports(self, count: int) -> None:
         """Let the listener report so often."""
@@ -101,22 +110,22 @@ def test_a_robot_behind_a_bad_link_is_not_gone(
     robot: Robot, change: Callable[[Robot], None]
 ) -> None:
     """Its frames are fresh again, and what it corrected meanwhile is known; it never was gone."""
-    eventually(lambda: robot.is_known(0.0))
+    robot.wait_until_known(0.0)
     robot.wait_for_reports(REPORTS)
     change(robot)
-    eventually(lambda: robot.is_known(1.0))
+    robot.wait_until_known(1.0)
     robot.wait_for_reports(REPORTS)
-    eventually(lambda: robot.is_known(1.0))
+    robot.wait_until_known(1.0)
     assert not [line for line in robot.witness.err if "is gone;" in line]
 
 
 @pytest.mark.parametrize("robot", [("wifi", LOSSY)], indirect=True)
 def test_a_robot_out_of_reach_is_gone_until_it_is_back(robot: Robot) -> None:
     """A link that stays away makes a stream silent, then gone; it is back with the link."""
-    eventually(lambda: robot.is_known(0.0))
+    robot.wait_until_known(0.0)
     robot.link.set(Conditions(is_up=False))
     robot.witness.wait_for_line("is silent")
     eventually(lambda: frames(robot.witness)["arm"]["gone"])
     robot.arm.signal(SIGUSR1)
     robot.link.set(robot.conditions)
-    eventually(lambda: robot.is_known(1.0))
+    robot.wait_until_known(1.0)

@@ -1,6 +1,7 @@
 """Streams whose frames have numbers, and whose poses take fewer bytes, in a simulated network."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -203,6 +204,31 @@ def test_frames_come_over_a_link_that_loses_a_fifth(network: Network) -> None:
     assert is_as_sent(buffer, t, newest_ns, 5)
     eventually(lambda: buffer.can_transform("base", "link7"))
     node.close()
+
+
+def test_frames_that_are_sent_all_the_time_outlast_many_that_are_not(bus: Bus) -> None:
+    """Once more than 50,000 frames have had numbers, all get other ones, also in messages that are
+    sent as before.
+    """
+    arm = bus.node("arm")
+    broadcaster = TransformBroadcaster(arm, poses="compact", history_s=0.0)
+
+    def see(numbers: Iterable[int]) -> None:
+        stamp_ns = arm.now_ns()
+        broadcaster.send_transform(
+            [TransformStamped(stamp_ns, "base", f"seen{i}", Transform()) for i in numbers]
+        )
+
+    see(range(25_000))
+    see(reversed(range(25_000)))
+    send(broadcaster, arm, 0.1, 3)
+    see(range(25_000, 50_000))
+    see([50_000])
+    buffer, _ = listening(bus, "viewer")
+    heard(arm)
+    stamp_ns = send(broadcaster, arm, 0.2, 3)
+    eventually(lambda: buffer.can_transform("base", "link2", stamp_ns))
+    assert is_as_sent(buffer, 0.2, stamp_ns, 3)
 
 
 def test_all_broadcasters_of_a_stream_have_the_same_poses(bus: Bus) -> None:

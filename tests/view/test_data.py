@@ -362,6 +362,9 @@ def test_a_topic_is_named_with_its_settings() -> None:
         ("scan:voxel=far", "voxel must be a number"),
         ("scan:quality=100", "quality must be from 5 to 95"),
         ("scan:voxel", "'voxel' is not a setting such as"),
+        ("scan:topic=points", "'topic=points' is not a setting such as"),
+        ("scan:voxel=2001-13-45", "voxel must be a number"),
+        (":voxel=5", "':voxel=5' has no topic"),
     ):
         with pytest.raises(SettingsError, match=why):
             topic_named(text, saved)

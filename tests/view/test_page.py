@@ -72,7 +72,7 @@ def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
     ago.fill("-1")
     ago.press("Enter")
     eventually(lambda: held_m - 1.5 < x_m() < held_m - 0.5)
-    view.page.get_by_role("button", name="Follow").click()
+    view.page.get_by_role("button", name="Follow", exact=True).click()
     eventually(lambda: x_m() > held_m)
     assert view.errors == []
 

@@ -46,6 +46,22 @@ def test_a_contiguous_array_is_not_copied_into_a_message() -> None:
         image.data[0] = 1
 
 
+@pytest.mark.parametrize("count", [True, 1.0, "1", 0])
+def test_columns_like_those_of_the_last_cloud_are_read_for_themselves(count: Any) -> None:
+    """The columns of clouds are read once, and others that are equal to them in Python are not
+    taken for them.
+    """
+    values = decode_map(encode_message(cloud_of(1)))
+    first = decode_message(messages.PointCloud, msgpack.packb(values))
+    assert decode_message(messages.PointCloud, msgpack.packb(values)).fields is first.fields
+    values["fields"][0]["count"] = count
+    if type(count) is int:
+        assert decode_message(messages.PointCloud, msgpack.packb(values)).fields[0].count == count
+    else:
+        with pytest.raises(DecodeError, match=r"fields\[0\].count"):
+            decode_message(messages.PointCloud, msgpack.packb(values))
+
+
 def test_several_large_binaries_keep_their_places() -> None:
     """Also within messages of a list, and beside small ones."""
     rng = np.random.default_rng(1)

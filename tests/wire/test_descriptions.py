@@ -6,7 +6,13 @@ import pytest
 from tests.builders import description
 from tfbus import DecodeError
 from tfbus.wire.codec import encode_message
-from tfbus.wire.descriptions import DelayDescription, ParameterDescription, read_description
+from tfbus.wire.descriptions import (
+    DelayDescription,
+    ParameterDescription,
+    facts_of_stream,
+    read_description,
+)
+from tfbus.wire.numbered import IDENTITY
 
 
 @pytest.mark.parametrize(
@@ -58,3 +64,14 @@ def test_the_origin_of_a_stream_is_known_where_it_is_said() -> None:
     values = msgpack.unpackb(told)
     del values["origin"]
     assert read_description(msgpack.packb(values))[0].origin == ()
+
+
+def test_a_recording_says_of_numbers_only_that_there_are_some() -> None:
+    """Of a stream that names its frames the facts are those of before; of another one the poses."""
+    rows = [("world", "robot", False)]
+    named = facts_of_stream(description(rows))
+    assert not named.keys() & {"poses", "next_number", "numbered", "origins"}
+    numbered = description(
+        rows, poses="compact", next_number=1, numbered=((0, "world", "robot"),), origins=IDENTITY
+    )
+    assert facts_of_stream(numbered) == named | {"poses": "compact"}

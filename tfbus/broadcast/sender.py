@@ -100,8 +100,15 @@ class Numbering:
         """How many bytes a row takes in a message."""
         return 29 if self._poses == FLOAT32 else 19
 
+    @property
+    def is_full(self) -> bool:
+        """Whether `begin` should make room."""
+        return len(self._numbers) > _MOST_EDGES
+
     def begin(self, epoch_ns: int) -> None:
-        """An epoch begins: all have other numbers from now on."""
+        """An epoch begins, or goes on: all have other numbers from now on, and need encoders for
+        them.
+        """
         with self._lock:
             self._epoch_ns = epoch_ns
             self._numbers.clear()
@@ -111,8 +118,6 @@ class Numbering:
         poses = columns.poses_bytes()
         with self._lock:
             former = self._next_number
-            if len(self._numbers) > _MOST_EDGES:
-                self._numbers.clear()
             for row, (parent, child) in enumerate(columns.pairs()):
                 pair = columns.frames[parent], columns.frames[child]
                 if pair not in self._numbers:
@@ -667,6 +672,10 @@ class TransformSender:
         by_child = {child: (parent, False) for parent, child in rows}
         self._note_edges(by_child)
         if self._edges_remembered + len(rows) > _MOST_EDGES:
+            self._forget_tables()
+        if self.numbering is not None and self.numbering.is_full:
+            self.numbering.begin(self._epoch_ns)
+            # Their encoders have numbers that the description has no longer.
             self._forget_tables()
         self._edges_remembered += max(len(rows), 1)
         stamp_rows = self._newest.rows([child for _, child in rows])

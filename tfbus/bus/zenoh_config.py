@@ -131,7 +131,8 @@ def zenoh_config(
             config.insert_json5(key, json.dumps(value))
     if control:
         config = _with_access_control(config, control)
-    if not _is_in(named, _LINK_PROTOCOLS) and not _has_udp(config):
+    is_open = settings.closed is None
+    if is_open and not _is_in(named, _LINK_PROTOCOLS) and not _has_udp(config):
         others = [each for each in PROTOCOLS if each != "udp"]
         config.insert_json5(_LINK_PROTOCOLS, json.dumps(others))
     if is_second:

@@ -221,14 +221,16 @@ def topic_named(text: str, settings: ViewSettings) -> TopicSettings:
     `points:voxel=5,color=height`, over those that it has. Raises SettingsError.
     """
     topic, _, given = text.partition(":")
+    if not topic:
+        raise SettingsError(f"{text!r} has no topic before its settings, as points:voxel=5 has")
     values: dict[str, Any] = {}
     for part in given.split(",") if given else ():
         name, equals, value = part.partition("=")
-        if not equals:
+        if not equals or name == "topic":
             raise SettingsError(f"{text!r}: {part!r} is not a setting such as rate_hz=5")
         try:
             read = yaml.safe_load(value) if _OF_TOPIC.get(name) is not str else value
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError):  # the latter for a date such as 2001-13-45
             read = value
         try:
             values[name] = _read(name, [read] if name == "hidden" else read, _OF_TOPIC)

@@ -245,7 +245,7 @@ def _without_defaults(fields: dict[str, Any]) -> dict[str, Any]:
     """Without the fields about numbers that are as they are without one."""
     kept = dict(fields)
     for name in _OF_NUMBERED:
-        if kept[name] in (FLOAT64, 0, (), b""):
+        if not kept[name] or kept[name] == FLOAT64:
             del kept[name]
     return kept
 

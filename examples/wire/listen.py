@@ -15,8 +15,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tfbus_wire import (
+    NO_NUMBERS,
     Description,
     Message,
+    Numbers,
     Transform,
     chunk,
     decode_description,
@@ -49,6 +51,8 @@ class Stream:
     # By the session that sent it; those that are not from the session that they name as of ""
     descriptions: dict[str, Description] = field(default_factory=dict)
     held: list[tuple[bool, Message]] = field(default_factory=list)
+    numbers: Numbers = NO_NUMBERS
+    unnamed: list[tuple[str, bytes]] = field(default_factory=list)  # their keys and payloads
     smaller_since_s: float | None = None
 
 
@@ -153,9 +157,13 @@ class Listener:
             # Streams and nodes: what was listed, and is not any more, was removed
             still = {child for _, child, _ in new.frames}
             self.forget(child for _, child, _ in old.frames if child not in still)
+        stream.numbers = new.numbers
         held, stream.held = stream.held, []
         for static, message in held:
             self.take(name, static, message)
+        unnamed, stream.unnamed = stream.unnamed, []
+        for key, payload in unnamed:
+            self.on_payload(key, payload, is_held=True)
 
     # --- History
 
@@ -173,18 +181,27 @@ class Listener:
     # --- A message of transforms
 
     def on_transforms(self, sample: Sample) -> None:
-        key, payload = str(sample.key_expr), sample.payload.to_bytes()
+        self.on_payload(str(sample.key_expr), sample.payload.to_bytes())
+
+    def on_payload(self, key: str, payload: bytes, *, is_held: bool = False) -> None:
         name = stream_of(key)
         if not name or is_cdr(payload):
             return
+        static = key.startswith("tf_static/")
+        stream = self.streams.setdefault(name, Stream())
         try:
-            message = decode_transforms(payload)
+            message = decode_transforms(payload, None if static else stream.numbers)
         except ValueError as error:
             say(f"refused a message on {key!r}: {error}")
             return
         for reason in message.refused:
             say(f"refused a transform on {key!r}: {reason}")
-        self.take(name, key.startswith("tf_static/"), message)
+        if message.unnamed and not is_held:
+            # Frames by numbers: hold it, take its other rows, and query the description
+            say(f"no names yet for the numbers {message.unnamed[:9]} on {key!r}")
+            stream.unnamed = [*stream.unnamed[1 - MOST_HELD :], (key, payload)]
+            self.read_description(name)
+        self.take(name, static, message)
 
     def take(self, name: str, static: bool, message: Message) -> None:
         stream = self.streams.setdefault(name, Stream())

@@ -23,6 +23,7 @@
 
 /* How large messages may be */
 enum { MOST_BYTES = 16000000, MOST_VALUES = 1000000, MOST_LETTERS = 255, MOST_STREAMS = 1000 };
+enum { MOST_ROWS = 300000 }; /* Frames by numbers */
 
 typedef unsigned char Byte;
 
@@ -209,12 +210,14 @@ typedef struct {
     const char *name;
     Kind kind;
     int needed;
+    Kind other;  /* another type that it may have; nil for none */
     Item item;   /* nil where it is missing */
     Reader rest; /* where the items of an array begin */
 } Field;
 
-/* Read one map with all these fields, and nothing behind it (What to ignore and what to refuse). */
-static int read_map(Reader *reader, Field *fields, int count) {
+/* Read one map with all these fields, and nothing behind it (What to ignore and what to refuse). The
+   first field is its version, which may be the newest that is known of such maps, or before. */
+static int read_map(Reader *reader, Field *fields, int count, int newest) {
     Item map, key, value;
     if (reader->end - reader->at > MOST_BYTES)
         return fail(reader, "it has more than %d bytes", MOST_BYTES);
@@ -234,12 +237,13 @@ static int read_map(Reader *reader, Field *fields, int count) {
     if (reader->at != reader->end) return fail(reader, "bytes follow the map");
     for (int i = 0; i < count; i++) {
         Field *field = &fields[i];
-        int has_type = field->item.kind == field->kind || stands_for(&field->item, field->kind);
+        int has_type = field->item.kind == field->kind || stands_for(&field->item, field->kind) ||
+                       (field->other != NIL && field->item.kind == field->other);
         if (field->rest.at == NULL ? field->needed : !has_type)
             return fail(reader, "'%s' is missing or of another type", field->name);
-        if (i == 0 && field->item.integer != 1)
-            return fail(reader, "it is of version %" PRId64 ", and this program reads version 1",
-                        field->item.integer);
+        if (i == 0 && (field->item.integer < 1 || field->item.integer > newest))
+            return fail(reader, "it is of version %" PRId64 ", and this program reads %s",
+                        field->item.integer, newest == 1 ? "1" : "1 and 2");
     }
     return 1;
 }
@@ -288,6 +292,81 @@ static const char *stream_of(const char *key, const char *root, int most, size_t
     return key;
 }
 
+/* ------------------------------------------------------------------------------------ Streams */
+
+/* A frame by its number, and the pose that others of it count from (Frames by numbers). */
+typedef struct {
+    int64_t number;
+    Item parent, child; /* in the description */
+    double origin[7];
+} Numbered;
+
+/* The numbers in a stream's description, in their order. */
+typedef struct {
+    Byte *description;
+    Numbered *rows;
+    uint32_t count;
+    int64_t epoch, next_number;
+} Numbers;
+
+static void forget_numbers(Numbers *numbers) {
+    free(numbers->description);
+    free(numbers->rows);
+    memset(numbers, 0, sizeof *numbers);
+}
+
+static int by_number(const void *one, const void *other) {
+    int64_t left = ((const Numbered *)one)->number, right = ((const Numbered *)other)->number;
+    return left < right ? -1 : left > right;
+}
+
+/* The row of a number, or NULL. */
+static const Numbered *find_number(const Numbers *numbers, int64_t number) {
+    Numbered wanted = {.number = number};
+    if (numbers->count == 0) return NULL;
+    return bsearch(&wanted, numbers->rows, numbers->count, sizeof wanted, by_number);
+}
+
+/* Epochs, in short: the larger counts, and any after a lost token. listen.py has the whole rule. */
+typedef struct {
+    char *name;
+    int64_t epoch;
+    int is_known;
+    Numbers numbers;
+} Stream;
+
+static Stream streams[MOST_STREAMS];
+
+static Stream *find_stream(const char *name, size_t size) {
+    for (int i = 0; i < MOST_STREAMS; i++) {
+        if (streams[i].name == NULL) {
+            streams[i].name = room_for(NULL, size + 1);
+            memcpy(streams[i].name, name, size);
+            streams[i].name[size] = '\0';
+        }
+        if (strlen(streams[i].name) == size && memcmp(streams[i].name, name, size) == 0)
+            return &streams[i];
+    }
+    return NULL;
+}
+
+static Stream *stream_at(const char *key) {
+    size_t size;
+    const char *name = stream_of(key, "tf/", 2, &size);
+    if (name == NULL) name = stream_of(key, "tf_static/", 1, &size);
+    if (name == NULL) name = stream_of(key, "@tfbus/stream/", 1, &size);
+    return name ? find_stream(name, size) : NULL;
+}
+
+static int counts(Stream *stream, int64_t epoch) {
+    if (stream == NULL) return 0;
+    if (stream->is_known && epoch < stream->epoch) return 0;
+    if (stream->is_known && epoch > stream->epoch) printf("restarted %s\n", stream->name);
+    stream->is_known = 1;
+    stream->epoch = epoch;
+    return 1;
+}
+
 /* ------------------------------------------------------------------ A message of transforms */
 
 static int is_usable(const Item *parent, const Item *child, const double *pose, const char **why) {
@@ -305,9 +384,141 @@ static int is_usable(const Item *parent, const Item *child, const double *pose, 
     return fabs(norm - 1.0) <= 0.01;
 }
 
+static void print_transform(const char *key, int is_static, uint32_t row, const Item *parent,
+                            const Item *child, int64_t stamp_ns, const double *pose) {
+    const char *why;
+    if (!is_usable(parent, child, pose, &why)) {
+        printf("refused transform %" PRIu32 " on %s: %s\n", row, key, why);
+        return;
+    }
+    double norm =
+        sqrt(pose[3] * pose[3] + pose[4] * pose[4] + pose[5] * pose[5] + pose[6] * pose[6]);
+    printf("%.*s -> %.*s: %.9g %.9g %.9g, %.9g %.9g %.9g %.9g at %" PRId64 " (%s, %s)\n",
+           (int)parent->size, (const char *)parent->data, (int)child->size,
+           (const char *)child->data, pose[0], pose[1], pose[2], pose[3] / norm, pose[4] / norm,
+           pose[5] / norm, pose[6] / norm, stamp_ns, is_static ? "static" : "dynamic", key);
+}
+
+static void read_doubles(const Byte *bytes, double *pose) {
+    for (int i = 0; i < 7; i++) pose[i] = as_double(little_endian(bytes + 8 * i, 8));
+}
+
+/* Frames by numbers: the bytes of a pose in a form, -1 for an unknown one. */
+static int size_of(Byte form) {
+    static const int axis[] = {0, 2, 3, 4};
+    if (form < 8) return 3 * axis[form & 3] + (form & 4 ? 6 : 0);
+    return form == 8 ? 28 : form == 9 ? 56 : -1;
+}
+
+static void read_rotation(const Byte *bytes, double *quaternion) {
+    uint64_t bits = little_endian(bytes, 6);
+    double square = 1.0;
+    for (int i = 0, at = 2; i < 4; i++) {
+        if (i == (int)(bits & 3)) continue; /* the largest one */
+        quaternion[i] = ((double)(bits >> at & 32767) - 16383) / (16383 * sqrt(2.0));
+        square -= quaternion[i] * quaternion[i];
+        at += 15;
+    }
+    /* Bits that are no rotation give no number, which is refused. */
+    quaternion[bits & 3] = sqrt(square);
+}
+
+static void read_pose(Byte form, const Byte *bytes, const double *origin, double *pose) {
+    if (form == 9) {
+        read_doubles(bytes, pose);
+    } else if (form == 8) {
+        for (int i = 0; i < 7; i++) {
+            uint32_t bits = (uint32_t)little_endian(bytes + 4 * i, 4);
+            float narrow;
+            memcpy(&narrow, &bits, sizeof narrow);
+            pose[i] = narrow + (i < 3 ? origin[i] : 0.0);
+        }
+    } else {
+        int width = form & 3 ? (form & 3) + 1 : 0;
+        memcpy(pose, origin, 7 * sizeof *pose);
+        for (int i = 0; i < 3 && width; i++) {
+            uint64_t sign = (uint64_t)1 << (8 * width - 1);
+            uint64_t bits = little_endian(bytes + width * i, width);
+            pose[i] += (double)as_signed((bits ^ sign) - sign) * 0.0001;
+        }
+        if (form & 4) read_rotation(bytes + 3 * width, pose + 3);
+    }
+}
+
+/* Print the transforms of a message whose frames have numbers; 0 where the whole is refused. */
+static int read_numbered(Reader *reader, const char *key) {
+    enum { V, EPOCH, RUNS, STAMPS, FORMS, POSES, SEQ, FIELDS };
+    Field fields[FIELDS] = {{.name = "v", .kind = INTEGER, .needed = 1},
+                            {.name = "epoch", .kind = INTEGER, .needed = 1},
+                            {.name = "runs", .kind = ARRAY, .needed = 1},
+                            {.name = "stamps", .kind = BINARY, .needed = 1, .other = INTEGER},
+                            {.name = "forms", .kind = BINARY, .needed = 1},
+                            {.name = "poses", .kind = BINARY, .needed = 1},
+                            {.name = "seq", .kind = INTEGER}};
+    if (!read_map(reader, fields, FIELDS, 2)) return 0;
+    const Item *stamps = &fields[STAMPS].item, *forms = &fields[FORMS].item;
+    const Item *poses = &fields[POSES].item;
+    Reader runs = fields[RUNS].rest;
+    uint32_t pairs = fields[RUNS].item.size / 2, rows = 0;
+    if (fields[RUNS].item.size % 2) return fail(reader, "'runs' is not pairs of integers");
+    for (uint32_t i = 0; i < pairs; i++) {
+        Item first, count;
+        next(&runs, &first); /* both were read before, so it cannot fail */
+        if (first.kind != INTEGER || first.integer < 0)
+            return fail(reader, "'runs' is not pairs of integers, 0 or more");
+        next(&runs, &count);
+        if (count.kind != INTEGER || count.integer < 0)
+            return fail(reader, "'runs' is not pairs of integers, 0 or more");
+        if (count.integer > MOST_ROWS - (int64_t)rows)
+            return fail(reader, "it has more than %d rows", MOST_ROWS);
+        rows += (uint32_t)count.integer;
+    }
+    int has_stamps = stamps->kind == INTEGER || stamps->size == 8 || stamps->size == 8 * rows;
+    if (!has_stamps || (forms->size != 1 && forms->size != rows))
+        return fail(reader, "'stamps' or 'forms' has not one for each row, or one for all");
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < rows; i++) {
+        int size = size_of(forms->data[forms->size == rows ? i : 0]);
+        if (size < 0 || (uint32_t)size > poses->size - at)
+            return fail(reader, "'poses' has not the bytes that 'forms' say");
+        at += (uint32_t)size;
+    }
+    if (at != poses->size) return fail(reader, "bytes follow the poses");
+    Stream *stream = stream_at(key);
+    if (!counts(stream, fields[EPOCH].item.integer)) return 1;
+    const Numbers *numbers = &stream->numbers;
+    int is_described = numbers->epoch == fields[EPOCH].item.integer;
+    runs = fields[RUNS].rest;
+    for (uint32_t pair = 0, row = 0, from = 0; pair < pairs; pair++) {
+        Item first, count;
+        next(&runs, &first), next(&runs, &count);
+        for (int64_t i = 0; i < count.integer; i++, row++) {
+            uint64_t number = (uint64_t)first.integer + (uint64_t)i;
+            Byte form = forms->data[forms->size == rows ? row : 0];
+            const Numbered *found =
+                is_described && number <= INT64_MAX ? find_number(numbers, (int64_t)number) : NULL;
+            int is_given = is_described && numbers->next_number > 0 &&
+                           number < (uint64_t)numbers->next_number;
+            if (found) {
+                double pose[7];
+                int64_t stamp_ns = stamps->integer;
+                if (stamps->kind == BINARY)
+                    stamp_ns = as_signed(
+                        little_endian(stamps->data + (stamps->size == 8 * rows ? 8 * row : 0), 8));
+                read_pose(form, poses->data + from, found->origin, pose);
+                print_transform(key, 0, row, &found->parent, &found->child, stamp_ns, pose);
+            } else if (!is_given) {
+                /* A larger program holds the message, and queries the description. */
+                printf("no name yet for number %" PRIu64 " on %s\n", number, key);
+            }
+            from += (uint32_t)size_of(form);
+        }
+    }
+    return 1;
+}
+
 /* Print the transforms of a message, where its epoch counts; 0 where the whole is refused. */
-static int read_transforms(Reader *reader, const char *key, int is_static,
-                           int (*counts)(const char *key, int64_t epoch)) {
+static int read_transforms(Reader *reader, const char *key, int is_static) {
     enum { V, EPOCH, FRAMES, EDGES, STAMPS, POSES, SEQ, FIELDS };
     Field fields[FIELDS] = {{.name = "v", .kind = INTEGER, .needed = 1},
                             {.name = "epoch", .kind = INTEGER, .needed = 1},
@@ -316,7 +527,13 @@ static int read_transforms(Reader *reader, const char *key, int is_static,
                             {.name = "stamps", .kind = BINARY, .needed = 1},
                             {.name = "poses", .kind = BINARY, .needed = 1},
                             {.name = "seq", .kind = INTEGER}};
-    if (!read_map(reader, fields, FIELDS)) return 0;
+    Reader whole = *reader;
+    if (!read_map(reader, fields, 1, 2)) return 0;
+    if (fields[V].item.integer == 2 && is_static)
+        return fail(reader, "its frames have numbers, and static transforms have names");
+    *reader = whole;
+    if (fields[V].item.integer == 2) return read_numbered(reader, key);
+    if (!read_map(reader, fields, FIELDS, 2)) return 0;
     uint32_t rows = fields[STAMPS].item.size / 8, count = fields[FRAMES].item.size;
     if (fields[STAMPS].item.size % 8 || fields[EDGES].item.size % 8 || fields[POSES].item.size % 56)
         return fail(reader, "a column is not a whole number of rows");
@@ -332,35 +549,46 @@ static int read_transforms(Reader *reader, const char *key, int is_static,
         next(&fields[FRAMES].rest, &frames[i]); /* was read before, so it cannot fail */
         if (frames[i].kind != TEXT) good = fail(reader, "'frames' is not an array of texts");
     }
-    if (good && counts(key, fields[EPOCH].item.integer)) {
+    if (good && counts(stream_at(key), fields[EPOCH].item.integer)) {
         for (uint32_t i = 0; i < rows; i++) {
             const Item *parent = &frames[little_endian(edges + 8 * i, 4)];
             const Item *child = &frames[little_endian(edges + 8 * i + 4, 4)];
-            const char *why;
             double pose[7];
-            for (int j = 0; j < 7; j++)
-                pose[j] = as_double(little_endian(fields[POSES].item.data + 56 * i + 8 * j, 8));
-            if (!is_usable(parent, child, pose, &why)) {
-                printf("refused transform %" PRIu32 " on %s: %s\n", i, key, why);
-                continue;
-            }
-            double norm = sqrt(pose[3] * pose[3] + pose[4] * pose[4] + pose[5] * pose[5] +
-                               pose[6] * pose[6]);
-            printf("%.*s -> %.*s: %.9g %.9g %.9g, %.9g %.9g %.9g %.9g at %" PRId64 " (%s, %s)\n",
-                   (int)parent->size, (const char *)parent->data, (int)child->size,
-                   (const char *)child->data, pose[0], pose[1], pose[2], pose[3] / norm,
-                   pose[4] / norm, pose[5] / norm, pose[6] / norm,
-                   as_signed(little_endian(fields[STAMPS].item.data + 8 * i, 8)),
-                   is_static ? "static" : "dynamic", key);
+            read_doubles(fields[POSES].item.data + 56 * i, pose);
+            print_transform(key, is_static, i, parent, child,
+                            as_signed(little_endian(fields[STAMPS].item.data + 8 * i, 8)), pose);
         }
     }
     free(frames);
     return good;
 }
 
+/* Read the rows of numbers of a description, whose names are in `numbers->description`. */
+static int read_numbers(Reader *rest, Reader *reader, uint32_t count, const Item *origins,
+                        Numbers *numbers) {
+    if (origins->size != 56 * (uint64_t)count)
+        return fail(reader, "'origins' has not a pose for each of 'numbered'");
+    numbers->rows = room_for(NULL, count * sizeof *numbers->rows);
+    for (uint32_t i = 0; i < count; i++) {
+        Item row, number;
+        Numbered *found = &numbers->rows[i];
+        next(rest, &row); /* was read before, so it cannot fail */
+        if (row.kind != ARRAY || row.size != 3 || !next(rest, &number) ||
+            !next(rest, &found->parent) || !next(rest, &found->child) || number.kind != INTEGER ||
+            found->parent.kind != TEXT || found->child.kind != TEXT)
+            return fail(reader, "'numbered' is not an array of [integer, text, text]");
+        found->number = number.integer;
+        read_doubles(origins->data + 56 * i, found->origin);
+    }
+    numbers->count = count;
+    qsort(numbers->rows, count, sizeof *numbers->rows, by_number);
+    return 1;
+}
+
 /* Print the description of a stream (Streams and nodes); 0 where it is refused. */
 static int read_description(Reader *reader, const char *key) {
-    enum { V, NODE, EPOCH, FRAMES, HOST, PID, SESSION, PRIORITY, SPLIT, HISTORY, STARTED, FIELDS };
+    enum { V, NODE, EPOCH, FRAMES, HOST, PID, SESSION, PRIORITY, SPLIT, HISTORY, STARTED, POSES,
+           NUMBERED, ORIGINS, NEXT_NUMBER, FIELDS };
     Field fields[FIELDS] = {
         {.name = "v", .kind = INTEGER, .needed = 1},
         {.name = "node", .kind = TEXT, .needed = 1},
@@ -372,8 +600,13 @@ static int read_description(Reader *reader, const char *key) {
         {.name = "priority", .kind = INTEGER},
         {.name = "split", .kind = BOOLEAN},
         {.name = "history_s", .kind = FLOAT},
-        {.name = "started_ns", .kind = INTEGER}};
-    if (!read_map(reader, fields, FIELDS)) return 0;
+        {.name = "started_ns", .kind = INTEGER},
+        {.name = "poses", .kind = TEXT},
+        {.name = "numbered", .kind = ARRAY},
+        {.name = "origins", .kind = BINARY},
+        {.name = "next_number", .kind = INTEGER}};
+    const Byte *payload = reader->at, *end = reader->end;
+    if (!read_map(reader, fields, FIELDS, 1)) return 0;
     Reader *rest = &fields[FRAMES].rest;
     uint32_t count = fields[FRAMES].item.size, frames = 0;
     for (uint32_t i = 0; i < count; i++) {
@@ -388,8 +621,28 @@ static int read_description(Reader *reader, const char *key) {
         frames += is_frame_name(&parent) && is_frame_name(&child); /* others are left out */
     }
     const Item *node = &fields[NODE].item, *host = &fields[HOST].item;
-    if (!is_name(node) || !is_name(host) || !is_name(&fields[SESSION].item))
-        return fail(reader, "the name of its node, host or session cannot be printed");
+    if (!is_name(node) || !is_name(host) || !is_name(&fields[SESSION].item) ||
+        !is_name(&fields[POSES].item))
+        return fail(reader, "the name of its node, host, session or poses cannot be printed");
+    /* The names of numbers are needed later: keep a copy, and read them there. */
+    Numbers numbers = {.epoch = fields[EPOCH].item.integer,
+                       .next_number = fields[NEXT_NUMBER].item.integer};
+    Reader numbered = fields[NUMBERED].rest;
+    size_t size = (size_t)(end - payload);
+    numbers.description = room_for(NULL, size);
+    memcpy(numbers.description, payload, size);
+    if (numbered.at) {
+        numbered.at = numbers.description + (numbered.at - payload);
+        numbered.end = numbers.description + size;
+    }
+    Stream *stream = stream_at(key);
+    if (!read_numbers(&numbered, reader, fields[NUMBERED].item.size, &fields[ORIGINS].item,
+                      &numbers)) {
+        forget_numbers(&numbers);
+        return 0;
+    }
+    forget_numbers(stream ? &stream->numbers : &numbers);
+    if (stream) stream->numbers = numbers;
     printf("description on %s: node %.*s, host %.*s, pid %" PRId64 ", epoch %" PRId64
            ", %" PRIu32 " frames\n",
            key, (int)node->size, (const char *)node->data, (int)host->size,
@@ -481,41 +734,6 @@ static void send(const char *verb, Writer *writer, const char *root, const char 
 
 /* -------------------------------------------------------------------------------- The programs */
 
-/* Epochs, in short: the larger counts, and any after a lost token. listen.py has the whole rule. */
-typedef struct {
-    char *name;
-    int64_t epoch;
-    int is_known;
-} Stream;
-
-static Stream streams[MOST_STREAMS];
-
-static Stream *find_stream(const char *name, size_t size) {
-    for (int i = 0; i < MOST_STREAMS; i++) {
-        if (streams[i].name == NULL) {
-            streams[i].name = room_for(NULL, size + 1);
-            memcpy(streams[i].name, name, size);
-            streams[i].name[size] = '\0';
-        }
-        if (strlen(streams[i].name) == size && memcmp(streams[i].name, name, size) == 0)
-            return &streams[i];
-    }
-    return NULL;
-}
-
-static int counts(const char *key, int64_t epoch) {
-    size_t size;
-    const char *name = stream_of(key, "tf/", 2, &size);
-    if (name == NULL) name = stream_of(key, "tf_static/", 1, &size);
-    Stream *stream = name ? find_stream(name, size) : NULL;
-    if (stream == NULL) return 0;
-    if (stream->is_known && epoch < stream->epoch) return 0;
-    if (stream->is_known && epoch > stream->epoch) printf("restarted %s\n", stream->name);
-    stream->is_known = 1;
-    stream->epoch = epoch;
-    return 1;
-}
-
 static void listen(const char *key, const Byte *payload, size_t size) {
     size_t name_size;
     Reader reader = {.at = payload, .end = payload + size};
@@ -525,17 +743,18 @@ static void listen(const char *key, const Byte *payload, size_t size) {
     if (stream_of(key, "@tfbus/stream/", 1, &name_size))
         good = read_description(&reader, key);
     else if (stream_of(key, "tf/", 2, &name_size) && !is_cdr)
-        good = read_transforms(&reader, key, 0, counts);
+        good = read_transforms(&reader, key, 0);
     else if (stream_of(key, "tf_static/", 1, &name_size) && !is_cdr)
-        good = read_transforms(&reader, key, 1, counts);
+        good = read_transforms(&reader, key, 1);
     if (!good) printf("refused %s: %s\n", key, reader.error);
 }
 
 static void lose(const char *key) {
-    size_t size;
-    const char *name = stream_of(key, "@tfbus/stream/", 1, &size);
-    Stream *stream = name ? find_stream(name, size) : NULL;
-    if (stream) stream->is_known = 0;
+    Stream *stream = stream_at(key);
+    if (stream) {
+        stream->is_known = 0;
+        forget_numbers(&stream->numbers);
+    }
     printf("gone %s\n", key);
 }
 

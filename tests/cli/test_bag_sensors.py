@@ -102,6 +102,7 @@ def test_each_message_becomes_a_file_or_one_at_a_time(seen: Path) -> None:
     ("arguments", "said"),
     [
         (("--topic", "image", "-o", "a.ply"), "of type PointCloud, and 'image' is of type sensor"),
+        (("--topic", "points", "--at", "9", "-o", "a.ply"), "--at: 9s is outside of the recording"),
         (("--topic", "jpeg", "-o", "a.png"), "the image is jpeg, not png: write .jpg"),
         (("--topic", "none", "-o", "a.ply"), "no topic 'none'"),
         (("-o", "a.ply"), "give --topic"),

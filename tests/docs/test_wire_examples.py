@@ -3,8 +3,10 @@
 import json
 import random
 import re
+import struct
 import subprocess
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -32,7 +34,8 @@ from tfbus.errors import DecodeError
 from tfbus.messages import PointCloud
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import read_description
-from tfbus.wire.transforms import decode_transforms
+from tfbus.wire.numbered import NO_NUMBERS
+from tfbus.wire.transforms import NumberedEncoder, decode_transforms
 
 pytestmark = pytest.mark.real
 
@@ -157,6 +160,21 @@ def test_it_reads_what_tfbus_sends(bus: Bus, tmp_path: Path, language: str) -> N
     assert reading.stop() == 0
 
 
+def test_it_reads_frames_by_numbers_of_tfbus(
+    bus: Bus, tmp_path: Path, language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a compact stream that was there before, with the names of its description."""
+    monkeypatch.setenv("TFBUS_POSES", "compact")
+    robot = bus.node("robot")
+    keep_sending(robot, "odom", "base_link")
+    reading = listener(bus, tmp_path, language)
+    reading.wait_for_line(r"^odom -> base_link: 0.* \(dynamic")
+    keep_sending(bus.node("arm"), "base_link", "hand")
+    reading.wait_for_line(r"^base_link -> hand: 0.* \(dynamic")
+    assert [line for line in reading.out if line.startswith("refused")] == []
+    assert reading.stop() == 0
+
+
 def test_it_follows_a_stream_into_a_new_epoch(bus: Bus, tmp_path: Path, language: str) -> None:
     """A simulator was reset: what has earlier stamps is taken, and what came before is void."""
     reading = listener(bus, tmp_path, language)
@@ -217,22 +235,74 @@ def test_all_refuse_the_same_messages(wire: ModuleType, program: str) -> None:
     payloads += with_odd_values(good) + rests(good)
     for name in ("", "/a", "a\n", "\u202ea", "a\x85", "é", "z" * 255, "z" * 256, "world"):
         payloads.append(wire.encode_transforms(5, 0, [("world", name, 7, POSE)]))
-    answers = answers_of_c(program, [f"message {payload.hex()} tf/s" for payload in payloads])
-    assert any(answer.startswith("refused tf/s") for answer in answers)
+    assert_read_alike(wire, program, payloads)
+
+
+def test_all_refuse_the_same_messages_with_numbers(wire: ModuleType, program: str) -> None:
+    """Those of either form, with the description of their stream, or before it comes."""
+    named = [(0, "world", "a"), (1, "a", "b"), (3, "b", "c")]
+    origins = struct.pack("<21d", *POSE * 3)
+    good = wire.Description("/n", 5, [], poses="compact", next_number=5)
+    good.numbered, good.origins = named, origins
+    poses = struct.pack("=28d", *POSE, *(0.0, 9.0, 900.0, *POSE[3:]), *POSE, *POSE)
+    chance = random.Random(16)
+    payloads = []
+    for is_short in (False, True):
+        encoder = NumberedEncoder(5, (0, 1, 3, 7), origins + origins[:56], is_short=is_short)
+        for stamps in ((7, 7, 7, 7), (1, 2, 3, 4)):
+            payload = encoder.encode(0, struct.pack("=4q", *stamps), poses)
+            payloads += [payload, *(mutated(payload, chance) for _ in range(500))]
+            payloads += with_odd_values(payload) + rests(payload)
+    message = msgpack.unpackb(payloads[0])
+    for runs in (
+        [0, -1],
+        [-1, 4],
+        [0, 300_001],
+        [2**62, 4],
+        [0, 4, 1],
+        [4, 4],
+        [0, 2, 0, 2],
+        [2, 4],
+    ):
+        payloads.append(msgpack.packb({**message, "runs": runs}))
+    payloads.append(msgpack.packb({**message, "forms": b"\x04", "poses": b"\xff" * 24}))
+    assert_read_alike(wire, program, payloads, wire.encode_description(good))
+    assert_read_alike(wire, program, payloads[:50], b"")
+
+
+def assert_read_alike(
+    wire: ModuleType, program: str, payloads: list[bytes], described: bytes | None = None
+) -> None:
+    """Python, C and tfbus refuse the same of these messages, and count as many transforms in the
+    others; those with numbers are of a stream that is described so, `b""` before it is.
+    """
+    lines = [f"message {payload.hex()} tf/s" for payload in payloads]
+    numbers, ours = (wire.NO_NUMBERS, NO_NUMBERS) if described == b"" else (None, None)
+    if described:
+        lines = [f"message {described.hex()} @tfbus/stream/s\n{line}" for line in lines]
+        numbers = wire.decode_description(described).numbers
+        ours = read_description(described)[0].numbers
+    answers = answers_of_c(program, lines)
+    assert any("refused tf/s" in answer for answer in answers)
     for payload, answer in zip(payloads, answers, strict=True):
-        is_refused = refuses(wire.decode_transforms, payload)
-        assert refuses(decode_transforms, payload) == is_refused or b"\xcf" in payload, payload
-        assert answer.startswith("refused tf/s") == is_refused, (payload, answer)
+        is_refused = refuses(partial(wire.decode_transforms, numbers=numbers), payload)
+        of_tfbus = refuses(partial(decode_transforms, numbers=ours), payload)
+        assert of_tfbus == is_refused or b"\xcf" in payload, payload
+        assert ("refused tf/s" in answer) == is_refused, (payload, answer)
         if not is_refused:
-            message = wire.decode_transforms(payload)
+            message = wire.decode_transforms(payload, numbers)
             assert len(re.findall(" -> ", answer)) == len(message.transforms), payload
             assert len(re.findall("refused transform", answer)) == len(message.refused), payload
+            unnamed = re.findall(r"no name yet for number (\d+) ", answer)
+            assert [*map(int, unnamed)] == message.unnamed, payload
 
 
 def test_all_refuse_the_same_descriptions(wire: ModuleType, program: str) -> None:
     """As with messages of transforms."""
     edges = [("world", "a", False), ("a", "b", True)]
-    good = wire.encode_description(wire.Description("/n", 5, edges, "h", 3, "s"))
+    plain = wire.Description("/n", 5, edges, "h", 3, "s")
+    plain.numbered, plain.origins = [(0, "world", "a")], struct.pack("<7d", *POSE)
+    good = wire.encode_description(plain)
     chance = random.Random(16)
     payloads = [mutated(good, chance) for _ in range(1500)] + with_odd_values(good) + rests(good)
     lines = [f"message {payload.hex()} @tfbus/stream/s" for payload in payloads]
@@ -299,10 +369,31 @@ def test_the_points_of_a_cloud_are_read_where_they_lie(language: str, tmp_path: 
         assert subprocess.run(command, input=payload[:size], capture_output=True).returncode == 1
 
 
-@pytest.mark.real
-def test_javascript_reads_frames_by_numbers(tmp_path: Path) -> None:
+def rows_printed_by(
+    language: str, program: str, described: Path, sent: Path
+) -> tuple[int, list[list[str]]]:
+    """The exit code and the words of each transform that a program prints of a message."""
+    if language == "js":
+        command = [needs.program("node"), str(FOLDER / "transforms.js"), str(described), str(sent)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        return done.returncode, [line.split() for line in done.stdout.splitlines()]
+    if language == "c":
+        lines = f"message {described.read_bytes().hex()} @tfbus/stream/s\n"
+        [answer] = answers_of_c(program, [f"{lines}message {sent.read_bytes().hex()} tf/s"])
+        found = re.findall(r"^(\S+) -> (\S+): (.*), (.*) at (\d+)", answer, re.M)
+        return int("refused" in answer or not found), [
+            [parent, child, stamp, *xyz.split(), *quat.split()]
+            for parent, child, xyz, quat, stamp in found
+        ]
+    command = [sys.executable, str(FOLDER / "tfbus_wire.py"), str(described)]
+    done = subprocess.run(command, input=sent.read_bytes(), capture_output=True)
+    found = re.findall(r"\('(\S+)', '(\S+)', (\d+), \((.*?)\)\)", done.stdout.decode())
+    return done.returncode or not found, [[*row[:3], *row[3].split(", ")] for row in found]
+
+
+@pytest.mark.parametrize("language", ["python", "c", "js"])
+def test_frames_by_numbers_are_read(language: str, program: str, tmp_path: Path) -> None:
     """As tfbus reads them, both forms, and no message of another epoch or with bytes too few."""
-    program = [needs.program("node"), str(FOLDER / "transforms.js")]
     numbered = frozen_now()["numbered"]
     description = bytes.fromhex(numbered["description"])
     numbers = read_description(description)[0].numbers
@@ -311,17 +402,17 @@ def test_javascript_reads_frames_by_numbers(tmp_path: Path) -> None:
         payload = bytes.fromhex(numbered[poses])
         described.write_bytes(description)
         sent.write_bytes(payload)
-        command = [*program, str(described), str(sent)]
-        done = subprocess.run(command, capture_output=True, check=True, text=True)
-        rows = [line.split() for line in done.stdout.splitlines()]
+        code, rows = rows_printed_by(language, program, described, sent)
+        assert code == 0
         expected = rows_of(decode_transforms(payload, numbers).batch)
         assert [(row[0], row[1], int(row[2])) for row in rows] == [row[:3] for row in expected]
         for row, (*_, pose) in zip(rows, expected, strict=True):
-            assert [*map(float, row[3:])] == pytest.approx(pose, rel=1e-12)
+            # C prints nine digits, and quaternions of norm 1.
+            assert [*map(float, row[3:])] == pytest.approx(pose, rel=1e-7)
         sent.write_bytes(payload[:-1])
-        assert subprocess.run(command, capture_output=True).returncode == 1
+        assert rows_printed_by(language, program, described, sent)[0] == 1
         sent.write_bytes(msgpack.packb(msgpack.unpackb(payload) | {"epoch": 1}))
-        assert subprocess.run(command, capture_output=True).returncode == 1
+        assert rows_printed_by(language, program, described, sent)[0] == 1
 
 
 def test_no_program_of_the_wire_imports_tfbus() -> None:

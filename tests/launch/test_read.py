@@ -39,21 +39,24 @@ def read(folder: Path, text: str, **given: str) -> tuple[DescribedProcess, ...]:
 # -- what a file means
 
 
-def test_nodes_have_the_network_of_the_file_or_their_own(tmp_path: Path) -> None:
-    """`network` is that of all nodes, also of included files, unless one names its own; any other
+@pytest.mark.parametrize(
+    ("key", "one", "other"), [("network", "wifi", "mobile"), ("poses", "compact", "float32")]
+)
+def test_nodes_have_the_network_and_poses_of_the_file_or_their_own(
+    tmp_path: Path, key: str, one: str, other: str
+) -> None:
+    """They are those of all nodes, also of included files, unless one names its own; any other
     name is a mistake at its place.
     """
     write(tmp_path, "nodes: [{node: simulator}]", "inner.yaml")
-    text = (
-        "network: {0}\nincludes: [{{file: inner.yaml}}]\nnodes: [{{node: a.py, network: mobile}}]"
-    )
+    text = f"includes: [{{file: inner.yaml}}]\nnodes: [{{node: a.py, {key}: {other}}}]"
     (tmp_path / "a.py").touch()
-    processes = read(tmp_path, text.format("wifi"))
-    assert [each.network for each in processes] == ["wifi", "mobile"]
+    processes = read(tmp_path, f"{key}: {one}\n{text}")
+    assert [getattr(each, key) for each in processes] == [one, other]
     argv = program_of(processes[1], NodeSettings("launch")).argv
-    assert argv[argv.index("--network") + 1] == "mobile"
-    with pytest.raises(TfbusError, match=r":1:.*network 'radio' is not one of lan, wifi, "):
-        read(tmp_path, text.format("radio"))
+    assert argv[argv.index(f"--{key}") + 1] == other
+    with pytest.raises(TfbusError, match=rf":1:.*{key} 'radio' is not one of "):
+        read(tmp_path, f"{key}: radio\n{text}")
 
 
 def test_a_node_needs_no_more_than_its_kind(tmp_path: Path) -> None:

@@ -381,6 +381,35 @@ def test_an_error_does_not_end_an_interest(
     assert record.getMessage().startswith("Could not subscribe")
 
 
+def test_an_error_in_leaving_a_stream_does_not_end_an_interest(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """It is logged once, and what is needed later is read."""
+    buffer, read, clock = Buffer(), Read(), [0.0]
+    errors: list[str] = []
+
+    def forget(stream: str, key: str, frames: set[str]) -> None:
+        errors.append(stream)
+        raise ValueError("forget")
+
+    interest = Interest(buffer, read.subscribe, forget, kept_s=0.1, clock=lambda: clock[0])
+    tell(interest, "wheels", ("map", "base", False))
+    buffer.can_transform("map", "base")
+    eventually(lambda: read.keys)
+
+    def is_left() -> bool:
+        clock[0] += 0.05
+        return errors == ["wheels"]
+
+    eventually(is_left)
+    tell(interest, "arm", ("base", "tool", False))
+    interest.need("base", "tool")
+    eventually(lambda: read.keys == {"tf/arm"})
+    interest.close()
+    (record,) = caplog.records
+    assert record.getMessage().startswith("Could not follow")
+
+
 def test_a_message_that_comes_after_its_key_is_left_is_dropped(
     bus: Bus, receiver: Node, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

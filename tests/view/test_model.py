@@ -166,6 +166,15 @@ def test_the_fixed_frame_is_world_or_the_root_of_the_largest_tree(
     assert look(buffer).natural_fixed_frame() == fixed_frame
 
 
+def test_a_world_that_lost_its_only_child_is_no_fixed_frame() -> None:
+    """A second publisher took a frame into world for a while; the robot's tree is seen again."""
+    buffer = Buffer()
+    send(buffer, "map", "base")
+    send(buffer, "world", "camera")
+    send(buffer, "base", "camera", at_ns=2 * S)
+    assert look(buffer).natural_fixed_frame() == "map"
+
+
 # Places
 
 

@@ -297,6 +297,8 @@ def test_markers_have_the_meshes_of_robots_and_of_their_packages(
     for name in (
         "package://arms/../other.stl",
         "package://strangers/meshes/cup.stl",
+        "package://arms/meshes/cup\0.stl",
+        f"package://arms/meshes/{'cup' * 100}.stl",
         f"file://{tmp_path}/other.stl",
         str(tmp_path / "other.stl"),
     ):

@@ -38,6 +38,7 @@ from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
+from tfbus.wire.numbered import POSES
 
 
 def complete_file(
@@ -136,6 +137,11 @@ def complete_argument(
     "--network",
     type=click.Choice(NETWORK_NAMES),
     help="The network of all nodes, unless the file names it (default lan).",
+)
+@click.option(
+    "--poses",
+    type=click.Choice(POSES),
+    help="How precise the transforms of all nodes are, unless the file says it (default float64).",
 )
 @click.option("--log-level", type=LogLevel(), help="The log level of all nodes (default info).")
 @click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")

@@ -508,7 +508,8 @@ class RosterNames(click.ParamType[tuple[str, ...]]):
             try:
                 lines = path.read_text(encoding="utf-8").splitlines()
             except (OSError, UnicodeDecodeError) as error:
-                self.fail(f"the file {value!r} cannot be read: {error}", param, ctx)
+                why = getattr(error, "strerror", None) or error
+                self.fail(f"the file {value!r} cannot be read: {why}", param, ctx)
             names = [name for line in lines if (name := line.partition("#")[0].strip())]
         try:
             found = roster_of(names)

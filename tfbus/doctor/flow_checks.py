@@ -336,7 +336,7 @@ def check_stamps(seen: Examination) -> Finding:
 
 @check("messages", needs="bus")
 def check_messages(seen: Examination) -> Finding:
-    """Messages fit into one packet of Zenoh."""
+    """Messages of transforms fit into one packet of Zenoh."""
     if not seen.largest:
         return skipped("no transform arrived while listening")
     large = [
@@ -348,7 +348,7 @@ def check_messages(seen: Examination) -> Finding:
         "warn",
         large,
         "send fewer frames at a time, or give each its own key (split=True)",
-        "all are below 65 kB",
+        "all of transforms are below 65 kB",
     )
 
 

@@ -17,6 +17,7 @@ from typing import TypeVar
 from tfbus.bus.settings import NodeSettings
 from tfbus.launch.console import Console
 from tfbus.launch.description import DescribedProcess, Respawn
+from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import did_you_mean
 
 
@@ -123,6 +124,8 @@ def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator
         yield from ("--secure", secure)
     if (network := process.network or settings.network) != "lan":
         yield from ("--network", network)
+    if (poses := process.poses or settings.poses) != FLOAT64:
+        yield from ("--poses", poses)
     if settings.log_level != "info":
         yield from ("--log-level", settings.log_level)
     if settings.sim_time or process.sim_time:
@@ -135,6 +138,7 @@ def _node_options(process: DescribedProcess, settings: NodeSettings) -> Iterator
 
 def _changes(process: DescribedProcess, settings: NodeSettings) -> dict[str, str | None]:
     network = process.network or settings.network
+    poses = process.poses or settings.poses
     told = {
         "TFBUS_NAMESPACE": process.namespace or None,
         "TFBUS_MODE": settings.mode or None,
@@ -142,6 +146,7 @@ def _changes(process: DescribedProcess, settings: NodeSettings) -> dict[str, str
         "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
         "TFBUS_SECURE": process.secure or settings.secure or None,
         "TFBUS_NETWORK": None if network == "lan" else network,
+        "TFBUS_POSES": None if poses == FLOAT64 else poses,
         "TFBUS_LOG_LEVEL": settings.log_level,
         "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
     }

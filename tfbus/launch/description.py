@@ -47,8 +47,9 @@ class DescribedProcess:
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
     Python file; `arguments` come last on its command line. Names in `after` are full names of
-    nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, and `network` its
-    network; "" for those of the whole launch.
+    nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, `network` its
+    network, and `poses` how precise the transforms are that it sends; "" for those of the whole
+    launch.
     """
 
     name: str
@@ -67,6 +68,7 @@ class DescribedProcess:
     sim_time: bool = False
     secure: str = ""
     network: str = ""
+    poses: str = ""
 
     @property
     def full_name(self) -> str:

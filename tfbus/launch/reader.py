@@ -29,12 +29,13 @@ from tfbus.launch.find import find_in, find_launch_file
 from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
 from tfbus.secure.folder import open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
+from tfbus.wire.numbered import check_poses
 from tfbus.wording import did_you_mean
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),
     *("environment", "directory", "respawn", "required", "after", "secure"),
-    "network",
+    *("network", "poses"),
 )
 _KEYS_OF_NODES_ONLY = ("parameters", "remappings")
 _RESPAWN_KEYS = ("delay", "limit")
@@ -75,6 +76,7 @@ def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) 
         required=fields.truth("required"),
         secure=identity_folder(fields, folder),
         network=fields.text("network", check_network),
+        poses=fields.text("poses", check_poses),
     )
     return ProcessEntry(process, fields.is_on, file_namespace, tuple(fields.items("after")))
 
@@ -161,7 +163,16 @@ def _respawn(fields: LaunchFields) -> Respawn | None:
     )
 
 
-_FILE_KEYS = ("description", "arguments", "sim_time", "secure", "network", "includes", "nodes")
+_FILE_KEYS = (
+    "description",
+    "arguments",
+    "sim_time",
+    "secure",
+    "network",
+    "poses",
+    "includes",
+    "nodes",
+)
 
 # Files that include others several times each grow without end.
 MOST_FILES = 1_000
@@ -235,6 +246,12 @@ class _Document:
         fields = LaunchFields(self._whole, _FILE_KEYS, scope)
         return fields.text("network", check_network)
 
+    def poses(self, scope: Scope) -> str:
+        """How precise the transforms are that its nodes, and included ones, send; "" if it does not
+        say.
+        """
+        return LaunchFields(self._whole, _FILE_KEYS, scope).text("poses", check_poses)
+
 
 class _Total:
     """The sum of all files of a launch so far."""
@@ -272,6 +289,7 @@ class _Reading:
     sim_time: bool = False
     secure: str = ""
     network: str = ""
+    poses: str = ""
 
     def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
         """Every process, those of included files first."""
@@ -281,7 +299,8 @@ class _Reading:
         sim_time = document.has_sim_time(scope) or self.sim_time
         secure = document.identity(scope) or self.secure
         network = document.network(scope) or self.network
-        within = replace(self, sim_time=sim_time, secure=secure, network=network)
+        poses = document.poses(scope) or self.poses
+        within = replace(self, sim_time=sim_time, secure=secure, network=network, poses=poses)
         for include in document.includes:
             yield from within._include(include, scope, folder)
         for node in document.nodes:
@@ -292,6 +311,7 @@ class _Reading:
                 sim_time=sim_time,
                 secure=entry.process.secure or secure,
                 network=entry.process.network or network,
+                poses=entry.process.poses or poses,
             )
             yield replace(entry, process=process)
 

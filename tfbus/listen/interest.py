@@ -428,7 +428,12 @@ class Interest:
                 next_round = now + self._kept_s / _ROUNDS
                 self._forget_questions(now)
             times = [next_round]
-            if not self._follow(now):
+            try:
+                is_done = self._follow(now)
+            except Exception:  # such as of leaving a stream
+                is_done = False
+                self._once.exception("round", "Could not follow what lookups need; retrying")
+            if not is_done:
                 times.append(now + min(self._kept_s / _ROUNDS, _RETRIED_AFTER_S))
             times += [since_s + _SOUGHT_AFTER_S for since_s in self._needed_since.values()]
             self._changed.wait(max(min(times) - self._clock(), 0.0))

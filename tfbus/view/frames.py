@@ -74,8 +74,11 @@ class Frames:
         return [frame.name for frame in self if frame.root == root]
 
     def natural_fixed_frame(self) -> str:
-        """The fixed frame if none is chosen: world, or the largest tree's root; "" for no frame."""
-        if "world" in self.by_name:
+        """The fixed frame if none is chosen: world, or the largest tree's root; "" for no frame.
+
+        A world that nothing is in, as after its only publisher has gone, is no fixed frame.
+        """
+        if len(self.tree_of("world")) > 1:
             return "world"
         return next(iter(self.roots), "")
 

@@ -194,6 +194,8 @@ def command(
     # The last message until the moment is the one that was the newest then.
     end = moment or end
     with BagChoice((recording,), begin=begin, end=end, statics=statics).opened() as bag:
+        if moment is not None:
+            bag.moment(moment)  # raises for one outside, which has no newest message
         if target is not None and source is not None:
             what = _pair(
                 bag,

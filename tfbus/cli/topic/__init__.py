@@ -55,7 +55,7 @@ from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
-from tfbus.errors import BusError
+from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.recording.reader import RecordedTopic, topics_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import encode_message, type_name
@@ -429,7 +429,7 @@ def _from_file(
     """The bytes of the next message with the content of a file, and how it is printed.
 
     Raises click.UsageError for a type that no file has, and for other values than a stamp and a
-    frame; InvalidArgumentException for a file that cannot be read.
+    frame, and a file that has no such message; BusError for one that cannot be read.
     """
     from tfbus.sensor_files import READERS  # numpy, which other messages do not need
 
@@ -440,12 +440,16 @@ def _from_file(
     if not values.keys() <= {"stamp_ns", "frame_id"}:
         raise click.UsageError("VALUES beside --file must be frame_id and stamp_ns, or left out")
     try:
-        content = replace(reader(path), **values)
+        read = reader(path)
+    except InvalidArgumentException as error:
+        raise click.UsageError(f"--file: {error}") from error
+    except OSError as error:
+        raise BusError(f"{path} cannot be read: {error.strerror or error}") from error
+    try:
+        content = replace(read, **values)
         encode_message(content)
     except (TypeError, ValueError, OverflowError) as error:
         raise click.UsageError(f"VALUES beside --file: {error}") from error
-    except OSError as error:
-        raise BusError(f"{path} cannot be read: {error.strerror or error}") from error
 
     def payload() -> bytes:
         has_stamp = "stamp_ns" in values

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -460,9 +461,10 @@ class RobotScenes:
             if folder is None or mesh.package != package:
                 continue
             # Anyone on the bus names files: none outside of the package is opened.
-            file = (folder / inside).resolve()
-            if file.is_relative_to(folder.resolve()) and file.is_file():
-                return robot.source_of(replace(mesh, name=name, file=file))
+            with suppress(OSError, ValueError):  # no file can have such a name
+                file = (folder / inside).resolve()
+                if file.is_relative_to(folder.resolve()) and file.is_file():
+                    return robot.source_of(replace(mesh, name=name, file=file))
         return "it is no mesh of a robot in the view, nor in one of their packages"
 
     def _log_mistakes(self) -> None:

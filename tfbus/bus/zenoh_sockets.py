@@ -29,11 +29,12 @@ _LONGEST_PAUSE_MS = 44
 # From Linux's <asm-generic/socket.h>.
 _ATTACH_FILTER = 26
 
-# Zenoh's Close of a whole session, sent again after these times, since one may be lost. Apart: a
-# datagram that comes while Zenoh closes the link it is for is read by nobody, and the next one then
-# holds up all that its socket would receive, for good, and the end of that process.
+# Zenoh's Close of a whole session, sent twice, since one may be lost. Not more often: a datagram
+# that comes while Zenoh closes the link it is for is read by nobody, and the next one then holds up
+# all that its socket would receive, for good, and the end of that process. Not later: Zenoh takes
+# it for the end of a session that has begun since.
 _CLOSE_SESSION = b"\x23\x00"
-_PAUSES_S = (0.2, 0.3, 0.5, 1.0)
+_TIMES = 2
 
 # Zenoh takes up to a second to open a session, and has its sockets after some milliseconds.
 _LOOK_AGAIN_S = 0.002
@@ -215,28 +216,23 @@ def _is_connected(one: socket.socket) -> bool:
 def end_datagrams(links: Container[Ends]) -> None:
     """Have Zenoh close the sessions of links of UDP that this process has opened, at both ends."""
     for each in _of_type(socket.SOCK_DGRAM):
-        if _is_connected(each) and _ends(each) in links:
-            scheduler.Thread(
-                target=_end_session, args=(each,), name="tfbus-datagrams", daemon=True
-            ).start()
-        else:
-            each.close()
+        with each, suppress(OSError):
+            if _is_connected(each) and _ends(each) in links:
+                _end_session(each)
 
 
 def _end_session(one: socket.socket) -> None:
     """End the session of Zenoh's connected socket, of which this is a copy: here first, so that
     nothing of it follows what ends it there.
     """
-    with one, suppress(OSError):
-        here, far = one.getsockname(), one.getpeername()
-        with socket.socket(one.family, socket.SOCK_DGRAM) as near:
-            near.bind((here[0], 0))
-            one.connect(near.getsockname())
-            near.sendto(_CLOSE_SESSION, here)
-        for pause_s in (0.0, *_PAUSES_S):
-            scheduler.sleep(pause_s)
-            with suppress(OSError):  # an answer to what Zenoh has sent meanwhile
-                one.sendto(_CLOSE_SESSION, far)
+    here, far = one.getsockname(), one.getpeername()
+    with socket.socket(one.family, socket.SOCK_DGRAM) as near:
+        near.bind((here[0], 0))
+        one.connect(near.getsockname())
+        near.sendto(_CLOSE_SESSION, here)
+    for _ in range(_TIMES):
+        with suppress(OSError):  # an answer to what Zenoh has sent meanwhile
+            one.sendto(_CLOSE_SESSION, far)
 
 
 def end_links(links: Container[Ends]) -> None:

@@ -24,8 +24,8 @@ _HEAD = """\
 All commands and their options, generated from the commands themselves by `make docs-api`.
 `tfbus COMMAND --help` says more, with examples, `--help-all` has the options of every node. It
 exits with 0 on success, 1 if it failed, 2 for a mistake on the command line. Commands that [join
-the bus](#options-of-every-command-that-joins-the-bus) have `[NODE_OPTIONS]`; after *Also*
-stand options that [several commands share](#options-that-several-commands-share).
+the bus](#options-of-every-command-that-joins-the-bus) have `[NODE_OPTIONS]`; their help
+says which they have of the options that [several share](#options-that-several-commands-share).
 """
 
 _OF_NODES = """\
@@ -113,9 +113,6 @@ def _sections(
         yield f"`{' '.join(usage)}`\n"
     if own:
         yield _list(own)
-    if also := [names.split(" ")[0] for names, text in rows if (names, text) in shared]:
-        each = ", ".join(f"`{name.rstrip(',')}`" for name in also)
-        yield f"*Also* {each}.\n"
     for verb, below in _below(command, context):
         yield from _sections(below, verb, context, of_nodes, shared)
 

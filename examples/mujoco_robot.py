@@ -2,10 +2,10 @@
 
     pip install mujoco
     python examples/mujoco_robot.py
-    tfbus view --topic scan --topic points --topic camera/image
 
-Its camera needs OpenGL: without a display, `MUJOCO_GL=egl` or `MUJOCO_GL=osmesa`. Where there is
-none, it sees by rays. Ctrl-C ends it.
+`tfbus view --topic scan --topic points --topic camera/image` shows it. Its camera needs OpenGL:
+without a display, `MUJOCO_GL=egl` or `MUJOCO_GL=osmesa`. Where there is none, it sees by rays.
+Ctrl-C ends it.
 """
 
 import math

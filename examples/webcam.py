@@ -5,7 +5,7 @@
     python examples/webcam.py 2
     python examples/webcam.py film.mp4
 
-`tfbus view --topic camera/image/compressed` shows them. The third one plays a file, or a stream by
+The view shows them (--topic camera/image/compressed). The third one plays a file, or a stream by
 its address. Ctrl-C ends it.
 """
 

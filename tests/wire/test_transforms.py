@@ -75,11 +75,11 @@ def test_numbers_that_are_not_finite_are_left_to_the_buffer() -> None:
     assert len(decode_transforms(msgpack.packb(columns)).batch) == 2
 
 
-@pytest.mark.parametrize("version", [0, 2, None, "1", True, 1.0])
+@pytest.mark.parametrize("version", [0, 3, None, "1", True, 1.0])
 def test_another_version_is_refused_with_the_remedy(version: object) -> None:
     """A message of another version is refused, and the refusal says what to do."""
     said = refusal(msgpack.packb(sample_columns() | {"v": version}))
-    assert f"of version {version!r}; " in said and "reads version 1: update" in said
+    assert f"of version {version!r}; " in said and "reads versions 1 and 2: update" in said
 
 
 def test_truncated_bytes_are_refused() -> None:

@@ -17,8 +17,8 @@ from tfbus.discover.graph import TopicInfo, graph_of
 from tfbus.discover.presence import GraphWatch
 from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import BusError, InvalidNameError
-from tfbus.listen.info import StreamState
-from tfbus.listen.watch import MOST_GONE, StreamWatch
+from tfbus.listen.info import MOST_GONE, StreamState
+from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription

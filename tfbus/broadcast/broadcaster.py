@@ -60,13 +60,14 @@ class TransformBroadcaster:
         history_s: float = 10.0,
         poses: str | None = None,
     ):
+        stream_of = stream_of_node(node, stream)
         options = StreamOptions(
             split=split,
             priority=priority,
             history_s=history_s,
             poses=node.settings.poses if poses is None else poses,
         )
-        self._sender = stream_of_node(node, stream).sender(options)
+        self._sender = stream_of.sender(options)
         self._stream = stream or node.name
         self._node = node
         # Stamps up to this need no look: the clock is not read at each send.

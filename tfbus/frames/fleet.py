@@ -10,8 +10,7 @@ from typing import Literal
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.moment import BusMoment, faults
 from tfbus.frames.snapshot import FrameTree, Problem
-from tfbus.listen.info import StreamInfo
-from tfbus.listen.watch import MOST_GONE
+from tfbus.listen.info import MOST_GONE, StreamInfo
 from tfbus.wire.keys import namespace_of_node, relative
 from tfbus.wording import duration, listed, natural_order
 

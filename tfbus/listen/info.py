@@ -12,6 +12,9 @@ from tfbus.wire.numbered import FLOAT64
 if TYPE_CHECKING:
     from tfbus.listen.reception import StreamReception
 
+# Streams come and go: at most this many of those that are gone are remembered.
+MOST_GONE = 1000
+
 
 class StreamState(Struct):
     """A stream as its token and its description show it now.

@@ -6,9 +6,9 @@ The sizes are estimates: what the parts of a stream were measured to take.
 
 from collections.abc import Callable, Container, Iterable
 
-from tfbus.listen.info import StreamState
+from tfbus.listen.info import MOST_GONE, StreamState
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.listen.watch import MOST_GONE, StreamWatch
+from tfbus.listen.watch import StreamWatch
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.structs import Struct, field

@@ -12,7 +12,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
 from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
-from tfbus.listen.info import StreamState
+from tfbus.listen.info import MOST_GONE, StreamState
 from tfbus.listen.queries import (
     ANSWER_WITHIN_S,
     PATIENT_FROM_TURN,
@@ -31,8 +31,6 @@ from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, namespace_of, stream_of
 from tfbus.wording import stamp_text
 
-# Streams come and go: at most this many of those that are gone are remembered.
-MOST_GONE = 1000
 # News of a token may arrive in the wrong order, moments apart: times are kept of this many tokens.
 _MOST_NEWS = 1000
 # News this soon after a token appeared that it is gone may be about the previous process's token.

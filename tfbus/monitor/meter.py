@@ -16,7 +16,6 @@ from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
 from tfbus.frames.changes import Ticks
-from tfbus.frames.named import NamedMessages
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
@@ -100,6 +99,9 @@ class TransformMeter:
         self.samples = 0
         self._looked_s = -math.inf
         self._names = StreamNames(fleet)
+        # Here: what measures a recording imports no bus.
+        from tfbus.frames.named import NamedMessages
+
         self._named = NamedMessages(node, self._measure, everywhere=fleet is not None)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
         self._subscription = node.session.subscriber(keys, self.receive)

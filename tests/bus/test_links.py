@@ -68,17 +68,26 @@ def test_datagrams_come_and_go() -> None:
 
 
 def test_datagrams_are_no_first_link() -> None:
-    """Of a connection that began by datagrams no link stays, and its host is not heard by them; of
-    one that was there before the order is not known.
+    """Of a connection that began by datagrams no link stays, and of its host nothing is heard by
+    them but their end; of one that was there before the order is not known.
     """
     links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
     changes = links.poll()
     assert (changes.half, changes.datagrams) == ({TCP}, {DATAGRAMS})
-    assert links.hosts_for_datagrams() == set()
+    assert links.hosts_for_datagrams() == (set(), {"10.0.0.2"})
     links = told(("+", "a", None), ("+", "a", DATAGRAMS), ("+", "a", TCP))
     links.end_history()
     assert links.poll().half == set()
-    assert links.hosts_for_datagrams() == {"10.0.0.2"}
+    assert links.hosts_for_datagrams() == ({"10.0.0.2"}, set())
+
+
+def test_datagrams_are_not_taken_from_the_end_of_a_connection_on() -> None:
+    """Its next one could begin by them: its host is left out before the changes are polled."""
+    links = told(("+", "a", None), ("+", "a", TCP))
+    links.poll()
+    tell(links, ("-", "a", None))
+    assert links.hosts_for_datagrams() == (set(), set())
+    assert links.poll().lost == {"a": TCP.dst}
 
 
 def test_datagrams_alone_are_half_a_connection() -> None:

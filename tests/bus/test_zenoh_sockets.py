@@ -113,17 +113,19 @@ def test_sockets_of_the_program_are_not_taken_for_zenohs(closed_at_the_end: Exit
 
 
 def test_datagrams_are_heard_of_some_hosts_alone() -> None:
-    """A socket at a port hears the hosts that it is told, and no others, until it is told anew."""
+    """A socket at a port hears the hosts that it is told, of others at most what ends a session,
+    until it is told anew.
+    """
     with closing(socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)) as listening:
         listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
         listening.bind(("::", 0))
         listening.settimeout(10.0)
         port = listening.getsockname()[1]
 
-        def send(host: str) -> None:
+        def send(host: str, payload: bytes = b"") -> None:
             with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sender:
                 sender.bind((host, 0))
-                sender.sendto(host.encode(), ("127.0.0.1", port))
+                sender.sendto(payload or host.encode(), ("127.0.0.1", port))
 
         assert admit_datagrams(port, ["127.0.0.3", "fe80::1"]) == ""
         send("127.0.0.2")
@@ -133,6 +135,13 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
         send("127.0.0.3")
         send("127.0.0.4")
         assert listening.recv(100) == b"127.0.0.4"
+        admit_datagrams(port, ["127.0.0.4"], ["127.0.0.3"])
+        begin, close = b"\x01begins", b"\x23\x00"
+        for host in ("127.0.0.2", "127.0.0.3"):
+            send(host, begin)
+            send(host, close)
+        send("127.0.0.4", begin)
+        assert [listening.recv(100) for _ in range(2)] == [close, begin]
     assert admit_datagrams(port, ["127.0.0.2"]) == "its socket was not found"
 
 

@@ -147,6 +147,10 @@ class Links:
         self._same_loss_s = max(_SAME_LOSS_S, lease_s + 2.0)
         self._events: deque[_Event] = deque()
         self._connections: dict[str, _Connection] = {}
+        # Since the last poll: the links that were open then, those lost, and of whole connections.
+        self._former: set[LinkEnds] = set()
+        self._ended: set[LinkEnds] = set()
+        self._lost: dict[str, str] = {}
 
     def note_transport(self, event: zenoh.TransportEvent) -> None:
         """Note that a connection opens or ends."""
@@ -172,12 +176,17 @@ class Links:
     def __bool__(self) -> bool:
         return bool(self._connections)
 
-    def hosts_for_datagrams(self) -> set[str]:
+    def hosts_for_datagrams(self) -> tuple[set[str], set[str]]:
         """The hosts of processes that have told all that they have declared, or are about to, on
-        another link: datagrams may be added to it.
+        another link: datagrams may be added to it. And those that have begun by datagrams, of which
+        nothing more is taken than their end.
         """
-        whole = [each for each in self._connections.values() if each.has_had_first]
-        return {host_of(each.dst) for each in whole if not each.began_by_datagrams}
+        self._apply_events()
+        each_of = self._connections.values()
+        whole = [each for each in each_of if each.has_had_first and not each.began_by_datagrams]
+        ending = [link for each in each_of if each.began_by_datagrams for link in each.datagrams]
+        hosts = {host_of(each.dst) for each in whole}
+        return hosts, {host_of(link.dst) for link in ending} - hosts
 
     def all(self) -> set[LinkEnds]:
         """The links that are open."""
@@ -190,11 +199,10 @@ class Links:
 
     def poll(self) -> LinkChanges:
         """The changes since the last call."""
-        lost: dict[str, str] = {}
-        ended: set[LinkEnds] = set()
-        former = self.all()
-        while self._events:
-            self._apply(self._events.popleft(), lost, ended)
+        self._apply_events()
+        lost, self._lost = self._lost, {}
+        ended, self._ended = self._ended, set()
+        former, self._former = self._former, self.all()
         half: set[LinkEnds] = set()
         left: set[LinkEnds] = set()
         for each in self._connections.values():
@@ -204,17 +212,21 @@ class Links:
             if each.is_parted:
                 left |= each.datagrams
                 half |= each.links
-        return LinkChanges(lost, self.all() - former, ended, half, left)
+        return LinkChanges(lost, self._former - former, ended, half, left)
 
-    def _apply(self, event: _Event, lost: dict[str, str], ended: set[LinkEnds]) -> None:
+    def _apply_events(self) -> None:
+        while self._events:
+            self._apply(self._events.popleft())
+
+    def _apply(self, event: _Event) -> None:
         zid, link, has_come, at_s = event
         if link is None and has_come:
             self._connections.setdefault(zid, _Connection())
-            lost.pop(zid, None)
+            self._lost.pop(zid, None)
         elif link is None:
             connection = self._connections.pop(zid, None)
             if connection is not None:
-                lost[zid] = connection.dst
+                self._lost[zid] = connection.dst
         elif (connection := self._connections.get(zid)) is None:
             pass  # it has ended: events of links may come after that of their connection
         elif link.is_of_datagrams:
@@ -229,7 +241,7 @@ class Links:
                 connection.added_s = at_s
             connection.has_had_first = True
         else:
-            ended.add(link)
+            self._ended.add(link)
             connection.links.discard(link)
             # For good: what was under way is lost, and a new link to it brings it no more.
             connection.is_parted |= bool(connection.datagrams) and not connection.links

@@ -83,7 +83,7 @@ class Neighbours:
         self._links = Links(lease_s)
         self._network = network
         self._datagram_ports = tuple(datagram_ports)
-        self._admitted: set[str] | None = None
+        self._admitted: tuple[set[str], set[str]] | None = None
         # When hosts are to be admitted again that were not, and the pause before that.
         self._admit_again_s: float | None = None
         self._admit_pause_s = 0.0
@@ -182,6 +182,8 @@ class Neighbours:
     def _take_wake(self) -> None:
         with suppress(OSError):
             self._woken.recv(4096)
+        # At once: a process that links again may do so by datagrams first.
+        self._admit()
         self._update_soon()
 
     def _update_soon(self) -> None:
@@ -217,8 +219,7 @@ class Neighbours:
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
         if half or ended:
             end_links(_ends(half | ended))
-        if self._datagram_ports:
-            self._admit(self._links.hosts_for_datagrams())
+        self._admit()
         # What was under way on the other link is lost, and so may be a declaration.
         if left:
             end_datagrams(_ends(left))
@@ -229,13 +230,20 @@ class Neighbours:
         if half or (lost and not self._links) or missed - known:
             self._begin_scouting()
 
-    def _admit(self, hosts: set[str]) -> None:
-        """Take datagrams from these hosts alone; the kernel may refuse that, and is asked again."""
-        now_s, again_s = scheduler.monotonic(), self._admit_again_s
-        if hosts == self._admitted if again_s is None else now_s < again_s:
+    def _admit(self) -> None:
+        """Take datagrams from hosts with another link alone; the kernel may refuse that, and is
+        asked again.
+        """
+        if not self._datagram_ports:
             return
-        self._admitted, self._admit_again_s = hosts, None
-        failures = [why for port in self._datagram_ports if (why := admit_datagrams(port, hosts))]
+        hosts, ending = self._links.hosts_for_datagrams()
+        now_s, again_s = scheduler.monotonic(), self._admit_again_s
+        if (hosts, ending) == self._admitted if again_s is None else now_s < again_s:
+            return
+        self._admitted, self._admit_again_s = (hosts, ending), None
+        failures = [
+            why for port in self._datagram_ports if (why := admit_datagrams(port, hosts, ending))
+        ]
         if not failures:
             self._admit_pause_s = 0.0
             return

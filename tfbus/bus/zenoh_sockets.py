@@ -165,14 +165,14 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
                 each.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def admit_datagrams(port: int, hosts: Iterable[str]) -> str:
-    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4; why it
-    does not, "" if it does.
+def admit_datagrams(port: int, hosts: Iterable[str], ending: Iterable[str] = ()) -> str:
+    """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4, and of
+    those that are `ending` the Close of a session; why it does not, "" if it does.
 
     Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
     each other by it what they have declared, and some of it would not arrive.
     """
-    program = _only_from(hosts)
+    program = _only_from(hosts, ending)
     code = ctypes.create_string_buffer(program)
     filter_of = struct.pack("HL", len(program) // _INSTRUCTION.size, ctypes.addressof(code))
     why_not = "its socket was not found"
@@ -190,20 +190,26 @@ def admit_datagrams(port: int, hosts: Iterable[str]) -> str:
 # A program for the kernel, after <linux/filter.h>: a code, two jumps and a number.
 _INSTRUCTION = struct.Struct("HBBI")
 _LOAD_BYTE, _LOAD_WORD, _AND, _IS_EQUAL, _RETURN = 0x30, 0x20, 0x54, 0x15, 0x06
-# From the header of IP on.
-_IP = 0x100000000 - 0x100000
-_MOST_HOSTS = 2000
+# From the header of IP on, and behind that of UDP.
+_IP, _PAYLOAD = 0x100000000 - 0x100000, 8
+_MOST_HOSTS = 1000
+_TAKE, _DROP = (_RETURN, 0, 0, 0xFFFF), (_RETURN, 0, 0, 0)
+# The kind of Zenoh's messages, in their first byte; the others are flags.
+_KIND = 0x1F
 
 
-def _only_from(hosts: Iterable[str]) -> bytes:
-    """The program that takes what comes from these hosts."""
-    steps = [(_LOAD_BYTE, 0, 0, _IP), (_AND, 0, 0, 0xF0), (_IS_EQUAL, 1, 0, 0x40)]
-    steps += [(_RETURN, 0, 0, 0), (_LOAD_WORD, 0, 0, _IP + 12)]
-    for host in sorted(hosts)[:_MOST_HOSTS]:
-        with suppress(OSError):  # one of IPv6
-            number = int.from_bytes(socket.inet_aton(host), "big")
-            steps += [(_IS_EQUAL, 0, 1, number), (_RETURN, 0, 0, 0xFFFF)]
-    steps.append((_RETURN, 0, 0, 0))
+def _only_from(hosts: Iterable[str], ending: Iterable[str]) -> bytes:
+    """The program that takes what comes from these hosts, and from others what ends a session."""
+    is_close = [(_LOAD_BYTE, 0, 0, _PAYLOAD), (_AND, 0, 0, _KIND)]
+    is_close += [(_IS_EQUAL, 0, 1, _CLOSE_SESSION[0] & _KIND), _TAKE, _DROP]
+    steps = [(_LOAD_BYTE, 0, 0, _IP), (_AND, 0, 0, 0xF0), (_IS_EQUAL, 1, 0, 0x40), _DROP]
+    steps.append((_LOAD_WORD, 0, 0, _IP + 12))
+    for of_hosts, then in ((hosts, [_TAKE]), (ending, is_close)):
+        for host in sorted(of_hosts)[:_MOST_HOSTS]:
+            with suppress(OSError):  # one of IPv6
+                number = int.from_bytes(socket.inet_aton(host), "big")
+                steps += [(_IS_EQUAL, 0, len(then), number), *then]
+    steps.append(_DROP)
     return b"".join(_INSTRUCTION.pack(*step) for step in steps)
 
 

@@ -13,7 +13,6 @@ from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet
-from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
@@ -351,16 +350,18 @@ def test_of_points_in_one_cube_one_is_drawn(buffer: Buffer) -> None:
 
 
 def test_a_topic_is_named_with_its_settings() -> None:
-    """They go before those of the file; a mistake says which setting is wrong."""
+    """They go before those of the file; a mistake says which setting is wrong, and the unit."""
     saved = ViewSettings(topics=(TopicSettings("points", shown=False, size=9.0),))
     named = topic_named("points:voxel=5,color=height,locked=true,hidden=old", saved)
     assert named == TopicSettings(
         "points", size=9.0, voxel=5.0, color="height", locked=True, hidden=("old",)
     )
+    assert topic_named("/robot7/scan", saved, "robot7").topic == "scan"
     for text, why in (
         ("scan:rate=5", "no setting 'rate'"),
         ("scan:voxel=far", "voxel must be a number"),
         ("scan:quality=100", "quality must be from 5 to 95"),
+        ("scan:voxel=0.05", r"0 or from 1 to 100 cm, got 0.05 \(0.05 m is voxel=5\)"),
         ("scan:voxel", "'voxel' is not a setting such as"),
         ("scan:topic=points", "'topic=points' is not a setting such as"),
         ("scan:voxel=2001-13-45", "voxel must be a number"),
@@ -516,9 +517,26 @@ def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bu
     assert "view" not in subscribed.stdout
 
 
-def test_a_topic_that_is_not_drawn_says_why() -> None:
-    """A name that is near is named."""
-    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
-    scenes.topics = {"scan": TopicInfo("scan")}
-    assert scenes.why_not_drawn("scann").endswith("did you mean 'scan'?")
-    assert scenes.why_not_drawn("scan") == "no message has come"
+def test_a_topic_that_is_not_drawn_says_why_once(
+    bus: Bus, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A name that is near is named, also before a browser looks; and so are types."""
+    robot = bus.node("robot")
+    robot.create_publisher(LaserScan, "scan")
+    robot.create_publisher(Pose, "pose")
+    node = bus.node("view")
+    scenes = DataScenes(cast(Any, None), DataOnBus(node), logging.getLogger("view"))
+    named = ("scann", "scan", "pose")
+    settings = ViewSettings(topics=tuple(map(TopicSettings, named)))
+
+    def says() -> list[str]:
+        scenes.see(Buffer(), "map", settings, is_held=False, is_watched=False)
+        return [each.getMessage() for each in caplog.records if each.name == "view"]
+
+    scann, pose = eventually(says)
+    assert scann.startswith("Topic 'scann' is not drawn: there is no such topic")
+    assert scann.endswith("did you mean 'scan'?")
+    assert pose.endswith("it has Pose, which the view does not draw")
+    scenes.warn_of(named)
+    assert says()[2:] == ["Topic 'scan' is not drawn: no message has come"]
+    scenes.close()

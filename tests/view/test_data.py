@@ -112,6 +112,21 @@ def test_of_several_clouds_the_newest_that_can_be_placed_is_drawn(buffer: Buffer
     assert (xs(layer), dict(layer.dropped)) == ([4.0], {"no transform": 1})
 
 
+def test_a_map_waits_for_its_frame_however_long(buffer: Buffer) -> None:
+    """It comes once: as what is locked to its frame, or has no stamp."""
+    grid = OccupancyGrid.from_cells(2 * S, "floor", np.zeros((2, 3), np.int8), 0.1)
+    marks = (marker(0), marker(1, frame_locked=True), replace(marker(2), stamp_ns=0))
+    array = MarkerArray(tuple(replace(each, frame_id="floor") for each in marks))
+    layers = [layer_of(grid), layer_of(array)]
+    for now_s in (0.0, 60.0, 61.0):
+        if now_s == 61.0:
+            buffer.set_transform(moved(60 * S, "map", "floor", 4.0))
+        for layer in layers:
+            layer.step(buffer, "map", now_s, SETTINGS)
+    assert [*map(xs, layers)] == [[4.0], [4.0, 4.0]]
+    assert [dict(layer.dropped) for layer in layers] == [{}, {"no transform": 1}]
+
+
 def test_clouds_that_decay_stay_for_their_time(buffer: Buffer) -> None:
     """Each at its own place."""
     decaying = TopicSettings("topic", decay_s=2.0, rate_hz=60.0)
@@ -445,17 +460,17 @@ def test_a_wall_of_one_cell_is_always_seen(buffer: Buffer) -> None:
 
 
 def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -> None:
-    """Each robot calls its frames the same; the map is shared."""
-    data = DataOnBus(bus.node("view"), Fleet(("map",)))
+    """Each robot calls its frames the same; the map is shared. The view is in a namespace too."""
+    data = DataOnBus(bus.node("view", namespace="site"), Fleet(("map",)))
     filled = Buffer()
-    for at, name in enumerate(("robot1", "robot2"), start=1):
-        filled.set_transform(moved(S, "map", f"{name}/lidar", float(at)))
-        robot = bus.node("robot", namespace=name)
+    for at, name in enumerate(("", "robot1/", "robot2/")):
+        filled.set_transform(moved(S, "map", f"{name}lidar", float(at)))
+        robot = bus.node("robot", namespace=f"site/{name}".rstrip("/"))
         clouds = robot.create_publisher(PointCloud, "points", retained=True)
         clouds.publish(cloud(S, "lidar"))
         markers = robot.create_publisher(MarkerArray, "markers", retained=True)
         markers.publish(MarkerArray((replace(marker(), stamp_ns=S, frame_id="map"),)))
-    wanted = [f"robot{at}/{kind}" for at in (1, 2) for kind in ("points", "markers")]
+    wanted = [f"{of}{kind}" for of in ("", "robot1/", "robot2/") for kind in ("points", "markers")]
     topics = eventually(lambda: data.topics() if data.topics().keys() >= set(wanted) else None)
     data.want({name: topics[name] for name in wanted})
     found = []
@@ -466,7 +481,7 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
         layer = TopicLayer(waiting)
         layer.step(filled, "map", 0.0, SETTINGS)
         found.append(xs(layer))
-    assert found == [[1.0], [0.0], [2.0], [0.0]]
+    assert found == [[0.0], [0.0], [1.0], [0.0], [2.0], [0.0]]
 
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:

@@ -284,17 +284,14 @@ class Page:
         self._selections.keep(self.server.get_clients())
         with self.server.atomic():
             self._draw(placed, whole, choice, stamp_ns)
-            self._keep_sight(choice.fixed_frame, stamp_ns)
-            self._follow(settings)
             self._use_tools(choice.fixed_frame)
-            self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
                 self.panel.refresh(
                     self.frames, whole, choice.fixed_frame, self._buffer, self._now_ns
                 )
         shown = [self.frames[name] for name in placed.names] if is_due else None
-        self._names.draw(shown, placed, settings, self._scene.size_m)
+        self._names.draw(shown, placed, settings, self._scene.size_m, self.cameras.fixed)
         # Without this the end of a movement would wait for the next one.
         self.server.flush()
         if is_due:
@@ -353,12 +350,12 @@ class Page:
     def _draw(self, placed: Placed, whole: Placed, choice: Choice, stamp_ns: int | None) -> None:
         settings, fixed_frame = choice.settings, choice.fixed_frame
         end_ns = self.panel.newest_ns if stamp_ns is None else stamp_ns
-        trails: dict[str, Floats] = {}
+        paths: list[Floats] = []
         for name in settings.trails:
             if name in whole.index and settings.shows(name):
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
-                    trails[name] = path
+                    paths.append(path)
         self.robots.draw(whole, self.frames)
         self.drawn.draw(whole)
         for guest in self._guests:
@@ -368,7 +365,13 @@ class Page:
         points = self.robots.points(whole, self.frames)
         if len(points):
             around_m = max(around_m, float(np.ptp(points, axis=0).max()))
-        self._scene.draw(self.frames, placed, trails, settings, around_m)
+        self._scene.fit(placed, settings, around_m)
+        self._keep_sight(fixed_frame, stamp_ns)
+        self._follow(settings)
+        fixed = self.cameras.fixed
+        in_scene = placed.moved(fixed)
+        self._scene.draw(self.frames, in_scene, list(map(fixed.apply, paths)), settings)
+        self._selected_marks.draw(self.frames, in_scene, self._scene.size_m)
 
     # The cameras
 

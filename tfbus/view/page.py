@@ -90,6 +90,7 @@ class Serving:
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
     meshes are turned by the up axis that they state. `roster` are the robots that are expected.
+    Meshes of markers are in packages in the folders of `package_path`, too.
     """
 
     host: str = "127.0.0.1"
@@ -104,6 +105,7 @@ class Serving:
     is_framed: bool = False
     heeds_up_axis: bool = False
     roster: tuple[str, ...] = ()
+    package_path: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,7 @@ class Page:
             robots or GivenRobots(),
             host.log,
             heeds_up_axis=serving.heeds_up_axis,
+            package_path=serving.package_path,
         )
         self.drawn = Drawn(self.server.scene)
         named = self.robots.mesh_named

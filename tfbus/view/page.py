@@ -70,8 +70,10 @@ _NAMES_AFTER_S = 0.5
 _FOCUS = 4.0
 _FOLLOW = 10.0
 
-# What a tool has sent is so many times as long as axes; a shorter drag has no heading.
+# What a tool has sent is so many times as long as axes, and at least this part of the way to it; a
+# shorter drag has no heading.
 _MARK = 2.0
+_MARK_SEEN = 0.08
 _LEAST_DRAG_PX = 5.0
 _NOTE_S = 4.0
 
@@ -481,7 +483,8 @@ class Page:
             return tools.mistakes.get(tool.name, "Its topic has only just been changed.")
         topic = tools.topic(tool)
         panel.note(tool, sent_text(topic, fixed_frame, xyz, yaw_rad))
-        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad)
+        size_m = max(_MARK * self._scene.size_m, _MARK_SEEN * way_m)
+        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad, size_m)
         return ""
 
     def _way_to_what_is_drawn(self, ray: Ray) -> float:
@@ -492,13 +495,19 @@ class Page:
         return min(ways)
 
     def _mark_sent(
-        self, tool: Tool, topic: str, frame: str, xyz: tuple[float, float, float], yaw_rad: float
+        self,
+        tool: Tool,
+        topic: str,
+        frame: str,
+        xyz: tuple[float, float, float],
+        yaw_rad: float,
+        size_m: float,
     ) -> None:
-        """Show what was sent last by a tool: an arrow or a ball, and the topic."""
-        size_m = _MARK * self._scene.size_m
+        """Show what was sent last by a tool: an arrow or a ball, and the topic above it."""
         vertices, faces = unit_mesh("arrow" if tool.has_heading else "sphere")
         scale = np.array((1.0, 0.25, 0.25)) if tool.has_heading else np.full(3, 0.25)
         pose = Transform.from_rpy(0.0, 0.0, yaw_rad, xyz)
+        above = (xyz[0], xyz[1], xyz[2] + 0.3 * size_m)
         scene = self.server.scene
         self.drawn.add(
             f"{tool.name} sent",
@@ -517,7 +526,7 @@ class Page:
             f"{tool.name} topic",
             frame,
             lambda path: scene.add_label(
-                path, printable(topic), position=xyz, anchor="bottom-center"
+                path, printable(topic), position=above, anchor="bottom-center"
             ),
         )
 

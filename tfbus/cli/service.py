@@ -7,6 +7,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Verbs
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.call import CALLED_IN_ROS, TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.message import (
@@ -22,7 +23,6 @@ from tfbus.cli.message import (
 )
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.service_unit import container_command, install_command, uninstall_command
-from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName, matching
 from tfbus.discover.graph import Graph, ServiceInfo

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
+from tfbus.cli import Answering
 from tfbus.cli.output import print_lines, print_text, warn
-from tfbus.cli.verbs import Answering
 from tfbus.errors import InvalidArgumentException
 from tfbus.launch.find import installed_launch_files
 from tfbus.launch.service_manager import MARK, Service, container_text, unit_text

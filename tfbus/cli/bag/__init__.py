@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import click
 
-from tfbus.cli.verbs import Verbs
+from tfbus.cli import Verbs
 from tfbus.errors import TfbusError
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Answering
 from tfbus.cli.bag.selecting import (
     CALLED_IN_ROS,
     NO_SERVICES,
@@ -15,7 +16,6 @@ from tfbus.cli.bag.selecting import (
     SelectionOptions,
     selecting,
 )
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Moment, MomentType, Number
 from tfbus.errors import TfbusError

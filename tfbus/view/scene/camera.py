@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfbus.geometry.transform import Transform
 from tfbus.view.frames import Floats, Placed
-from tfbus.view.guest import Region
+from tfbus.view.scene.drawn import Region
 from tfbus.view.scene.picking import Ray
 
 # The first look is from behind, a little from the side, and from above: a unit vector.

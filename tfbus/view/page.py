@@ -23,10 +23,9 @@ from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.tools import Aim, sent_text
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
-from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
+from tfbus.view.scene.camera import Cameras, Ray, around, region_of, region_of_points
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
-from tfbus.view.scene.picking import Ray
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
 from tfbus.view.server import Access, Guard, serve, stop

@@ -15,7 +15,7 @@ from tfbus.messages import (
     PoseWithCovarianceStamped,
     Vector3,
 )
-from tfbus.view.data.tools import TOOLS, ToolPublishers
+from tfbus.view.data.topics import TOOLS, ToolPublishers
 from tfbus.view.scene.camera import Ray, Viewport
 from tfbus.view.settings import ViewSettings
 

@@ -10,8 +10,8 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.view.data.tools import ToolPublishers as ToolPublishers
     from tfbus.view.data.topics import DataOnBus as DataOnBus
+    from tfbus.view.data.topics import ToolPublishers as ToolPublishers
     from tfbus.view.frames import Placed as Placed
     from tfbus.view.local import View as View
     from tfbus.view.local import show as show
@@ -56,7 +56,7 @@ _MODULE_OF = {
     "Replay": "tfbus.view.replay",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
-    "ToolPublishers": "tfbus.view.data.tools",
+    "ToolPublishers": "tfbus.view.data.topics",
     "View": "tfbus.view.local",
     "ViewSettings": "tfbus.view.settings",
     "find_browser": "tfbus.view.screenshot",

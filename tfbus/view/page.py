@@ -16,8 +16,7 @@ from tfbus.geometry.transform import Transform
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
-from tfbus.view.data.tools import Tool, ToolPublishers
-from tfbus.view.data.topics import DataSource
+from tfbus.view.data.topics import DataSource, Tool, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.tools import Aim, sent_text

@@ -14,7 +14,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.clocks import MOST_SKEW_S
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.view.data.tools import ToolPublishers
+from tfbus.view.data.topics import ToolPublishers
 from tfbus.view.frames import FAULTS, Frames, Placed, newest_common_ns
 from tfbus.view.panels.controls import (
     Control,

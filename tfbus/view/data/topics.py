@@ -1,4 +1,4 @@
-"""The page's topics: subscriptions to those that it can draw, and the publishers of RViz's tools."""
+"""The page's topics: subscriptions to what it can draw, and the publishers of RViz's tools."""
 
 import math
 from collections import deque

@@ -1,4 +1,4 @@
-"""A browser's camera: the part of the scene it sees, where it starts, and what its rays meet first."""
+"""A browser's camera: the part of the scene it sees, where it starts, what its rays meet first."""
 
 import math
 import time

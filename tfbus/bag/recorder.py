@@ -24,8 +24,7 @@ from tfbus.bag.keeping import (
     Splits,
     WrittenPart,
 )
-from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
+from tfbus.bag.raw_queue import EVENTS, MessageSource, Past, Raw, RawQueue, SourceOf
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
 from tfbus.recording.items import EventItem, Item

@@ -23,8 +23,7 @@ from tfbus.bag.keeping import (
     path_of_recording,
 )
 from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
-from tfbus.bag.past import Past
-from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.raw_queue import Past, RawQueue
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (

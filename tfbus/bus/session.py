@@ -20,10 +20,9 @@ from tfbus.bus.handles import (
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import NetworkSession
-from tfbus.bus.networks import LAN, network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
     datagram_ports,
     end_shared_memory,

@@ -7,8 +7,7 @@ from typing import Any
 import zenoh
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import direct
-from tfbus.bus.zenoh_library import as_bus_error
+from tfbus.bus.zenoh_library import as_bus_error, direct
 from tfbus.errors import BusError
 from tfbus.runtime import scheduler
 from tfbus.wire.limits import Limits, kind_of

@@ -15,9 +15,14 @@ from typing import Self
 import zenoh
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import Declaration, LivelinessToken
-from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads, first_sentence
+from tfbus.bus.zenoh_library import (
+    Callbacks,
+    bus_errors,
+    configure_zenoh_threads,
+    direct,
+    first_sentence,
+)
 from tfbus.errors import BusError
 from tfbus.runtime import scheduler
 

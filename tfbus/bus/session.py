@@ -9,7 +9,6 @@ from typing import Any, Literal
 import zenoh
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import (
     BytesPublisher,
     Declaration,
@@ -32,7 +31,9 @@ from tfbus.bus.zenoh_config import (
     zenoh_config,
 )
 from tfbus.bus.zenoh_library import (
+    Callbacks,
     bus_errors,
+    direct,
     is_router_missing,
 )
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets

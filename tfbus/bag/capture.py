@@ -10,7 +10,7 @@ from itertools import chain
 from typing import Any, Literal
 
 from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, TransformSource
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo, graph_of

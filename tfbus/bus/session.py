@@ -9,16 +9,16 @@ from typing import Any, Literal
 import zenoh
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.handles import (
+from tfbus.bus.links import speaks_tls
+from tfbus.bus.neighbours import Neighbours
+from tfbus.bus.network_session import (
     BytesPublisher,
     Declaration,
     HeardWatch,
+    NetworkSession,
     PublishersWithin,
     ServedWatch,
 )
-from tfbus.bus.links import speaks_tls
-from tfbus.bus.neighbours import Neighbours
-from tfbus.bus.network_session import NetworkSession
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import LAN, NodeSettings, network_of

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Protocol
 
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
 from tfbus.messages import JointState, RobotDescription

@@ -63,7 +63,7 @@ from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 
 if TYPE_CHECKING:
-    from tfbus.bus.handles import HeardWatch
+    from tfbus.bus.network_session import HeardWatch
     from tfbus.node.node import Node
     from tfbus.node.topic import RawPublisher
 

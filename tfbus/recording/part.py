@@ -11,14 +11,17 @@ from typing import Any, NamedTuple
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
     ABOUT,
+    ATTACHMENT,
     ENCODING,
     EVENT,
     REPEATED,
     SCHEMA_ENCODING,
+    Index,
+    IndexBuilder,
+    decode_index,
     event_of,
     has_seq,
     is_numbered,

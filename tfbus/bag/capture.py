@@ -22,8 +22,7 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
-from tfbus.recording.items import EventItem, EventKind
-from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.recording.items import EventItem, EventKind, Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import Timer

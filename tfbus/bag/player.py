@@ -10,9 +10,8 @@ from types import TracebackType
 from typing import Protocol
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Playhead, Progress, stepped_ns
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import Playable, items_of_state
 from tfbus.runtime import scheduler
 

@@ -27,10 +27,17 @@ from tfbus.errors import (
 from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    ALL,
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.definitions import Definition
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import encode_map, from_map

@@ -1,7 +1,8 @@
-"""How items stand in an MCAP file, docs/reference/recording.md: topics, channels, events, the index.
+"""How items stand in an MCAP file: topics, channels, events, and an index of stamps.
 
-The index has the stamps of each frame in each chunk, so that a lookup finds its samples. A file
-without one, as of another program, is read whole.
+docs/reference/recording.md tells. By the index, of each frame in each chunk, a lookup finds its
+samples. A file without one, as of another program, or one that was cut short, is read once to make
+it.
 """
 
 import base64

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import Item
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, Item, Selection
 from tfbus.recording.state import ItemsInOrder, last_item
 from tfbus.runtime import scheduler
 

@@ -16,9 +16,8 @@ from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
-from tfbus.recording.items import TopicItem
+from tfbus.recording.items import Selection, TopicItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described

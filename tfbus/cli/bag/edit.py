@@ -41,10 +41,9 @@ from tfbus.recording.edit import (
     repeated,
     without,
 )
-from tfbus.recording.items import Item
+from tfbus.recording.items import Item, Selection, is_of_transforms
 from tfbus.recording.reader import RecordingReader, files_of
 from tfbus.recording.recover import Salvage, items_of_all
-from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.recording.writer import Compression
 from tfbus.wire.fleet import has_name
 from tfbus.wire.keys import check_namespace

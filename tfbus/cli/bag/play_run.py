@@ -22,9 +22,9 @@ from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
+from tfbus.recording.items import Selection, is_of_transforms
 from tfbus.recording.playhead import AtEnd, Playhead, Progress, nearest_rate
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.wording import counted, cut, did_you_mean, duration, printable
 
 _LOOK_EVERY_S = 0.1

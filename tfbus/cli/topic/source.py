@@ -20,7 +20,7 @@ from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError, DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.monitor.windows import WindowReading
-from tfbus.recording.items import TopicItem, TransformItem
+from tfbus.recording.items import Selection, TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
@@ -28,7 +28,6 @@ from tfbus.recording.reader import (
     topic_of_stream,
     topics_of,
 )
-from tfbus.recording.selection import Selection
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, stamp_in
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign

@@ -40,8 +40,8 @@ from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import seconds_to_wait
+from tfbus.runtime.callbacks import Workers
 from tfbus.runtime.structs import replace
-from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
 

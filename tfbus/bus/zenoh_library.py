@@ -138,8 +138,6 @@ class Holders:
         """Replace what all of them hold, which is kept for ever: ending it would harm the
         parent.
         """
-        import ctypes  # slow to import, and few processes fork
-
         for holder, attribute in list(self._attribute_of.items()):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(getattr(holder, attribute)))
             setattr(holder, attribute, OfParent())

@@ -38,18 +38,19 @@ def _checked(file: str, arguments: Sequence[str]) -> tuple[Path, list[str]]:
 
     Raises click's errors if it does not.
     """
-    from tfbus.cli.launch import chosen_file
-    from tfbus.cli.launch import command as launch
+    from tfbus.cli import launch  # asyncio and YAML, which `tfbus service list` does not need
 
     given = [file, *arguments]
     try:
         with redirect_stdout(io.StringIO()):
-            launch.main([*given, "--dry-run"], prog_name="tfbus launch", standalone_mode=False)
+            launch.command.main(
+                [*given, "--dry-run"], prog_name="tfbus launch", standalone_mode=False
+            )
     except click.UsageError as error:
         # With the usage of this command, not of that one.
         raise click.UsageError(error.format_message(), click.get_current_context()) from error
-    context = launch.make_context("tfbus launch", list(given), resilient_parsing=True)
-    path, rest = chosen_file(file, context.params.get("arguments") or ())
+    context = launch.command.make_context("tfbus launch", list(given), resilient_parsing=True)
+    path, rest = launch.chosen_file(file, context.params.get("arguments") or ())
     left = list(arguments)
     if len(rest) < len(context.params.get("arguments") or ()):
         left.remove(context.params["arguments"][0])  # of PACKAGE FILE

@@ -34,13 +34,13 @@ from tfbus.recording.items import (
     ALL,
     EventItem,
     Item,
+    Pause,
     RecordedStream,
     Selection,
     TopicItem,
     TransformItem,
     Viewpoint,
 )
-from tfbus.recording.pauses import Pause
 from tfbus.recording.state import LastingStatics, Statics
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription

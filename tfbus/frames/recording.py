@@ -29,12 +29,12 @@ from tfbus.recording.items import (
     ALL,
     EventItem,
     Item,
+    Pause,
     Selection,
     TransformItem,
     Viewpoint,
     is_of_transforms,
 )
-from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.state import STATICS, Statics
 from tfbus.runtime import scheduler

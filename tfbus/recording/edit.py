@@ -10,6 +10,7 @@ from itertools import chain
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import (
     ALL,
+    CUT_OUT,
     EventItem,
     Item,
     RecordedStream,
@@ -17,7 +18,6 @@ from tfbus.recording.items import (
     TopicItem,
     TransformItem,
 )
-from tfbus.recording.pauses import CUT_OUT
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import BusState
 from tfbus.wording import stamp_text

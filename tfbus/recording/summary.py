@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
-from tfbus.recording.items import EventItem, Viewpoint
+from tfbus.recording.items import EventItem, Pause, Viewpoint, recorded_ns, waits_between
 from tfbus.recording.layout import Edge
 from tfbus.recording.part import StreamChannel
-from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
 

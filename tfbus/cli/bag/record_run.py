@@ -43,9 +43,8 @@ from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
-from tfbus.recording.items import Selection, is_of_transforms, lacks_statics
+from tfbus.recording.items import RECORDING, Selection, is_of_transforms, lacks_statics
 from tfbus.recording.layout import CUSTOM
-from tfbus.recording.pauses import RECORDING
 from tfbus.recording.writer import Compression, RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor

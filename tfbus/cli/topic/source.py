@@ -20,8 +20,7 @@ from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError, DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.monitor.windows import WindowReading
-from tfbus.recording.items import Selection, TopicItem, TransformItem
-from tfbus.recording.pauses import recorded_ns
+from tfbus.recording.items import Selection, TopicItem, TransformItem, recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
     RecordingReader,

@@ -162,13 +162,11 @@ def _stamps(times: Any) -> "NDArray[np.int64]":
 
 
 def _of_datetime64(times: Any) -> "NDArray[np.int64]":
-    import numpy as np
-
-    if np.isnat(times).any():
+    if (times != times).any():  # as NaT only
         raise InvalidArgumentException("time: NaT is not a time")
-    if (abs(times.astype("datetime64[Y]").astype(np.int64)) >= _MOST_YEARS).any():
+    if (abs(times.astype("datetime64[Y]").astype("int64")) >= _MOST_YEARS).any():
         raise _too_far(times)
-    stamps: NDArray[np.int64] = times.astype("datetime64[ns]").astype(np.int64)
+    stamps: NDArray[np.int64] = times.astype("datetime64[ns]").astype("int64")
     return stamps
 
 

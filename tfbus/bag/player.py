@@ -6,7 +6,6 @@ viewer, a test. Any other thread may pause it, seek, and so on.
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Protocol
 
 from tfbus.errors import InvalidArgumentException
@@ -267,12 +266,7 @@ class ReadAhead:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._has_room:
             self._is_closed = True
             self._has_room.notify()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 from tfbus import messages
 from tfbus.bag.player import Player
@@ -36,7 +36,7 @@ from tfbus.recording.items import (
     TopicItem,
     TransformItem,
 )
-from tfbus.recording.playhead import Pace, Playhead, Progress
+from tfbus.recording.playhead import Pace, Playhead, Progress, Stamps
 from tfbus.recording.reader import RecordingReader
 from tfbus.ros.definitions import Definition
 from tfbus.runtime.log import LogOnce
@@ -48,9 +48,6 @@ from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
 RECORDED = "recorded"
-
-# Stamps of transforms and messages: moved to the time of now, or as they were recorded.
-Stamps = Literal["now", "recorded"]
 
 _NAMED = 5
 

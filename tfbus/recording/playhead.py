@@ -18,6 +18,9 @@ SLOWEST, FASTEST = 1e-3, 1e4
 # What to do at the end: return from `Player.run`, begin again, or wait for a seek.
 AtEnd = Literal["stop", "loop", "wait"]
 
+# Stamps of transforms and messages: moved to the time of now, or as they were recorded.
+Stamps = Literal["now", "recorded"]
+
 
 class PausableClock:
     """A monotonic clock that can be paused: a call returns nanoseconds from an arbitrary start.

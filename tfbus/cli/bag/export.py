@@ -23,8 +23,7 @@ from tfbus.recording.exported import (
     write_transforms_csv,
     write_transforms_npz,
 )
-from tfbus.recording.items import Item, TopicItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, Item, Selection, TopicItem
 from tfbus.recording.state import STATICS, Statics
 from tfbus.sensor_files import (
     write_cloud_npz,

@@ -16,8 +16,8 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.wording import listed
 
 if TYPE_CHECKING:
+    from tfbus.recording.items import Selection
     from tfbus.recording.reader import RecordingReader
-    from tfbus.recording.selection import Selection
 
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -51,7 +51,7 @@ class SelectionOptions:
 
     def selection(self, namespace: str = "", more_topics: Iterable[str] = ()) -> "Selection":
         """The selection that this is in a namespace, with more topics."""
-        from tfbus.recording.selection import Selection  # numpy, which `--help` does not need
+        from tfbus.recording.items import Selection  # numpy, which `--help` does not need
 
         def full(names: Iterable[str]) -> tuple[str, ...]:
             return tuple(full_name(name, namespace) for name in names)

@@ -29,6 +29,12 @@ from tfbus.wire.codec import decode_map, encode_map, encode_message, type_name
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
+# A file of $ points, which are the corners of a face.
+PLY_OF = (
+    b"ply\nformat ascii 1.0\ncomment by hand\nelement vertex $\nproperty float32 x\n"
+    b"property float32 y\nproperty float32 z\nproperty double quality\nelement face 1\n"
+    b"property list uchar int vertex_indices\nend_header\n"
+)
 JPEG = b"\xff\xd8\xff\xe0 not more than its first bytes"
 
 
@@ -138,6 +144,22 @@ def test_a_cloud_comes_back_from_its_files(tmp_path: Path) -> None:
     rows = np.frombuffer(body, [(name, of_numpy[kind]) for kind, name in kinds])
     assert np.array_equal(rows["z"], cloud()["z"])
     assert [rows[name][0] for name in ("red", "green", "blue")] == [0x10, 0x20, 0x30]
+    back = read_cloud(tmp_path / "a.ply")
+    assert np.array_equal(back.xyz(), cloud().xyz())
+    assert np.array_equal(back["rgb"], cloud()["rgb"])
+    assert np.array_equal(back["normal_2"], cloud()["normal"][:, 2])
+
+
+def test_ascii_ply_is_read(tmp_path: Path) -> None:
+    """As programs for meshes write it, of which the points are read."""
+    path = tmp_path / "a.PLY"
+    path.write_bytes(
+        PLY_OF.replace(b"$", b"2").replace(b"\n", b"\r\n")
+        + b"1 2 3 0.5\r\nnan 5 6 0.25\r\n3 0 1 1\r\n"
+    )
+    found = read_cloud(path)
+    assert np.array_equal(found.xyz(), [[1, 2, 3], [np.nan, 5, 6]], equal_nan=True)
+    assert found["quality"].tolist() == [0.5, 0.25]
 
 
 def test_ascii_pcd_is_read(tmp_path: Path) -> None:
@@ -177,7 +199,18 @@ def test_another_library_reads_a_png(tmp_path: Path) -> None:
         ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nDATA binary_compressed\nabcd"),
         ("a.npz", b"PK no archive"),
         ("a.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '|O'}\n"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 999999999999999999999\nDATA ascii\n1\n"),
         ("a.ply", b"ply"),
+        ("a.ply", b""),
+        ("a.ply", PLY_OF.replace(b"$", b"2") + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1") + b"1 2 3\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1") + b"1 2 3 x\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"-1") + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"9" * 25) + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"float32 x", b"list uchar int x")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"32 y", b"32 x")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"ascii", b"binary_big_endian")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"ascii", b"binary_little_endian") + b"abcd"),
     ],
 )
 def test_a_hostile_cloud_is_refused_in_a_sentence(

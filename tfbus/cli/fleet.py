@@ -75,8 +75,7 @@ _MOST_IN_PIPE = 200
     default=30.0,
     metavar="SECONDS",
     show_default=True,
-    help="How long robots may take to come, from the start of --watch, before --on-gone runs for "
-    "the missing.",
+    help="How long robots of the roster have to come before --on-gone runs for the missing.",
 )
 @period_option("How long rates are measured, and the time between pages")
 @json_option("Print one JSON object; with --watch a line for each change of a robot's state.")

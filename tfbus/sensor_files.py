@@ -148,8 +148,10 @@ def write_pixels_npy(image: Image, path: Path) -> None:
     """Write the pixels (height, width), or (height, width, channels), as the encoding has them.
     Raises OSError.
     """
-    with path.open("wb") as file:
-        np.save(file, image.pixels())
+    # Into a file numpy writes by C, and does not say why that failed.
+    held = io.BytesIO()
+    np.save(held, image.pixels())
+    path.write_bytes(held.getbuffer())
 
 
 def read_cloud(path: str | Path) -> PointCloud:

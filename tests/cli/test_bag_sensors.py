@@ -1,6 +1,8 @@
 """`tfbus bag export` of clouds and images, and its files, read by others and back."""
 
+import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from tfbus.sensor_files import (
     read_image,
     write_cloud_npz,
     write_pcd,
+    write_pixels_npy,
     write_ply,
     write_png,
 )
@@ -221,6 +224,26 @@ def test_a_hostile_cloud_is_refused_in_a_sentence(
     path.write_bytes(content)
     with pytest.raises(InvalidArgumentException, match=name):
         read_cloud(path)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: write_ply(cloud(), path),
+        lambda path: write_pcd(cloud(), path),
+        lambda path: write_cloud_npz(cloud(), path),
+        lambda path: write_png(picture(), path),
+        lambda path: write_pixels_npy(picture(), path),
+    ],
+    ids=["ply", "pcd", "npz", "png", "npy"],
+)
+def test_a_full_disk_is_the_reason(write: Callable[[Path], None]) -> None:
+    """An error of the system, which the tool prints with the name of the file."""
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("only Linux has a file that is always full")
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        write(full)
 
 
 def test_arrays_of_a_recording_are_as_on_the_bus(tmp_path: Path) -> None:

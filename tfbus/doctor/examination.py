@@ -13,7 +13,6 @@ from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import and_more
 
 
 @dataclass(frozen=True)
@@ -195,8 +194,6 @@ def scope(namespace: str, *, is_fleet: bool) -> str:
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
 
 
-_MOST_SENTENCES = 10
-
 Verdict = Literal["ok", "warn", "fail", "skipped"]
 
 
@@ -204,8 +201,8 @@ Verdict = Literal["ok", "warn", "fail", "skipped"]
 class Finding:
     """The verdict of one check, its evidence, and what to do about it.
 
-    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" if there is nothing to
-    do.
+    `evidence` are sentences, one for each thing that is wrong; of a skipped check, the reason.
+    `remedy` is "" if there is nothing to do.
     """
 
     verdict: Verdict
@@ -228,12 +225,6 @@ def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") ->
     if not evidence:
         return ok(*filter(None, (fine,)))
     return Finding(verdict, tuple(evidence), remedy)
-
-
-def first_of(sentences: list[str]) -> list[str]:
-    """The first ten sentences, and how many more there are."""
-    more = and_more(len(sentences), _MOST_SENTENCES)
-    return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]
 
 
 # The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and

@@ -15,7 +15,12 @@ from tests.builders import EPOCH_NS, STAMP_NS, description, examples, rows_of
 from tfbus.errors import DecodeError
 from tfbus.wire.descriptions import encode_stream, read_description
 from tfbus.wire.numbered import FrameNumbers, origin_of
-from tfbus.wire.transforms import NumberedEncoder, TransformReader, decode_transforms
+from tfbus.wire.transforms import (
+    NumberedEncoder,
+    TransformReader,
+    decode_transforms,
+    newest_stamp,
+)
 
 Poses = NDArray[np.float64]
 NAMED = ((0, "map", "base"), (1, "base", "arm"), (2, "arm", "hand"))
@@ -193,6 +198,16 @@ def test_a_message_that_is_none_is_refused_with_the_reason(
         reader.read(spoilt, numbers)
     with pytest.raises(DecodeError, match=mistake):
         decode_transforms(spoilt, numbers)
+
+
+def test_the_newest_stamp_is_read_without_names() -> None:
+    """Of one for all, and of one for each; what is none is refused."""
+    assert newest_stamp(encoded(ORIGINS)) == STAMP_NS
+    assert newest_stamp(encoded(ORIGINS, stamps=[4, 9, -2])) == 9
+    for wrong in (2**64 - 1, True, None):
+        spoilt = msgpack.packb(msgpack.unpackb(encoded(ORIGINS)) | {"stamps": wrong})
+        with pytest.raises(DecodeError, match="'stamps' is neither"):
+            newest_stamp(spoilt)
 
 
 @settings(max_examples=examples(200))

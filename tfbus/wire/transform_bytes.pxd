@@ -53,7 +53,7 @@ cpdef TransformMessage scan_message(bytes payload, NameTables tables)
 @cython.locals(cursor=_Cursor, seen=cython.int, key=cython.int, start=Py_ssize_t, runs=bytes, stamps=bytes, forms=bytes,
                poses=bytes, columns=Columns, rows=NumberedRows)
 cpdef TransformMessage scan_numbered(bytes payload, FrameNumbers numbers)
-cdef bint _is_binary(_Cursor cursor) noexcept
+cdef bytes _stamps(_Cursor cursor)
 @cython.locals(size=Py_ssize_t, start=Py_ssize_t)
 cdef bytes _binary(_Cursor cursor)
 @cython.locals(start=Py_ssize_t, size=Py_ssize_t, at=Py_ssize_t, key=cython.int)

@@ -245,10 +245,7 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
                     return None
             runs = payload[start : cursor.at]
         elif key == _STAMPS:
-            if _is_binary(cursor):
-                stamps = _binary(cursor)
-            else:
-                stamps = packed.stamp_bytes(cursor.integer())
+            stamps = _stamps(cursor)
         elif key == _FORMS:
             forms = _binary(cursor)
         elif key == _POSES:
@@ -271,8 +268,11 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
     return None if columns is None else TransformMessage(columns, epoch_ns, seq, rows.unnamed)
 
 
-def _is_binary(cursor: _Cursor) -> bool:
-    return cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6
+def _stamps(cursor: _Cursor) -> bytes:
+    """The bytes that follow, or those of the integer."""
+    if cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6:
+        return _binary(cursor)
+    return packed.stamp_bytes(cursor.integer())
 
 
 def _binary(cursor: _Cursor) -> bytes:

@@ -204,11 +204,7 @@ def _decode_numbered(
     seq = _seq(columns)
     if not isinstance(runs, list) or not all(type(each) is int for each in runs):
         raise DecodeError("'runs' is not a list of integers")
-    stamps = columns.get("stamps")
-    if type(stamps) is int and -(2**63) <= stamps < 2**63:
-        stamps = stamps.to_bytes(STAMP_SIZE, "little", signed=True)
-    if not isinstance(stamps, bytes):
-        raise DecodeError("'stamps' is neither an integer nor bytes")
+    stamps = _stamps(columns)
     forms, poses = columns.get("forms"), columns.get("poses")
     if not isinstance(forms, bytes) or not isinstance(poses, bytes):
         raise DecodeError("'forms' or 'poses' is not bytes")
@@ -228,6 +224,15 @@ def _decode_numbered(
     return TransformMessage(found, epoch_ns, seq, rows.unnamed)
 
 
+def _stamps(columns: dict[str, Any]) -> bytes:
+    stamps = columns.get("stamps")
+    if type(stamps) is int and -(2**63) <= stamps < 2**63:
+        stamps = stamps.to_bytes(STAMP_SIZE, "little", signed=True)
+    if not isinstance(stamps, bytes):
+        raise DecodeError("'stamps' is neither an integer of 64 bits with a sign nor bytes")
+    return stamps
+
+
 def _seq(columns: dict[str, Any]) -> int | None:
     seq = columns.get("seq")
     if type(seq) is not int and "seq" in columns:
@@ -241,10 +246,8 @@ def newest_stamp(payload: bytes) -> int:
     """
     if not is_numbered(payload):
         return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
-    stamps = decode_map(payload).get("stamps", b"")
-    if isinstance(stamps, int):
-        return stamps
-    return max(memoryview(_column({"stamps": stamps}, "stamps", 8, "q")).cast("q"), default=0)
+    stamps = _column({"stamps": _stamps(decode_map(payload))}, "stamps", STAMP_SIZE, _STAMPS)
+    return max(memoryview(stamps).cast("q"), default=0)
 
 
 class TransformReader:

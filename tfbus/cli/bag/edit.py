@@ -7,25 +7,23 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tfbus.cli.bag.new_file import (
+from tfbus.cli.bag.files import (
+    FRAMES,
+    STREAMS,
+    TOPICS,
     about_edited,
     compression_option,
     edited,
     lost_of,
-    needing,
-    output_option,
-    write_recording,
-)
-from tfbus.cli.bag.selecting import (
-    FRAMES,
-    STREAMS,
-    TOPICS,
     names_of,
     names_option,
+    needing,
+    output_option,
     recordings_argument,
     regex_options,
     selected,
     warn_of_unreadable,
+    write_recording,
 )
 from tfbus.cli.output import first_lines, print_lines, say, warn
 from tfbus.command.recordings import BagChoice, OpenBag, open_recording

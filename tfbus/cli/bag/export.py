@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.cli.bag.new_file import new_file, with_progress
-from tfbus.cli.bag.selecting import RECORDING
+from tfbus.cli.bag.files import RECORDING, new_file, with_progress
 from tfbus.cli.message import supplied_type
 from tfbus.cli.output import say, warn
 from tfbus.command.options import max_gap_option

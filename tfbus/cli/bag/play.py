@@ -8,7 +8,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Answering
-from tfbus.cli.bag.selecting import (
+from tfbus.cli.bag.files import (
     CALLED_IN_ROS,
     NO_SERVICES,
     RECORDING,

@@ -278,7 +278,7 @@ REAL = {
     "runtime/callbacks.py": "what belongs to a thread of Python's",
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "buffer/formats.py": "dates as texts",
-    "bus/zenoh_library.py": "the state that Python keeps of Zenoh's threads",
+    "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
     "bus/network_session.py": "the end of a process",
 }
 

@@ -202,7 +202,7 @@ def bare(ros: str, way: str) -> None:
     """The relay: on threads whose state Python keeps, as tfbus has them, and few relays."""
     import zenoh
 
-    from tfbus.bus.zenoh_library import kept
+    from tfbus.bus.callbacks import kept
 
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps("client"))

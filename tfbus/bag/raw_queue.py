@@ -195,6 +195,8 @@ class TransformSource:
         self._last: tuple[StreamDescription | None, RecordedStream] | None = None
         self._numbered_by: StreamDescription | None = None
         self._numbers = NO_NUMBERS
+        # What `is_described` has read already: a payload, by which description, and its message.
+        self._read_before: tuple[bytes, StreamDescription | None, TransformMessage] | None = None
 
     def is_described(self, payload: bytes) -> bool:
         """Whether its publisher's node is known, and the names of all frames in the message."""
@@ -204,11 +206,16 @@ class TransformSource:
         if description.poses == FLOAT64:
             return True
         try:
-            return not self._read(payload, description).unnamed
+            message = self._read(payload, description)
         except DecodeError:
             return True
+        self._read_before = payload, description, message
+        return not message.unnamed
 
     def _read(self, payload: bytes, description: StreamDescription | None) -> TransformMessage:
+        before = self._read_before
+        if before is not None and before[0] is payload and before[1] is description:
+            return before[2]
         if description is not self._numbered_by:
             self._numbered_by = description
             self._numbers = NO_NUMBERS if description is None else description.numbers
@@ -218,6 +225,7 @@ class TransformSource:
         """A message, read. Raises DecodeError."""
         description = self._described.get(self.name)
         message = self._read(payload, description)
+        self._read_before = None
         if message.unnamed and not len(message.rows):
             raise DecodeError("the description of its stream has no names for its frames")
         last = self._last

@@ -373,7 +373,7 @@ class Recorder:
 
     def _waits(self, raw: Raw) -> bool:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
-        if raw.source.is_described(raw.payload) or raw.source in self._undescribed:
+        if raw.source in self._undescribed or raw.source.is_described(raw.payload):
             return False
         if 0 <= self._queue.now_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
             return True

@@ -16,12 +16,11 @@ from typing import Any, Self
 import zenoh
 
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.zenoh_library import (
-    Callbacks,
     as_bus_error,
     bus_errors,
     configure_zenoh_threads,
-    direct,
     first_sentence,
 )
 from tfbus.errors import BusError

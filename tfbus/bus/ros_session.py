@@ -15,10 +15,11 @@ from typing import Any, TypeVar
 import zenoh
 
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.network_session import RETRY_S, Declaration, HeardWatch, NetworkSession
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.settings import check_endpoint
-from tfbus.bus.zenoh_library import Callbacks, bus_errors, direct, first_sentence, is_router_missing
+from tfbus.bus.zenoh_library import bus_errors, first_sentence, is_router_missing
 from tfbus.errors import BusError, SettingsError
 from tfbus.runtime import scheduler
 from tfbus.wire.limits import size_text

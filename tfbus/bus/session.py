@@ -9,6 +9,7 @@ from typing import Any, Literal
 import zenoh
 
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import (
@@ -30,12 +31,7 @@ from tfbus.bus.zenoh_config import (
     scouting_of,
     zenoh_config,
 )
-from tfbus.bus.zenoh_library import (
-    Callbacks,
-    bus_errors,
-    direct,
-    is_router_missing,
-)
+from tfbus.bus.zenoh_library import bus_errors, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler

@@ -15,7 +15,6 @@ from tfbus.monitor.meter import SpanMeter, measure
 from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import and_more
 
 
 @dataclass(frozen=True)
@@ -197,8 +196,6 @@ def scope(namespace: str, *, is_fleet: bool) -> str:
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
 
 
-_MOST_SENTENCES = 10
-
 Verdict = Literal["ok", "warn", "fail", "skipped"]
 
 
@@ -206,8 +203,8 @@ Verdict = Literal["ok", "warn", "fail", "skipped"]
 class Finding:
     """The verdict of one check, its evidence, and what to do about it.
 
-    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" if there is nothing to
-    do.
+    `evidence` are sentences, one for each thing that is wrong; of a skipped check, the reason.
+    `remedy` is "" if there is nothing to do.
     """
 
     verdict: Verdict
@@ -230,12 +227,6 @@ def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") ->
     if not evidence:
         return ok(*filter(None, (fine,)))
     return Finding(verdict, tuple(evidence), remedy)
-
-
-def first_of(sentences: list[str]) -> list[str]:
-    """The first ten sentences, and how many more there are."""
-    more = and_more(len(sentences), _MOST_SENTENCES)
-    return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]
 
 
 # The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and

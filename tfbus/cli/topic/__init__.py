@@ -370,8 +370,8 @@ _CALLED_IN_ROS = {
     "--file",
     "path",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Publish the cloud (.pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES are "
-    "its frame_id and stamp_ns, which is else the time of each message.",
+    help="Publish the cloud (.ply, .pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES "
+    "are its frame_id and stamp_ns, which is else the time of each message.",
 )
 @bus_options("topic")
 def pub_command(

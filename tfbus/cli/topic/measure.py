@@ -366,7 +366,7 @@ def delay_command(
 
     def number_of(node: "Node", topic: str) -> Meter:
         is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
-        stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
+        stamp_of = newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
         return _Age(node, topic, stamp_of)
 
     _run(settings, topics, DELAY, number_of, **how)
@@ -430,10 +430,6 @@ class _Age:
             question = whose_clock(is_simulated=clock.is_simulated)
             warn(f"the stamps on {self._topic!r} are of another clock: {question}")
         return age_s
-
-
-def _newest_stamp(payload: bytes) -> int:
-    return newest_stamp(payload)
 
 
 def _stamp(topic: str, payload: bytes) -> int:

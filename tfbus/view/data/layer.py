@@ -182,9 +182,16 @@ class TopicLayer:
             self._waits_since_s = now_s
         if now_s - self._waits_since_s < _WAITS_S:
             self.waiting.put_back(taken)
+        elif self._is_at_any_time(taken[-1], settings):
+            self.waiting.put_back(taken[-1:])
         else:
             self.dropped["no transform"] += len(taken)
             self._waits_since_s = None
+
+    def _is_at_any_time(self, message: Any, settings: TopicSettings) -> bool:
+        """Whether any transform of its frame places a message, also one that comes long after."""
+        is_map = isinstance(message, messages.OccupancyGrid)
+        return is_map or settings.locked or not message.stamp_ns
 
     def _try(
         self,
@@ -334,7 +341,9 @@ class TopicLayer:
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
                 del self._unplaced[key]
-            elif now_s - since_s >= _WAITS_S or now_s >= ends_s:
+            elif now_s >= ends_s or (
+                now_s - since_s >= _WAITS_S and item.stamp_ns and not item.is_locked
+            ):
                 del self._unplaced[key]
                 self.placed.pop(key, None)
                 self.dropped["no transform"] += 1

@@ -20,7 +20,7 @@ from tfbus.runtime.log import LogOnce
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wire.codec import type_name
 from tfbus.wire.fleet import Fleet, FrameNames
-from tfbus.wire.keys import namespace_of_node, relative_name
+from tfbus.wire.keys import namespace_of_node, relative
 from tfbus.wording import printable
 
 # Of the others the newest message is all that is drawn.
@@ -279,7 +279,7 @@ class DataOnBus:
             return None
         own = self._node.namespace
         above = {
-            relative_name(f"/{namespace_of_node(end.node)}".rstrip("/"), own)
+            relative(f"/{namespace_of_node(end.node)}/", own).rstrip("/")
             for end in topic.publishers
         }
         origin = above.pop() if len(above) == 1 else topic.name.rpartition("/")[0]

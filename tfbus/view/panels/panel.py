@@ -129,14 +129,11 @@ class Panel:
         with tabs.add_tab("Frames") as tab:
             self._tree = TreePanel(server, tab, view, selections, channel)
             self._mistakes = Html(gui.add_html(""))
-        with tabs.add_tab("Measure"):
-            self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
-        self.tools: ToolsPanel | None = None
-        if tools:
-            with tabs.add_tab(ToolsPanel.title):
-                self.tools = ToolsPanel(gui, view, channel, tools)
+        with tabs.add_tab("Tools"):
+            self.tools = ToolsPanel(gui, view, channel, tools) if tools else None
+            self._measure = MeasurePanel(gui, view)
         self.fleet = FleetTab(gui, tabs, roster)
         self._data = DataPanel(gui, tabs, view, data) if data else None
         self._scenes = data

@@ -43,8 +43,6 @@ class Aim:
 class ToolsPanel:
     """Buttons of the tools, their topics, and what was sent last."""
 
-    title = "Tools"
-
     def __init__(
         self, gui: viser.GuiApi, view: ViewState, channel: Channel, publishers: ToolPublishers
     ) -> None:

@@ -29,6 +29,7 @@ from tfbus.doctor.examination import (
     Examination,
     Finding,
     Verdict,
+    examine_recorded,
     examined,
     scope,
 )
@@ -226,8 +227,6 @@ def _check_recording(
     as_json: bool,
     roster: tuple[str, ...],
 ) -> None:
-    from tfbus.doctor.recorded import examine_recorded
-
     with frames_in_span(bag, settings, fleet) as (frames, from_ns, to_ns):
         seen = examine_recorded(frames, settings, from_ns, to_ns, fleet, roster)
         if not as_json:

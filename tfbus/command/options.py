@@ -12,8 +12,8 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
+from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.command.types import LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError

@@ -208,13 +208,17 @@ class PendingMessages:
         self._messages: deque[tuple[str, int, Receive, bytes]] = deque()
         self._bytes = 0
 
-    def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
-        """Add a message of this epoch, which `receive` takes once the stream is described."""
+    def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
+        """Add a message of this epoch, which `receive` takes once the stream is described; False if
+        others had to go.
+        """
         with self._lock:
             self._messages.append((stream, epoch_ns, receive, payload))
             self._bytes += len(payload) + _OVERHEAD_BYTES
+            had_room = self._bytes <= self._most_bytes
             while self._bytes > self._most_bytes:
                 self._bytes -= len(self._messages.popleft()[3]) + _OVERHEAD_BYTES
+        return had_room
 
     def has(self, stream: str) -> bool:
         """Whether messages of a stream wait."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Answering
 from tfbus.cli.bus import look
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
 from tfbus.cli.topic.message_view import MessageFilter
@@ -24,7 +25,6 @@ from tfbus.cli.topic.source import (
     visiting,
     why_silent,
 )
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName

@@ -22,7 +22,6 @@ from tfbus import (
     RightsError,
     Robot,
     SettingsError,
-    SystemClock,
     TfbusError,
     TransformListener,
     fleet_options,
@@ -44,10 +43,6 @@ from tfbus.view import ViewSettings, holds_settings, load_settings, topic_named
 if TYPE_CHECKING:
     from tfbus import Fleet
     from tfbus.view import Guest, Page, RobotSource, Screenshot, Serving
-
-# Until a browser has it, the address is logged again: other output of a launch pushes it away.
-REMIND_EVERY_S = 20.0
-REMINDERS = 10
 
 _NAME = "view"
 
@@ -141,7 +136,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     multiple=True,
     metavar="NAME[:SETTINGS]",
     help="Draw the messages of this topic from the start, such as scan, with settings of its own, "
-    "such as points:voxel=5,rate_hz=5; repeatable.",
+    "such as points:voxel=5,rate_hz=5 (voxel and size are in cm); repeatable.",
 )
 @click.option(
     "--follow",
@@ -184,7 +179,7 @@ def main(
         chosen = replace(chosen, follow=follow)
     names = []
     for text in topics:
-        shown = topic_named(text, chosen)
+        shown = topic_named(text, chosen, settings.namespace)
         names.append(shown.topic)
         others = tuple(each for each in chosen.topics if each.topic != shown.topic)
         chosen = replace(chosen, topics=(*others, shown))
@@ -240,7 +235,9 @@ def main(
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
-                announce(node, page, listening.port, listening.host)
+                if page.port != serving.port:
+                    node.log.warning("%s", _taken(page, serving))
+                node.ready(_opened(page))
                 for note in notes:
                     node.log.info("%s", note)
                 if is_new and not serving.read_only:
@@ -249,9 +246,8 @@ def main(
             finally:
                 if shot:
                     shot.stop()
-            for name in names if shot else ():
-                if page.data is not None and (why := page.data.why_not_drawn(name)):
-                    node.log.warning("Topic %r is not drawn: %s", name, why)
+            if shot and page.data is not None:
+                page.data.warn_of(names)
             page.close()
     if shot:
         _finish(shot)
@@ -301,9 +297,8 @@ def _show_recording(
                 else:
                     replay.measure_meanwhile()
                 if page.port != serving.port:
-                    taken = f"Port {serving.port} of {serving.host} is taken: using {page.port}"
-                    click.echo(taken, err=True)
-                click.echo(f"View: {' or '.join(page.addresses)}", err=True)
+                    click.echo(_taken(page, serving), err=True)
+                click.echo(_opened(page), err=True)
                 for note in notes:
                     click.echo(note, err=True)
                 page.run()
@@ -311,28 +306,16 @@ def _show_recording(
                 if shot:
                     shot.stop()
                 page.close()
-            for name in topics if shot else ():
-                if page.data is not None and (why := page.data.why_not_drawn(name)):
-                    click.echo(f"Warning: topic {name!r} is not drawn: {why}", err=True)
+            if shot and page.data is not None:
+                page.data.warn_of(topics)
 
 
-def announce(node: Node, page: "Page", port: int, host: str) -> None:
-    """Log where to open the page, and again while it has not been opened."""
-    if page.port != port:
-        node.log.warning("Port %d of %s is taken: using %d", port, host, page.port)
-    text = f"View: {' or '.join(page.addresses)}"
-    node.ready(text)
-    left = REMINDERS
+def _opened(page: "Page") -> str:
+    return f"View: {' or '.join(page.addresses)}"
 
-    def remind() -> None:
-        nonlocal left
-        left -= 1
-        if page.is_watched or left < 0:
-            timer.cancel()
-        else:
-            node.log.info("%s", text)
 
-    timer = node.create_timer(REMIND_EVERY_S, remind, clock=SystemClock())
+def _taken(page: "Page", serving: "Serving") -> str:
+    return f"Port {serving.port} of {serving.host} is taken: using {page.port}"
 
 
 def _guests(node: Node) -> "Sequence[Guest]":

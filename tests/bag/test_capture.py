@@ -21,7 +21,7 @@ from tfbus.bag.capture import Capture, NodeRoster
 from tfbus.bag.raw_queue import EVENTS, RawQueue, TransformSource
 from tfbus.bus.session import Session
 from tfbus.messages import Clock
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import Selection
 from tfbus.runtime import scheduler
 from tfbus.wire.transforms import TransformReader
 

@@ -90,6 +90,17 @@ def test_people_get_a_page(bus: Bus) -> None:
     assert max(map(len, lines)) <= 80
 
 
+def test_a_screen_has_ten_sentences_of_a_check(bus: Bus) -> None:
+    """And how many more there are; JSON has all."""
+    for number in range(13):
+        send_static(bus.node(f"mount{number}"), f"map{number}", f"dock{number}")
+    options = ("doctor", "--only", "disconnected", "--for", "0.5")
+    text = " ".join(bus.run(*options).stdout.split())
+    assert text.count("a separate tree") == 10
+    assert "- and 2 more (--json has all) Fix: publish" in text
+    assert len(examined(bus, *options[1:])[1]["disconnected"]["evidence"]) == 12
+
+
 def test_the_checks_are_listed(bus: Bus) -> None:
     """--list names each check with what it makes sure of."""
     done = bus.run("doctor", "--list")

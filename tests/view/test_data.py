@@ -13,7 +13,6 @@ from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet
-from tfbus.discover.graph import TopicInfo
 from tfbus.errors import SettingsError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
@@ -111,6 +110,21 @@ def test_of_several_clouds_the_newest_that_can_be_placed_is_drawn(buffer: Buffer
     assert "base" in layer.trouble
     layer.step(buffer, "map", 6.1, SETTINGS)
     assert (xs(layer), dict(layer.dropped)) == ([4.0], {"no transform": 1})
+
+
+def test_a_map_waits_for_its_frame_however_long(buffer: Buffer) -> None:
+    """It comes once: as what is locked to its frame, or has no stamp."""
+    grid = OccupancyGrid.from_cells(2 * S, "floor", np.zeros((2, 3), np.int8), 0.1)
+    marks = (marker(0), marker(1, frame_locked=True), replace(marker(2), stamp_ns=0))
+    array = MarkerArray(tuple(replace(each, frame_id="floor") for each in marks))
+    layers = [layer_of(grid), layer_of(array)]
+    for now_s in (0.0, 60.0, 61.0):
+        if now_s == 61.0:
+            buffer.set_transform(moved(60 * S, "map", "floor", 4.0))
+        for layer in layers:
+            layer.step(buffer, "map", now_s, SETTINGS)
+    assert [*map(xs, layers)] == [[4.0], [4.0, 4.0]]
+    assert [dict(layer.dropped) for layer in layers] == [{}, {"no transform": 1}]
 
 
 def test_clouds_that_decay_stay_for_their_time(buffer: Buffer) -> None:
@@ -351,16 +365,18 @@ def test_of_points_in_one_cube_one_is_drawn(buffer: Buffer) -> None:
 
 
 def test_a_topic_is_named_with_its_settings() -> None:
-    """They go before those of the file; a mistake says which setting is wrong."""
+    """They go before those of the file; a mistake says which setting is wrong, and the unit."""
     saved = ViewSettings(topics=(TopicSettings("points", shown=False, size=9.0),))
     named = topic_named("points:voxel=5,color=height,locked=true,hidden=old", saved)
     assert named == TopicSettings(
         "points", size=9.0, voxel=5.0, color="height", locked=True, hidden=("old",)
     )
+    assert topic_named("/robot7/scan", saved, "robot7").topic == "scan"
     for text, why in (
         ("scan:rate=5", "no setting 'rate'"),
         ("scan:voxel=far", "voxel must be a number"),
         ("scan:quality=100", "quality must be from 5 to 95"),
+        ("scan:voxel=0.05", r"0 or from 1 to 100 cm, got 0.05 \(0.05 m is voxel=5\)"),
         ("scan:voxel", "'voxel' is not a setting such as"),
         ("scan:topic=points", "'topic=points' is not a setting such as"),
         ("scan:voxel=2001-13-45", "voxel must be a number"),
@@ -444,17 +460,17 @@ def test_a_wall_of_one_cell_is_always_seen(buffer: Buffer) -> None:
 
 
 def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -> None:
-    """Each robot calls its frames the same; the map is shared."""
-    data = DataOnBus(bus.node("view"), Fleet(("map",)))
+    """Each robot calls its frames the same; the map is shared. The view is in a namespace too."""
+    data = DataOnBus(bus.node("view", namespace="site"), Fleet(("map",)))
     filled = Buffer()
-    for at, name in enumerate(("robot1", "robot2"), start=1):
-        filled.set_transform(moved(S, "map", f"{name}/lidar", float(at)))
-        robot = bus.node("robot", namespace=name)
+    for at, name in enumerate(("", "robot1/", "robot2/")):
+        filled.set_transform(moved(S, "map", f"{name}lidar", float(at)))
+        robot = bus.node("robot", namespace=f"site/{name}".rstrip("/"))
         clouds = robot.create_publisher(PointCloud, "points", retained=True)
         clouds.publish(cloud(S, "lidar"))
         markers = robot.create_publisher(MarkerArray, "markers", retained=True)
         markers.publish(MarkerArray((replace(marker(), stamp_ns=S, frame_id="map"),)))
-    wanted = [f"robot{at}/{kind}" for at in (1, 2) for kind in ("points", "markers")]
+    wanted = [f"{of}{kind}" for of in ("", "robot1/", "robot2/") for kind in ("points", "markers")]
     topics = eventually(lambda: data.topics() if data.topics().keys() >= set(wanted) else None)
     data.want({name: topics[name] for name in wanted})
     found = []
@@ -465,7 +481,7 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
         layer = TopicLayer(waiting)
         layer.step(filled, "map", 0.0, SETTINGS)
         found.append(xs(layer))
-    assert found == [[1.0], [0.0], [2.0], [0.0]]
+    assert found == [[0.0], [0.0], [1.0], [0.0], [2.0], [0.0]]
 
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:
@@ -516,9 +532,26 @@ def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bu
     assert "view" not in subscribed.stdout
 
 
-def test_a_topic_that_is_not_drawn_says_why() -> None:
-    """A name that is near is named."""
-    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
-    scenes.topics = {"scan": TopicInfo("scan")}
-    assert scenes.why_not_drawn("scann").endswith("did you mean 'scan'?")
-    assert scenes.why_not_drawn("scan") == "no message has come"
+def test_a_topic_that_is_not_drawn_says_why_once(
+    bus: Bus, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A name that is near is named, also before a browser looks; and so are types."""
+    robot = bus.node("robot")
+    robot.create_publisher(LaserScan, "scan")
+    robot.create_publisher(Pose, "pose")
+    node = bus.node("view")
+    scenes = DataScenes(cast(Any, None), DataOnBus(node), logging.getLogger("view"))
+    named = ("scann", "scan", "pose")
+    settings = ViewSettings(topics=tuple(map(TopicSettings, named)))
+
+    def says() -> list[str]:
+        scenes.see(Buffer(), "map", settings, is_held=False, is_watched=False)
+        return [each.getMessage() for each in caplog.records if each.name == "view"]
+
+    scann, pose = eventually(says)
+    assert scann.startswith("Topic 'scann' is not drawn: there is no such topic")
+    assert scann.endswith("did you mean 'scan'?")
+    assert pose.endswith("it has Pose, which the view does not draw")
+    scenes.warn_of(named)
+    assert says()[2:] == ["Topic 'scan' is not drawn: no message has come"]
+    scenes.close()

@@ -76,4 +76,4 @@ def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) ->
     _, other = start_view(bus, "--read-only", "--name", "other")
     public = View(pages.new_page(), other)
     public.wait_for_status("tool", "dynamic")
-    assert not public.page.get_by_text("Tools", exact=True).count()
+    assert not public.page.locator("[data-tool]").count()

@@ -77,13 +77,13 @@ def test_a_guest_has_a_tab_while_it_is_present(
     lamps: Lamps, refresh: Callable[[], tuple[str, ...]]
 ) -> None:
     """Its controls are made each time that it comes, and left alone while it is away."""
-    assert refresh() == ("Frames", "Measure", "View")
+    assert refresh() == ("Frames", "View", "Tools")
     lamps.is_present = True
-    assert refresh() == refresh() == ("Frames", "Measure", "View", "Lamps")
+    assert refresh() == refresh() == ("Frames", "View", "Tools", "Lamps")
     lamps.is_present = False
-    assert refresh() == ("Frames", "Measure", "View")
+    assert refresh() == ("Frames", "View", "Tools")
     lamps.is_present = True
-    assert refresh() == ("Frames", "Measure", "View", "Lamps")
+    assert refresh() == ("Frames", "View", "Tools", "Lamps")
     assert lamps.calls == ["join", "add", "refresh", "refresh", "add", "refresh"]
 
 
@@ -93,5 +93,5 @@ def test_a_guest_has_no_tab_on_a_page_that_is_read_only(
 ) -> None:
     """Its controls could do anything; its shapes are there."""
     lamps.is_present = True
-    assert refresh() == ("Frames", "Measure", "View")
+    assert refresh() == ("Frames", "View", "Tools")
     assert lamps.calls == ["join"]

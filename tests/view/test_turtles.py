@@ -228,7 +228,7 @@ def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
 def test_the_way_between_two_frames_is_printed_as_by_echo(stage: Stage, view: View) -> None:
     """The drone is behind its turtle and above."""
     stage.bus.start("broadcaster")
-    view.tab("Measure")
+    view.tab("Tools")
     eventually(lambda: view.choose("Seen from", "turtle1") is None)
     view.choose("Frame", "drone")
     echo = view.page.locator("#tf-echo").filter(has_text="Translation: [-0.500, 0.000, 1.000]")

@@ -10,7 +10,7 @@ from itertools import chain
 from typing import Any, Literal
 
 from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, TransformSource
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo, graph_of
@@ -22,8 +22,7 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
-from tfbus.recording.items import EventItem, EventKind
-from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.recording.items import EventItem, EventKind, Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import Timer

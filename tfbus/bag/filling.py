@@ -18,8 +18,7 @@ from tfbus.bag.recorder import Filled, Recorder
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, TfbusError
 from tfbus.listen.queries import AskPages, PagesInTurn
-from tfbus.recording.items import EventItem, EventKind
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import EventItem, EventKind, Selection
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import (

@@ -24,12 +24,10 @@ from tfbus.bag.keeping import (
     Splits,
     WrittenPart,
 )
-from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
+from tfbus.bag.raw_queue import EVENTS, MessageSource, Past, Raw, RawQueue, SourceOf
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
-from tfbus.recording.items import EventItem, Item
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import EventItem, Item, Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import from_map

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from tfbus.bus.handles import Declaration
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.neighbours import scout
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session

@@ -10,7 +10,6 @@ from tfbus.doctor.examination import (
     RecordedSpan,
     Verdict,
     check,
-    first_of,
     found,
     ok,
     skipped,
@@ -390,7 +389,7 @@ def _of_flows(seen: Examination, verdict: Verdict, evidence: list[str], remedy: 
     if not evidence and not seen.flows:
         return skipped(f"no dynamic transform came in {duration(seen.listened_s)}")
     frames = counted(len({flow.child for flow in seen.flows}), "dynamic frame")
-    return found(verdict, first_of(evidence), remedy, f"{frames} in {duration(seen.listened_s)}")
+    return found(verdict, evidence, remedy, f"{frames} in {duration(seen.listened_s)}")
 
 
 def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:

@@ -238,12 +238,14 @@ class FleetWatch:
         now = {
             name: (each.messages, each.bytes) for name, each in moment.streams.items() if each.alive
         }
+        if self._counted and self._counted[-1][0] == moment.at_ns:
+            self._counted.pop()  # a moment looked at again, as of a clock that stands still
         self._counted.append((moment.at_ns, now))
         while len(self._counted) > 2 and moment.at_ns - self._counted[1][0] >= _RECENT_S * 1e9:
             self._counted.popleft()
         last = self._counted[-2][1] if len(self._counted) > 1 else {}
         self._since_ns = {
-            name: self._since_ns[name]
+            name: self._since_ns.get(name, moment.at_ns)
             if name in last and last[name][0] <= count[0]
             else moment.at_ns
             for name, count in now.items()

@@ -12,12 +12,22 @@ from typing import TypeVar
 
 from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError, FileError, MissingFileError
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    ALL,
+    RECORDING,
+    EventItem,
+    Item,
+    Pause,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+    pauses_between,
+    pauses_of,
+)
 from tfbus.recording.mcap_file import how_to_import
 from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
-from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.records import Damage, united
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader

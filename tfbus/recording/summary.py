@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
-from tfbus.recording.index import Edge
-from tfbus.recording.items import EventItem
+from tfbus.recording.items import EventItem, Pause, Viewpoint, recorded_ns, waits_between
+from tfbus.recording.layout import Edge
 from tfbus.recording.part import StreamChannel
-from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
-from tfbus.recording.selection import Viewpoint
 
 # A stream in one epoch.
 StreamKey = tuple[str, int]

@@ -13,6 +13,7 @@ import yaml
 from tfbus.errors import SettingsError
 from tfbus.runtime.whole_file import replacing
 from tfbus.runtime.yaml_file import yaml_mistake
+from tfbus.wire.keys import relative
 from tfbus.wording import did_you_mean
 
 
@@ -153,6 +154,12 @@ RANGES = {
     "quality": (5.0, 95.0),
 }
 
+# Of those whose name does not say it.
+_UNITS = {"size": "cm", "voxel": "cm"}
+
+# Smaller cubes than points are wide are metres, taken for centimetres.
+_LEAST_VOXEL = 1.0
+
 # The shapes of robots to choose from.
 SHAPES = ("visual", "collision", "both")
 
@@ -216,11 +223,13 @@ def _read_topic(value: object) -> TopicSettings:
     return TopicSettings(**{name: _read(name, each, _OF_TOPIC) for name, each in value.items()})
 
 
-def topic_named(text: str, settings: ViewSettings) -> TopicSettings:
+def topic_named(text: str, settings: ViewSettings, namespace: str = "") -> TopicSettings:
     """The settings of a topic that is to be shown, from a text such as `points` or
-    `points:voxel=5,color=height`, over those that it has. Raises SettingsError.
+    `points:voxel=5,color=height`, over those that it has. `/points` is one of the `namespace`, or
+    of another. Raises SettingsError.
     """
     topic, _, given = text.partition(":")
+    topic = relative(topic, namespace)
     if not topic:
         raise SettingsError(f"{text!r} has no topic before its settings, as points:voxel=5 has")
     values: dict[str, Any] = {}
@@ -258,14 +267,25 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
     if kind is not wanted:
         raise SettingsError(f"{name} must be {_KINDS[wanted]}, got {value!r}")
     if name in RANGES:
-        least, most = RANGES[name]
-        if not least <= value <= most:
-            raise SettingsError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
+        _check_range(name, value)
     if name == "shapes" and value not in SHAPES:
         raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
     if name in ("only", "never"):
         NameFilter(value)
     return value
+
+
+def _check_range(name: str, value: float) -> None:
+    least, most = RANGES[name]
+    is_voxel = name == "voxel" and value != 0.0
+    least = _LEAST_VOXEL if is_voxel else least
+    if least <= value <= most:
+        return
+    unit = _UNITS.get(name, "")
+    allowed = f"{'0 or ' if is_voxel else ''}from {least:g} to {most:g} {unit}".rstrip()
+    in_cm = value * 100.0
+    meant = f" ({value:g} m is {name}={in_cm:g})" if unit and least <= in_cm <= most else ""
+    raise SettingsError(f"{name} must be {allowed}, got {value:g}{meant}")
 
 
 _KINDS = {bool: "true or false", float: "a number", str: "a string"}

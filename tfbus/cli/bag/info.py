@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tfbus.cli.bag.selecting import RECORDING
+from tfbus.cli.bag.files import RECORDING
 from tfbus.cli.output import (
     counted_transforms,
     json_option,

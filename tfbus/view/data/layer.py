@@ -182,9 +182,16 @@ class TopicLayer:
             self._waits_since_s = now_s
         if now_s - self._waits_since_s < _WAITS_S:
             self.waiting.put_back(taken)
+        elif self._is_at_any_time(taken[-1], settings):
+            self.waiting.put_back(taken[-1:])
         else:
             self.dropped["no transform"] += len(taken)
             self._waits_since_s = None
+
+    def _is_at_any_time(self, message: Any, settings: TopicSettings) -> bool:
+        """Whether any transform of its frame places a message, also one that comes long after."""
+        is_map = isinstance(message, messages.OccupancyGrid)
+        return is_map or settings.locked or not message.stamp_ns
 
     def _try(
         self,
@@ -334,7 +341,9 @@ class TopicLayer:
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
                 del self._unplaced[key]
-            elif now_s - since_s >= _WAITS_S or now_s >= ends_s:
+            elif now_s >= ends_s or (
+                now_s - since_s >= _WAITS_S and item.stamp_ns and not item.is_locked
+            ):
                 del self._unplaced[key]
                 self.placed.pop(key, None)
                 self.dropped["no transform"] += 1
@@ -503,17 +512,17 @@ def _of_yuv422(pixels: NDArray[Any], *, is_y_first: bool, step: int) -> Picture:
 
 
 def _opened(image: CompressedImage) -> Picture:
-    from PIL import Image as Opener
-    from PIL import UnidentifiedImageError
+    import PIL.Image
 
     try:
         # Formats that may run programs or read files, such as EPS, are not among these.
-        opened = Opener.open(io.BytesIO(image.data.tobytes()), formats=("JPEG", "PNG", "WEBP"))
+        data = io.BytesIO(image.data.tobytes())
+        opened = PIL.Image.open(data, formats=("JPEG", "PNG", "WEBP"))
         if opened.width * opened.height > _MOST_PIXELS:
             raise ValueError(f"it has {opened.width} by {opened.height} pixels, too many to show")
         # JPEG is made smaller while it is read.
         opened.draft("RGB", (_MOST_SIDE, _MOST_SIDE))
         opened.thumbnail((_MOST_SIDE, _MOST_SIDE))
         return np.asarray(opened.convert("RGB"))
-    except (OSError, SyntaxError, UnidentifiedImageError, Opener.DecompressionBombError) as error:
+    except (OSError, SyntaxError, PIL.Image.DecompressionBombError) as error:
         raise ValueError(f"{image.format[:60]!r} cannot be read: {error}") from error

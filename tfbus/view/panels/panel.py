@@ -14,9 +14,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.clocks import MOST_SKEW_S
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.view.data.tools import ToolPublishers
+from tfbus.view.data.topics import ToolPublishers
 from tfbus.view.frames import FAULTS, Frames, Placed, newest_common_ns
-from tfbus.view.guest import Guest
 from tfbus.view.panels.controls import (
     Control,
     DisplayPanel,
@@ -34,6 +33,7 @@ from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
 from tfbus.view.scene.data import DataScenes
+from tfbus.view.scene.drawn import Guest
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.settings import Playback, Selections, ViewState
 from tfbus.wording import and_more, counted, duration, listed, printable
@@ -129,14 +129,11 @@ class Panel:
         with tabs.add_tab("Frames") as tab:
             self._tree = TreePanel(server, tab, view, selections, channel)
             self._mistakes = Html(gui.add_html(""))
-        with tabs.add_tab("Measure"):
-            self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
-        self.tools: ToolsPanel | None = None
-        if tools:
-            with tabs.add_tab(ToolsPanel.title):
-                self.tools = ToolsPanel(gui, view, channel, tools)
+        with tabs.add_tab("Tools"):
+            self.tools = ToolsPanel(gui, view, channel, tools) if tools else None
+            self._measure = MeasurePanel(gui, view)
         self.fleet = FleetTab(gui, tabs, roster)
         self._data = DataPanel(gui, tabs, view, data) if data else None
         self._scenes = data

@@ -13,7 +13,7 @@ from typing import Any
 
 import viser
 
-from tfbus.view.data.tools import TOOLS, Tool, ToolPublishers
+from tfbus.view.data.topics import TOOLS, Tool, ToolPublishers
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.settings import ViewState
@@ -42,8 +42,6 @@ class Aim:
 
 class ToolsPanel:
     """Buttons of the tools, their topics, and what was sent last."""
-
-    title = "Tools"
 
     def __init__(
         self, gui: viser.GuiApi, view: ViewState, channel: Channel, publishers: ToolPublishers

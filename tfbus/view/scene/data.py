@@ -6,7 +6,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -19,6 +19,7 @@ from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo
 from tfbus.geometry.transform import Transform
+from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.view.data.layer import PlacedItem, TopicLayer
 from tfbus.view.data.shapes import (
@@ -34,10 +35,9 @@ from tfbus.view.data.shapes import (
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
 from tfbus.view.frames import Floats, Frames
-from tfbus.view.guest import FIXED_NODE
 from tfbus.view.meshes.loader import ReadMesh
-from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
-from tfbus.view.scene.picking import Ray
+from tfbus.view.scene.camera import Ray
+from tfbus.view.scene.drawn import FIXED_NODE, place_of, scale_of_depth, unit_mesh
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wording import counted, did_you_mean, listed, printable
 
@@ -45,6 +45,8 @@ _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
+# Nodes that begin with the view have said what they publish by then.
+_ABSENT_AFTER_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,7 @@ class DataScenes:
         self._server = server
         self._mesh_named = mesh_named
         self._source = source
+        self._log = log
         self._log_once = LogOnce(log)
         self.topics: dict[str, TopicInfo] = {}
         self.layers: dict[str, TopicLayer] = {}
@@ -106,6 +109,9 @@ class DataScenes:
         self._numbers = count(1)
         self._sight: _Sight | None = None
         self._is_held = False
+        self._since_s = scheduler.monotonic()
+        self._has_warned = False
+        self._warned: set[str] = set()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -120,12 +126,18 @@ class DataScenes:
         is_held: bool,
         is_watched: bool,
     ) -> None:
-        """Draw by these settings; ask for topics, and subscribe, only while somebody looks."""
-        if is_watched:
+        """Draw by these settings; ask for topics, and subscribe, only while somebody looks. Of
+        those to draw from the start, it is said once which are not there.
+        """
+        shown = [each.topic for each in settings.topics if each.shown]
+        if is_watched or (shown and not self._has_warned):
             self._all = self._source.topics()
             drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
             self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
-        shown = [each.topic for each in settings.topics if each.shown] if is_watched else []
+        if not self._has_warned and scheduler.monotonic() - self._since_s >= _ABSENT_AFTER_S:
+            self._has_warned = True
+            self.warn_of([topic for topic in shown if topic not in self.topics])
+        shown = shown if is_watched else []
         wanted = {name: self.topics[name] for name in shown if name in self.topics}
         cameras = {
             name: camera_topic(name, self._all)
@@ -197,8 +209,18 @@ class DataScenes:
         """Leave everything as it is, for a picture."""
         self._is_held = True
 
-    def why_not_drawn(self, topic: str) -> str:
-        """Why nothing of a topic is drawn; "" if something is."""
+    def warn_of(self, topics: Iterable[str]) -> None:
+        """Log of each of these topics, once, why nothing of it is drawn, if nothing is."""
+        for topic in topics:
+            if topic not in self._warned and (why := self._why_not_drawn(topic)):
+                self._warned.add(topic)
+                self._log.warning("Topic %r is not drawn: %s", topic, why)
+
+    def _why_not_drawn(self, topic: str) -> str:
+        info = self._all.get(topic)
+        if topic not in self.topics and info is not None and info.publishers:
+            types = listed(sorted({printable(end.type) for end in info.publishers}), most=3)
+            return f"it has {types}, which the view does not draw"
         if topic not in self.topics:
             near = did_you_mean(topic, self.topics, none="; there is none that can be")
             return f"there is no such topic of messages that are drawn{near}"

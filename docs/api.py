@@ -21,6 +21,7 @@ import tfbus.buffer.formats
 import tfbus.buffer.trajectories
 import tfbus.inspect
 import tfbus.messages
+import tfbus.sensor_files
 import tfbus.testing
 import tfbus.view
 from tfbus.runtime.structs import Struct
@@ -70,6 +71,8 @@ _INNER = {
     "Buffer": "announce ask_again count_sent_by expect_no_more expect_past forget interrupt"
     " known_frame mark_gone remove_sent senders_of sent_by waiting watch_questions",
     "tfbus.buffer.formats": "branch",
+    "tfbus.sensor_files": "read_compressed_image read_image write_cloud_npz write_jpeg write_pcd"
+    " write_pixels_npy write_ply write_png",
     "Node": "buffers describe describers",
     "NodeSettings": "check_right named_by_default renamed",
     "Limits": "limit_of mistake_in",
@@ -157,7 +160,8 @@ def page() -> str:
         parts += [f"- {members}\n"] if members else []
     parts += ["## tfbus.view\n", _VIEW]
     parts += [_entry(value.__name__, value, made=False) for value in (tfbus.view.show, View)]
-    for module in (tfbus.buffer.files, tfbus.buffer.formats, tfbus.buffer.trajectories):
+    modules = tfbus.buffer.files, tfbus.buffer.formats, tfbus.buffer.trajectories
+    for module in (*modules, tfbus.sensor_files):
         parts += [f"## {module.__name__}\n", _paragraphs(module.__doc__ or "")]
         parts += [_entry(name, value) for name, value in _functions(module)]
     parts += ["## tfbus.messages\n", _MESSAGES]

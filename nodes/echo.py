@@ -188,7 +188,7 @@ class _Progress:
 def _log_gone(
     node: Node, buffer: Buffer, question: Question, logged: frozenset[str]
 ) -> frozenset[str]:
-    """The frames on the path whose publisher is gone; logs those not in `logged`."""
+    """The frames on the path whose publisher is gone; logs the ones not in `logged`."""
     try:
         path = buffer.path(question.target, question.source)
         gone = frozenset(frame for frame in path if buffer.frame(frame).gone)
@@ -213,6 +213,7 @@ def _wait_for_answer(
     give_up_s = _elapsed_s(node) + timeout_s
     # Log lines are for people, so by real time.
     say_at_s, said_s = time.monotonic() + min(_SAY_EVERY_S, timeout_s), _elapsed_s(node)
+    said = ""
     while node.ok:
         look_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
         try:
@@ -242,9 +243,10 @@ def _wait_for_answer(
             )
         if time.monotonic() >= say_at_s:
             stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
-            node.log.info(
-                "Waiting for transform %s%s: %s", question, stands, _explained(reason, listener)
-            )
+            why = f"{stands}: {_explained(reason, listener)}"
+            if why != said:  # what is not known does not change each second
+                node.log.info("Waiting for transform %s%s", question, why)
+            said = why
             say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)
     return None
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tests.buses import DEADLINE_S
-from tfbus.recording.items import EventItem, Item, TransformItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 
 
 class Clock:

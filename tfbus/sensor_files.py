@@ -5,7 +5,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,6 +30,19 @@ _PLY_TYPES = {
     "f4": "float",
     "f8": "double",
 }
+# Some programs write sizes in bits.
+_KINDS_OF_PLY = {name: kind for kind, name in _PLY_TYPES.items()} | {
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+_PLY_FORMATS = ("ascii", "binary_little_endian")
+_COLORS = ("red", "green", "blue")
 _MAGIC = {b"\x89PNG\r\n\x1a\n": "png", b"\xff\xd8\xff": "jpeg", b"RIFF": "webp"}
 
 
@@ -41,7 +54,7 @@ def write_ply(cloud: PointCloud, path: Path) -> None:
     for name, numbers in _columns(cloud):
         if name in ("rgb", "rgba") and numbers.ndim == 1 and numbers.dtype.itemsize == 4:
             packed = np.ascontiguousarray(numbers).view("<u4")
-            for color, shift in (("red", 16), ("green", 8), ("blue", 0)):
+            for color, shift in zip(_COLORS, (16, 8, 0), strict=True):
                 columns[color] = (packed >> shift).astype("u1")
         elif numbers.ndim == 1:
             columns[name] = numbers
@@ -135,23 +148,27 @@ def write_pixels_npy(image: Image, path: Path) -> None:
     """Write the pixels (height, width), or (height, width, channels), as the encoding has them.
     Raises OSError.
     """
-    with path.open("wb") as file:
-        np.save(file, image.pixels())
+    # Into a file numpy writes by C, and does not say why that failed.
+    held = io.BytesIO()
+    np.save(held, image.pixels())
+    path.write_bytes(held.getbuffer())
 
 
-def read_cloud(path: Path) -> PointCloud:
-    """The cloud in a file, without stamp and frame: PCD (ascii, binary), `points` of an npz, or an
-    array in npy, structured or (N, 3). Raises InvalidArgumentException, and OSError.
+def read_cloud(path: str | Path) -> PointCloud:
+    """The cloud in a file, without stamp and frame: PLY and PCD (ascii or little-endian), `points`
+    or `xyz` of an npz, or an array in npy; arrays are structured or (N, 3). A PLY's red, green and
+    blue become `rgb`, as PCL has it. Raises InvalidArgumentException for other files, and OSError.
     """
-    return _read(path, {".pcd": _read_pcd, ".npy": _cloud_npy, ".npz": _cloud_npz}, "cloud")
+    readers = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _cloud_npy, ".npz": _cloud_npz}
+    return _read(Path(path), readers, "cloud")
 
 
-def read_image(path: Path) -> Image:
+def read_image(path: str | Path) -> Image:
     """The image in a file, without stamp and frame: pixels in npy, or PNG and JPEG by Pillow.
-    Raises InvalidArgumentException, and OSError.
+    Raises as `read_cloud`.
     """
     by_pillow = dict.fromkeys((".png", ".jpg", ".jpeg"), _image_by_pillow)
-    return _read(path, {".npy": _image_npy, **by_pillow}, "image")
+    return _read(Path(path), {".npy": _image_npy, **by_pillow}, "image")
 
 
 def read_compressed_image(path: Path) -> CompressedImage:
@@ -173,7 +190,7 @@ READERS: dict[type, Callable[[Path], Any]] = {
 }
 
 
-def _read(path: Path, readers: dict[str, Callable[[Path], M]], what: str) -> M:
+def _read(path: Path, readers: Mapping[str, Callable[[Path], M]], what: str) -> M:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InvalidArgumentException(
@@ -256,17 +273,79 @@ def _table(columns: dict[str, NDArray[Any]], count: int) -> NDArray[Any]:
     return table
 
 
+def _header(data: bytes, last: str) -> tuple[list[list[str]], int]:
+    """The words of each line of a header up to that with the word `last`, and where that ends."""
+    file = io.BytesIO(data[:_MOST_HEADER])
+    lines: list[list[str]] = [[]]
+    while lines[-1][:1] != [last]:
+        line = file.readline()
+        if not line.endswith(b"\n"):
+            raise ValueError(f"its header must end with a line {last}")
+        lines.append(line.decode("ascii", "replace").split())
+    return list(filter(None, lines)), file.tell()
+
+
+def _points(data: bytes, dtype: "np.dtype[Any]", count: int, *, is_text: bool) -> NDArray[Any]:
+    """The points behind a header, as a structured array (count,); what follows them is not read."""
+    if is_text:
+        have = data.count(b"\n") + (not data.endswith(b"\n"))
+    else:
+        have = len(data) // max(dtype.itemsize, 1)
+    if count > have:
+        raise ValueError(f"its header says {count} points, and it has {have}")
+    if not is_text:
+        points = np.frombuffer(data, dtype, count)
+    elif not count or not data or data.isspace():
+        points = np.empty(0, dtype)
+    else:
+        try:
+            points = np.loadtxt(io.BytesIO(data), dtype, comments=None, ndmin=1, max_rows=count)
+        except ValueError as error:
+            # Behind the semicolon it advises what only a program can do.
+            said = str(error).partition(";")[0]
+            raise ValueError(f"a line of its points has other numbers: {said}") from error
+    if len(points) != count:
+        raise ValueError(f"its header says {count} points, and it has {len(points)}")
+    return points
+
+
+def _read_ply(path: Path) -> PointCloud:
+    data = _bytes_of(path)
+    if not data.startswith(b"ply"):
+        raise ValueError("it must begin with a line ply")
+    lines, size = _header(data, "end_header")
+    form = next((words[1] for words in lines if words[0] == "format" and len(words) > 1), "none")
+    if form not in _PLY_FORMATS:
+        raise ValueError(f"its format must be {' or '.join(_PLY_FORMATS)}, not {form[:40]!r}")
+    elements = [at for at, words in enumerate(lines) if words[0] == "element"]
+    first = lines[elements[0]] if elements else []
+    if len(first) != 3 or first[1] != "vertex" or not first[2].isdecimal():
+        raise ValueError("its first element must be vertex, the points, with their number")
+    columns: dict[str, str] = {}
+    for words in lines[elements[0] + 1 : [*elements, len(lines)][1]]:
+        if words[0] != "property":
+            continue
+        if len(words) != 3 or words[1] not in _KINDS_OF_PLY:
+            raise ValueError(f"a point must have single numbers, not {' '.join(words)[:60]!r}")
+        if words[2] in columns:
+            raise ValueError(f"it has {words[2][:60]!r} twice")
+        columns[words[2]] = _KINDS_OF_PLY[words[1]]
+    if not columns.keys() >= set("xyz"):
+        raise ValueError("a point must have x, y and z")
+    dtype = np.dtype([(name, f"<{kind}") for name, kind in columns.items()])
+    points = _points(data[size:], dtype, int(first[2]), is_text=form == "ascii")
+    if [columns.get(color) for color in _COLORS] == ["u1"] * 3:
+        red, green, blue = (points[color].astype("<u4") for color in _COLORS)
+        packed = (red << 16 | green << 8 | blue).view("<f4")
+        others = {name: points[name] for name in columns if name not in _COLORS}
+        points = _table({**others, "rgb": packed}, len(points))
+    return PointCloud.from_array(0, "", points)
+
+
 def _read_pcd(path: Path) -> PointCloud:
     data = _bytes_of(path)
-    facts: dict[str, list[str]] = {}
-    file = io.BytesIO(data[:_MOST_HEADER])
-    while "DATA" not in facts:
-        line = file.readline()
-        if not line:
-            raise ValueError("its header must end with DATA")
-        words = line.decode("ascii", "replace").split()
-        if words and not words[0].startswith("#"):
-            facts[words[0]] = words[1:]
+    lines, size = _header(data, "DATA")
+    facts = {words[0]: words[1:] for words in lines}
     names = facts["FIELDS"]
     counts = [int(each) for each in facts.get("COUNT", ["1"] * len(names))]
     columns = zip(names, facts["TYPE"], facts["SIZE"], counts, strict=True)
@@ -282,17 +361,9 @@ def _read_pcd(path: Path) -> PointCloud:
     form = facts["DATA"][0] if facts["DATA"] else ""
     if width < 0 or height < 0:
         raise ValueError("WIDTH and HEIGHT must not be negative")
-    if form == "binary":
-        have = (len(data) - file.tell()) // max(dtype.itemsize, 1)
-        if width * height > have:
-            raise ValueError(f"its header says {width * height} points, and it has {have}")
-        points = np.frombuffer(data, dtype, width * height, file.tell())
-    elif form == "ascii":
-        points = np.loadtxt(io.BytesIO(data[file.tell() :]), dtype, ndmin=1)
-        if len(points) != width * height:
-            raise ValueError(f"its header says {width * height} points, and it has {len(points)}")
-    else:
+    if form not in ("ascii", "binary"):
         raise ValueError(f"its data must be ascii or binary, not {form[:40]!r}: convert it by PCL")
+    points = _points(data[size:], dtype, width * height, is_text=form == "ascii")
     return PointCloud.from_array(0, "", points.reshape(height, width) if height != 1 else points)
 
 

@@ -156,10 +156,7 @@ def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str
 
     Of many names only those are compared that begin and end like it.
     """
-    # Slow to import, and few names are wrong.
-    from bisect import bisect
-    from difflib import get_close_matches
-    from heapq import nlargest
+    from difflib import get_close_matches  # slow to import, and few names are wrong
 
     if len(known) > _MOST_COUNTED:
         ends = (name[:1], name[-1:])
@@ -169,10 +166,10 @@ def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str
             if abs(len(other) - len(name)) < 3 and (other[:1], other[-1:]) == ends
         )
         # The neighbours of a name begin like it.
-        place = max(bisect(alike, name) - _MOST_COUNTED // 2, 0)
+        place = max(sum(other <= name for other in alike) - _MOST_COUNTED // 2, 0)
         known = alike[place : place + _MOST_COUNTED]
     if len(known) > _MOST_COMPARED:
-        known = nlargest(_MOST_COMPARED, known, lambda other: _letters_of_ends(name, other))
+        known = sorted(known, key=lambda other: -_letters_of_ends(name, other))[:_MOST_COMPARED]
     likely = [other for other in known if _may_be_meant(name, other)]
     return tuple(get_close_matches(name, likely, n=most))
 

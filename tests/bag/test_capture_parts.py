@@ -1,7 +1,9 @@
 """What stands between the bus and the file: the queue, gaps, conditions, names of files."""
 
+from array import array
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,7 +23,8 @@ from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.items import EventItem, RecordedStream
 from tfbus.wire.codec import as_map, encode_map
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transforms import TransformReader
+from tfbus.wire.numbered import FrameNumbers
+from tfbus.wire.transforms import NumberedEncoder, TransformMessage, TransformReader
 
 
 def source(
@@ -118,6 +121,31 @@ class TestSources:
         pose = TopicSource("pose", {"pose": "Pose"})
         item = pose.item(1, encode_map({"x": 2.5}))
         assert (item.topic, item.type_name, item.values) == ("pose", "Pose", {"x": 2.5})
+
+    def test_a_message_that_waited_for_names_is_read_once(self) -> None:
+        """To see whether its names are there, and to write it."""
+
+        class Counting(TransformReader):
+            reads = 0
+
+            def read(self, payload: bytes, numbers: FrameNumbers | None = None) -> TransformMessage:
+                self.reads += 1
+                return super().read(payload, numbers)
+
+        origins = array("d", [0, 0, 0, 0, 0, 0, 1]).tobytes()
+        numbered: dict[str, Any] = {
+            "numbered": ((0, "world", "arm"),),
+            "next_number": 1,
+            "origins": origins,
+        }
+        described = {"sim": description([], poses="compact", **numbered)}
+        reader = Counting()
+        of = TransformSource("sim", "", described, reader, static=False)
+        encoder = NumberedEncoder(1, [0], origins, is_short=False)
+        data = encoder.encode(0, bytes(8), origins)
+        assert of.is_described(data)
+        assert [row.child_frame_id for row in of.item(0, data).rows] == ["arm"]
+        assert reader.reads == 1
 
     def test_what_is_no_message_is_refused(self) -> None:
         """Bytes that are no message raise DecodeError."""

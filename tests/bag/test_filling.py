@@ -1,20 +1,24 @@
 """Recorders in robots keep what they record, and others fill their gaps from it."""
 
+import logging
 import os
 import random
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from tests.builders import at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
+from tfbus.bag.filling import Filling, _Gap, _Keeper
 from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.bag.kept import alone_in
 from tfbus.errors import TfbusError
 from tfbus.messages import Vector3
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
 from tfbus.testing.programs import Program
@@ -126,6 +130,8 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
         network.run(30.0)
     assert process.stop() == 0
     assert process.stderr.count("Filled the") == 2
+    assert "Messages of stream 'robot7/sim' are missing for" in process.stderr
+    assert "out of reach" not in process.stderr
     came = stamps_in(path)
     assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
     assert len(came) > 250
@@ -133,6 +139,24 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
     assert abs(len(flags) - len(came) // 5) <= 1
     assert not [item for item in items if isinstance(item, EventItem) and "gone" in item.kind]
+
+
+def test_gaps_are_few_while_one_of_them_is_being_filled() -> None:
+    """Outages that meet are one, and beyond a hundred the last one grows."""
+    log = logging.getLogger("test")
+    recorder: Any = SimpleNamespace(now_ns=lambda: 0)
+    session: Any = SimpleNamespace(watch_living=lambda key, callback: None)
+    capture: Any = SimpleNamespace()
+    filling = Filling(session, capture, recorder, ALL, everywhere=True, log=log)
+    keeper = _Keeper("@tfbus/keeper/robot7", "/robot7/recorder")
+    asking: Any = object()
+    for second in range(1000):
+        from_ns = second * 100 * 10**9
+        filling._add_gap(keeper, _Gap(from_ns, from_ns, from_ns + 10**9, "sim"))
+        keeper.asking = asking
+    assert len(keeper.gaps) == 100
+    assert keeper.gaps[-1].until_ns == from_ns + 10**9
+    assert keeper.gaps[0].until_ns == 10**9
 
 
 def test_of_a_part_that_part_is_filled(bus: Bus, robot: Robot, tmp_path: Path) -> None:

@@ -17,14 +17,12 @@ from tests.builders import S, at, description, live_stream, payload
 from tests.buses import eventually
 from tests.fakes import Lines
 from tfbus.bag.keeping import PartsWritten, Splits
-from tfbus.bag.past import Past
-from tfbus.bag.raw_queue import EVENTS, Raw, RawQueue, TopicSource, TransformSource
+from tfbus.bag.raw_queue import EVENTS, Past, Raw, RawQueue, TopicSource, TransformSource
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers
 from tfbus.bus.query import Answer
 from tfbus.errors import TfbusError
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime import scheduler
 from tfbus.runtime.structs import replace

@@ -45,10 +45,16 @@ from tfbus.messages import (
     Seek,
     SetRate,
 )
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.recording.playhead import Pace, PausableClock
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.codec import as_map
 

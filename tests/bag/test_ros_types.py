@@ -17,9 +17,8 @@ from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.replay import Republisher
 from tfbus.bus.session import Session
 from tfbus.discover.ros_types import RosTypes
-from tfbus.recording.items import TopicItem
+from tfbus.recording.items import Selection, TopicItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 from tfbus.ros.definitions import FOLDERS_VARIABLE, Definition, completed, standard_definition
 from tfbus.ros.schema import MessageCodec

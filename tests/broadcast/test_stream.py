@@ -38,8 +38,8 @@ from tfbus.broadcast.sender import (
     TransformSender,
 )
 from tfbus.broadcast.stream import NodeStreams
-from tfbus.bus.networks import NETWORKS
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
+from tfbus.bus.settings import NETWORKS
 from tfbus.geometry.columns import Columns
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch

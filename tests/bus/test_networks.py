@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from tfbus import NodeSettings, SettingsError
-from tfbus.bus import interfaces, networks
+from tfbus.bus import interfaces, settings
 from tfbus.bus.interfaces import Interface
-from tfbus.bus.networks import NETWORKS, network_of
+from tfbus.bus.settings import NETWORKS, network_of
 from tfbus.bus.zenoh_config import zenoh_config
 
 HUB = "tcp/10.0.0.1:7447"
@@ -109,7 +109,7 @@ def test_auto_is_the_network_of_the_interface(
     for name, text in files.items():
         (device / name).mkdir() if text is None else (device / name).write_text(text)
     radio = Interface("radio0", True, True, False, address="127.0.0.1")
-    monkeypatch.setattr(networks, "_DEVICES", str(tmp_path))
+    monkeypatch.setattr(settings, "_DEVICES", str(tmp_path))
     monkeypatch.setattr(interfaces, "interfaces", lambda: [radio])
     assert network_of("auto", ["tcp/127.0.0.1:7447"]).name == expected
 

@@ -19,7 +19,7 @@ from tfbus.buffer import trajectories
 from tfbus.cli import main
 from tfbus.cli.bag import VERBS
 from tfbus.cli.bag import command as group
-from tfbus.cli.bag.new_file import write_recording
+from tfbus.cli.bag.files import write_recording
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem

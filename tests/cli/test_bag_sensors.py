@@ -1,6 +1,8 @@
 """`tfbus bag export` of clouds and images, and its files, read by others and back."""
 
+import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from tfbus.sensor_files import (
     read_image,
     write_cloud_npz,
     write_pcd,
+    write_pixels_npy,
     write_ply,
     write_png,
 )
@@ -29,6 +32,12 @@ from tfbus.wire.codec import decode_map, encode_map, encode_message, type_name
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
+# A file of $ points, which are the corners of a face.
+PLY_OF = (
+    b"ply\nformat ascii 1.0\ncomment by hand\nelement vertex $\nproperty float32 x\n"
+    b"property float32 y\nproperty float32 z\nproperty double quality\nelement face 1\n"
+    b"property list uchar int vertex_indices\nend_header\n"
+)
 JPEG = b"\xff\xd8\xff\xe0 not more than its first bytes"
 
 
@@ -138,6 +147,22 @@ def test_a_cloud_comes_back_from_its_files(tmp_path: Path) -> None:
     rows = np.frombuffer(body, [(name, of_numpy[kind]) for kind, name in kinds])
     assert np.array_equal(rows["z"], cloud()["z"])
     assert [rows[name][0] for name in ("red", "green", "blue")] == [0x10, 0x20, 0x30]
+    back = read_cloud(tmp_path / "a.ply")
+    assert np.array_equal(back.xyz(), cloud().xyz())
+    assert np.array_equal(back["rgb"], cloud()["rgb"])
+    assert np.array_equal(back["normal_2"], cloud()["normal"][:, 2])
+
+
+def test_ascii_ply_is_read(tmp_path: Path) -> None:
+    """As programs for meshes write it, of which the points are read."""
+    path = tmp_path / "a.PLY"
+    path.write_bytes(
+        PLY_OF.replace(b"$", b"2").replace(b"\n", b"\r\n")
+        + b"1 2 3 0.5\r\nnan 5 6 0.25\r\n3 0 1 1\r\n"
+    )
+    found = read_cloud(path)
+    assert np.array_equal(found.xyz(), [[1, 2, 3], [np.nan, 5, 6]], equal_nan=True)
+    assert found["quality"].tolist() == [0.5, 0.25]
 
 
 def test_ascii_pcd_is_read(tmp_path: Path) -> None:
@@ -177,7 +202,18 @@ def test_another_library_reads_a_png(tmp_path: Path) -> None:
         ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nDATA binary_compressed\nabcd"),
         ("a.npz", b"PK no archive"),
         ("a.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '|O'}\n"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 999999999999999999999\nDATA ascii\n1\n"),
         ("a.ply", b"ply"),
+        ("a.ply", b""),
+        ("a.ply", PLY_OF.replace(b"$", b"2") + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1") + b"1 2 3\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1") + b"1 2 3 x\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"-1") + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"9" * 25) + b"1 2 3 4\n"),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"float32 x", b"list uchar int x")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"32 y", b"32 x")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"ascii", b"binary_big_endian")),
+        ("a.ply", PLY_OF.replace(b"$", b"1").replace(b"ascii", b"binary_little_endian") + b"abcd"),
     ],
 )
 def test_a_hostile_cloud_is_refused_in_a_sentence(
@@ -188,6 +224,26 @@ def test_a_hostile_cloud_is_refused_in_a_sentence(
     path.write_bytes(content)
     with pytest.raises(InvalidArgumentException, match=name):
         read_cloud(path)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: write_ply(cloud(), path),
+        lambda path: write_pcd(cloud(), path),
+        lambda path: write_cloud_npz(cloud(), path),
+        lambda path: write_png(picture(), path),
+        lambda path: write_pixels_npy(picture(), path),
+    ],
+    ids=["ply", "pcd", "npz", "png", "npy"],
+)
+def test_a_full_disk_is_the_reason(write: Callable[[Path], None]) -> None:
+    """An error of the system, which the tool prints with the name of the file."""
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("only Linux has a file that is always full")
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        write(full)
 
 
 def test_arrays_of_a_recording_are_as_on_the_bus(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import tfbus
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import GoalHandle
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.query import Query
 from tfbus.cli import JOBS, NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative

@@ -230,15 +230,18 @@ def test_why_never_advises_a_frame_of_another_robot(robots: Bus) -> None:
 
 
 def test_the_doctor_says_once_what_is_wrong_with_many_robots(bus: Bus) -> None:
-    """A trouble that robots have alike is one sentence, which names them; JSON has each."""
-    for number in range(6):
+    """A trouble that robots have alike is one sentence, which names them; JSON has each. The remedy
+    is that for robots with equal frames.
+    """
+    for number in range(14):
         node = bus.node("mount", namespace=f"robot{number}")
         send_static(node, "map", "dock")
     options = ("doctor", "--fleet", "--only", "disconnected", "--for", "0.5")
     text = " ".join(bus.run(*options).stdout.split())
     assert robot_trees(text) == 1
-    assert "the same of 4 other robots: robot2, robot3, robot4, robot5" in text
-    assert robot_trees(bus.run(*options, "--json").stdout) == 5
+    assert "the same of 12 other robots: robot2, robot3, robot4, robot5, robot6 and 7" in text
+    assert "Fix: pass --shared map if" in text and "between the trees" not in text
+    assert robot_trees(bus.run(*options, "--json").stdout) == 13
 
 
 def robot_trees(text: str) -> int:

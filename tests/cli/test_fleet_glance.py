@@ -103,13 +103,41 @@ def test_a_robot_that_is_on_twice_is_in_trouble(fleet: Bus) -> None:
 
 @pytest.mark.real
 def test_a_command_runs_for_a_robot_that_is_not_there(bus: Bus, tmp_path: Path) -> None:
-    """The command of --on-gone has the robot and its state in its environment."""
+    """The command of --on-gone has the robot and its state in its environment, and so has that of
+    --on-back when it comes.
+    """
     told = tmp_path / "told"
     command = f'echo "$TFBUS_ROBOT $TFBUS_STATE" >> {told}'
-    program = bus.start("fleet", "--watch", "--expect", "robot[1-2]", "--on-gone", command)
+    options = ("--grace", "0", "--on-gone", command, "--on-back", command)
+    program = bus.start("fleet", "--watch", "--expect", "robot[1-2]", *options)
     eventually(lambda: told.exists() and told.read_text().count("missing") == 2)
-    assert told.read_text() == "robot1 missing\nrobot2 missing\n"
+    robot(bus, 2)
+    eventually(lambda: told.read_text().endswith("there\n"))
+    assert told.read_text() == "robot1 missing\nrobot2 missing\nrobot2 there\n"
     program.stop()
+
+
+def test_a_robot_that_boots_is_not_lost(fleet: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command of --on-gone waits for a robot that never came as long as --grace says, not for
+    one that has left; that of --on-back is for robots of which --on-gone was told.
+    """
+    ran: list[tuple[str, str, str]] = []
+
+    def run(option: str, _: str, told: dict[str, str]) -> None:
+        ran.append((option, told["TFBUS_ROBOT"], told["TFBUS_STATE"]))
+
+    monkeypatch.setattr("tfbus.cli.fleet.run_in_shell", run)
+    commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "20")
+    program = fleet.start("fleet", "--watch", "--json", "--expect", "robot[1-4]", *commands)
+    eventually(lambda: '"missing"' in program.stdout)
+    robot(fleet, 1)
+    fleet.network.kill("outside/robot3")
+    eventually(lambda: len(ran) == 2)
+    assert ran == [("--on-gone", "robot3", "gone"), ("--on-gone", "robot4", "missing")]
+    robot(fleet, 3)
+    eventually(lambda: len(ran) == 3)
+    assert ran[2] == ("--on-back", "robot3", "there")
+    assert program.stop() == 0
 
 
 def test_a_wrong_clock_and_a_lost_publisher_come_first(fleet: Bus) -> None:
@@ -133,6 +161,7 @@ def test_a_wrong_clock_and_a_lost_publisher_come_first(fleet: Bus) -> None:
         (("--expect", "nowhere.txt"), "cannot be read"),
         (("--expect", "robot 7"), "robot 7"),
         (("--on-gone", "true"), "--watch"),
+        (("--on-back", "true"), "--watch"),
     ],
 )
 def test_a_mistake_is_a_usage_error(bus: Bus, arguments: tuple[str, ...], message: str) -> None:

@@ -340,6 +340,15 @@ def test_a_lidar_file_is_published(bus: Bus) -> None:
     assert lidar.stop() == 0, lidar.err
 
 
+def test_a_lidar_file_that_is_none_is_a_mistake(bus: Bus, tmp_path: Path) -> None:
+    """lidar_file.py names a file that is not there, or has no points, in a sentence."""
+    (tmp_path / "a.ply").write_text("no cloud")
+    for name, said in (("b.npy", "cannot be read: No such file"), ("a.ply", "must begin with")):
+        lidar = start(bus, "lidar_file.py", str(tmp_path / name))
+        assert lidar.wait() == 2
+        assert said in lidar.stderr and "Traceback" not in lidar.stderr
+
+
 @pytest.mark.real
 def test_a_film_is_published_as_a_webcam_is(bus: live_bus.Bus, tmp_path: Path) -> None:
     """webcam.py plays a file at its rate, seen in its frame, and says that it has ended."""

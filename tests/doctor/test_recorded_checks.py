@@ -16,8 +16,7 @@ from tests.recordings import (
     write,
 )
 from tfbus import NodeSettings
-from tfbus.doctor.examination import OF_A_BUS, Finding, examined
-from tfbus.doctor.recorded import examine_recorded
+from tfbus.doctor.examination import OF_A_BUS, Finding, examine_recorded, examined
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.reader import RecordingReader

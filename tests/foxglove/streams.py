@@ -6,7 +6,6 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any
 
 _HOST = "127.0.0.1"
@@ -104,12 +103,7 @@ class Taken:
     def __enter__(self) -> "Taken":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self.end is None:
             self.client.hear(self.client.take_end)
 

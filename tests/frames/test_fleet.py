@@ -150,6 +150,20 @@ def test_a_robot_that_returns_has_its_rate_at_once() -> None:
     assert robot.messages_hz == 10.0
 
 
+def test_a_moment_may_be_looked_at_twice() -> None:
+    """A robot that comes between two looks at one moment, as of a clock that stands still, has its
+    rate from then on; one that restarts between them too.
+    """
+    for before in ((), (wheels(1000.0, 500, 50_000),)):
+        watch = FleetWatch()
+        watch.robots(moment(999.0, *before))
+        watch.robots(moment(1000.0, *before))
+        (robot,) = watch.robots(moment(1000.0, wheels(1000.0, 0, 0)))
+        assert (robot.state, robot.messages_hz) == ("there", None)
+        (robot,) = watch.robots(moment(1001.0, wheels(1001.0, 10, 1000)))
+        assert robot.messages_hz == 10.0
+
+
 def test_robots_that_come_and_go_fill_no_memory() -> None:
     """Of three thousand that came, each with another name, and left, a watch keeps the thousand
     that left last, in at most 1 MB; those of the roster are never forgotten.

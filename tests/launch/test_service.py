@@ -27,7 +27,7 @@ nodes:
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A launch file; units go into a folder beside it."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setattr("tfbus.cli.service_unit._SYSTEMD", tmp_path / "none")
+    monkeypatch.setattr("tfbus.cli.service._SYSTEMD", tmp_path / "none")
     path = tmp_path / "robot.yaml"
     path.write_text(FILE)
     return path
@@ -76,7 +76,7 @@ def test_a_service_runs_as_a_user_that_is_there(
         code, output = run(*given, user, "--print")
         assert (code, "has no user" in output) == (0, is_warned)
         assert f"User={user}\n" in output
-    monkeypatch.setattr("tfbus.cli.service_unit._SYSTEMD", tmp_path)
+    monkeypatch.setattr("tfbus.cli.service._SYSTEMD", tmp_path)
     monkeypatch.setattr("shutil.which", lambda name: name)
     code, output = run(*given, "no-such-user")
     assert code == 2 and "this machine has no user 'no-such-user': make it" in output

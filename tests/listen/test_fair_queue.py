@@ -1,6 +1,6 @@
 """Descriptions that wait to be read."""
 
-from tfbus.listen.fair_queue import FairQueue, Received
+from tfbus.listen.wanted import FairQueue, Received
 
 
 def received(sender: str, key: str = "k", payload: bytes = b"") -> Received:

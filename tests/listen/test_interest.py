@@ -27,7 +27,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.errors import BusError
 from tfbus.listen.interest import KEPT_S, DescribedEdge, DescribedTree, Interest
 

@@ -1,13 +1,16 @@
 """Streams whose frames have numbers, and whose poses take fewer bytes, in a simulated network."""
 
 import math
+from array import array
 from collections.abc import Iterable
 from pathlib import Path
 
+import msgpack
 import pytest
 
 from tests.builders import x_of
 from tests.buses import eventually
+from tests.listen.received import Received
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -19,10 +22,12 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.frames.named import NamedMessages
 from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.testing.network import Network
+from tfbus.wire.numbered import FrameNumbers
 
 FRAMES = 50
 
@@ -167,6 +172,88 @@ def test_two_publishers_have_numbers_of_their_own(bus: Bus) -> None:
             frame = TransformStamped(node.now_ns(), "base", node.name, Transform((x, 0, 0)))
             sender.send_transform(frame)
         eventually(lambda x=x: all(x_of(buffer, "base", each.name) == x for each in nodes))
+
+
+def numbered(count: int, epoch_ns: int = 1) -> bytes:
+    """A message of numbers from 0, each at the origin of its frame."""
+    columns = {"stamps": 5, "forms": b"\0", "poses": b""}
+    payload: bytes = msgpack.packb({"v": 2, "epoch": epoch_ns, "runs": [0, count], **columns})
+    return payload
+
+
+def numbers_of(count: int) -> FrameNumbers:
+    """So many frames with numbers from 0, each at x = 1."""
+    named = [(number, "world", f"link{number}") for number in range(count)]
+    return FrameNumbers(1, count, named, array("d", [1, 0, 0, 0, 0, 0, 1] * count).tobytes())
+
+
+def epoch_of(sender: Node, listener: Node, broadcaster: TransformBroadcaster) -> int:
+    """The epoch of the messages of a node, which has sent one frame then."""
+    payloads: list[bytes] = []
+    listener.session.subscriber("tf/arm", lambda _, payload: payloads.append(payload))
+    heard(sender)
+    send(broadcaster, sender, 0.1, 1)
+    eventually(lambda: payloads)
+    epoch_ns: int = msgpack.unpackb(payloads[0])["epoch"]
+    return epoch_ns
+
+
+def test_a_message_waits_on_where_the_first_description_is_older() -> None:
+    """Its frame is in the next one."""
+    received = Received()
+    received.key.receive(numbered(2))
+    for count in (1, 1, 2):
+        received.stream.describe(1, frozenset({"link0", "link1"}), numbers=numbers_of(count))
+    assert received.x_of("link1") == 1
+
+
+def test_a_message_whose_names_never_come_does_not_wait_for_ever(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """It is dropped after three descriptions, and the log says so once."""
+    received = Received()
+    received.key.receive(numbered(2))
+    received.key.receive(numbered(2))
+    for _ in range(4):
+        received.stream.describe(1, frozenset({"link0"}), numbers=numbers_of(1))
+    assert not received.stream.around.pending.has("sim")
+    assert received.x_of("link0") == 1
+    assert len([line for line in caplog.messages if "has no names" in line]) == 1
+
+
+def test_tools_show_a_message_once_all_its_frames_have_names(bus: Bus) -> None:
+    """One that is newer than the description waits for the next."""
+    arm, viewer = bus.node("arm"), bus.node("viewer")
+    broadcaster = TransformBroadcaster(arm, poses="compact")
+    came: list[int] = []
+    named = NamedMessages(viewer, lambda key, message, size: came.append(len(message.rows)))
+    epoch_ns = epoch_of(arm, viewer, broadcaster)
+    named.take("tf/arm", numbered(1, epoch_ns))
+    eventually(lambda: came == [1])
+    named.take("tf/arm", numbered(2, epoch_ns))
+    broadcaster.send_transform(TransformStamped(arm.now_ns(), "base", "link1", Transform()))
+    eventually(lambda: came == [1, 2])
+    named.close()
+
+
+def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
+    """They show the rows that have names."""
+    arm, viewer = bus.node("arm"), bus.node("viewer")
+    broadcaster = TransformBroadcaster(arm, poses="compact")
+    came: list[int] = []
+    named = NamedMessages(viewer, lambda key, message, size: came.append(len(message.rows)))
+    epoch_ns = epoch_of(arm, viewer, broadcaster)
+    sent = iter(range(1, 100))
+
+    def describe_again() -> bool:
+        send(broadcaster, arm, 0.1, next(sent))
+        return len(came) == 2
+
+    named.take("tf/arm", numbered(1000, epoch_ns))
+    named.take("tf/arm", numbered(1000, epoch_ns))
+    eventually(describe_again)
+    assert capsys.readouterr().err.count("has no names") == 1
+    named.close()
 
 
 def test_frames_come_over_a_link_that_loses_a_fifth(network: Network) -> None:

@@ -41,9 +41,9 @@ def test_a_message_whose_epoch_is_confirmed_while_it_is_being_kept_is_received()
     """The confirmation comes between the verdict and the keeping, on another thread."""
 
     class ConfirmedMeanwhile(PendingMessages):
-        def add(self, name: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
+        def add(self, name: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
             stream.describe(epoch_ns, frozenset({"robot"}), frozenset({"post"}), confirmed=True)
-            super().add(name, epoch_ns, receive, payload)
+            return super().add(name, epoch_ns, receive, payload)
 
     buffer = Buffer()
     around = ReceptionHooks(logging.getLogger("test"))

@@ -7,7 +7,7 @@ import pytest
 from tests.buses import eventually, keep_sending, tell_token
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, TransformListener
-from tfbus.bus.networks import NETWORKS
+from tfbus.bus.settings import NETWORKS
 from tfbus.runtime import scheduler
 
 GONE_AFTER_S = NETWORKS["wifi"].gone_after_s

@@ -15,7 +15,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.bus.handles import BytesPublisher
+from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.query import Answer, Pauses
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session

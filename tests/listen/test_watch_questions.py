@@ -7,10 +7,9 @@ from typing import Any, cast
 
 import pytest
 
-from tfbus.bus.networks import LAN
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import LAN, NodeSettings
 from tfbus.listen import wanted, watch
 from tfbus.listen.info import StreamState
 from tfbus.listen.watch import StreamWatch

@@ -111,6 +111,14 @@ def test_it_gives_up_after_a_timeout_and_names_what_exists(bus: Bus, turtle: Nod
     assert done.stderr.endswith("there is no frame 'gripper'; available: turtle1, world\n")
 
 
+def test_what_it_waits_for_is_said_once(bus: Bus, turtle: Node) -> None:
+    """Not each second, as the same hint tells nothing new."""
+    echo = bus.start("echo", "world", "turtle2", "--timeout", "5")
+    assert echo.wait() == 1
+    assert echo.stderr.count("Waiting for transform world -> turtle2: there is no frame") == 1
+    assert echo.stderr.splitlines()[-1].startswith("Error: no transform world -> turtle2")
+
+
 def test_csv_has_one_header(bus: Bus, turtle: Node) -> None:
     """CSV starts with one line of column names."""
     done = bus.run("echo", "world", "turtle1", "--format", "csv", "--count", "2", "--rate", "20")

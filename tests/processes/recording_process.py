@@ -13,8 +13,7 @@ from tests.builders import at, description, payload
 from tfbus.bag.keeping import PartsWritten
 from tfbus.bag.raw_queue import RawQueue, TransformSource
 from tfbus.bag.recorder import Recorder
-from tfbus.recording.items import Item
-from tfbus.recording.selection import ALL
+from tfbus.recording.items import ALL, Item
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.transforms import TransformReader
 

@@ -9,9 +9,15 @@ from tests.builders import at
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.recording.edit import Span, conflicting_epochs, cut, in_namespace, joined, without
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 
 S = 1_000_000_000

@@ -28,9 +28,8 @@ from tfbus.errors import DecodeError
 from tfbus.recording import foreign_files
 from tfbus.recording.foreign_files import opened
 from tfbus.recording.imported import Imported, imported
-from tfbus.recording.items import Item, TopicItem, TransformItem
+from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 
 S = 1_000_000_000

@@ -8,8 +8,7 @@ from tests.recordings import at, described, publisher, statics, steadily, write
 from tfbus import ExtrapolationException, Recording
 from tfbus.frames.recorded_poses import poses_at, stamps_at_rate
 from tfbus.recording.edit import Span, cut
-from tfbus.recording.items import EventItem, Item
-from tfbus.recording.pauses import Pause, pauses_of, recorded_ns
+from tfbus.recording.items import EventItem, Item, Pause, pauses_of, recorded_ns
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.summary import summary_of
 from tfbus.recording.writer import RecordingWriter

@@ -6,9 +6,8 @@ import pytest
 
 from tests.builders import S, at
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import RecordedStream, TransformItem
+from tfbus.recording.items import RecordedStream, Selection, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 
 

@@ -13,10 +13,16 @@ from hypothesis import strategies as st
 from tests.builders import S, as_values, at, examples, in_recording
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
-from tfbus.recording.index import IndexBuilder
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
+from tfbus.recording.layout import IndexBuilder
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
 

@@ -3,7 +3,7 @@
 import threading
 
 from tests.buses import DEADLINE_S, eventually
-from tfbus.runtime.workers import Workers
+from tfbus.runtime.callbacks import Workers
 from tfbus.testing import Network
 
 

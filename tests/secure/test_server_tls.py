@@ -10,7 +10,7 @@ from tfbus.errors import SettingsError
 
 needs.module("cryptography")
 
-from tfbus.secure.certificates import Issued, make_for_server  # noqa: E402 - needs it
+from tfbus.secure.keystore import Issued, make_for_server  # noqa: E402 - needs it
 from tfbus.secure.server_access import made_tls, tls_of_files  # noqa: E402 - needs it
 
 

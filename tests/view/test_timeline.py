@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.builders import S, examples
 from tests.view.recordings import END_S, EVENTS, SIM, START_NS, at, base_at, described, gone, record
 from tfbus import NodeSettings
-from tfbus.doctor.recorded import examine_recorded
+from tfbus.doctor.examination import examine_recorded
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, RecordedStream, TransformItem

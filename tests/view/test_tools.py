@@ -15,9 +15,8 @@ from tfbus.messages import (
     PoseWithCovarianceStamped,
     Vector3,
 )
-from tfbus.view.data.tools import TOOLS, ToolPublishers
-from tfbus.view.scene.camera import Viewport
-from tfbus.view.scene.picking import Ray
+from tfbus.view.data.topics import TOOLS, ToolPublishers
+from tfbus.view.scene.camera import Ray, Viewport
 from tfbus.view.settings import ViewSettings
 
 TOP = Ray(np.array((0.0, 0.0, 10.0)), np.array((0.0, 0.0, -1.0)))

@@ -3,7 +3,7 @@
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import msgpack
 import numpy as np
@@ -66,6 +66,23 @@ def refusal(values: object, message_type: type = Everything, **how: bool) -> str
     with pytest.raises(DecodeError) as caught:
         decode_message(message_type, msgpack.packb(values), **how)
     return str(caught.value)
+
+
+def test_equal_values_of_other_types_keep_their_types() -> None:
+    """1 and True are equal, and so are messages that have them."""
+
+    @dataclass(frozen=True)
+    class Column:
+        size: int
+
+    @dataclass(frozen=True)
+    class Table:
+        columns: tuple[Column, ...]
+
+    for value in (1, True, 1.0):
+        columns: Any = (Column(cast(int, value)),)
+        [found] = decode_map(encode_message(Table(columns)))["columns"]
+        assert type(found["size"]) is type(value)
 
 
 @given(everything)

@@ -1,6 +1,7 @@
 """Messages of version 2: their bytes, their precision, and what is refused."""
 
 import math
+import tracemalloc
 from collections.abc import Sequence
 
 import msgpack
@@ -14,7 +15,12 @@ from tests.builders import EPOCH_NS, STAMP_NS, description, examples, rows_of
 from tfbus.errors import DecodeError
 from tfbus.wire.descriptions import encode_stream, read_description
 from tfbus.wire.numbered import FrameNumbers, origin_of
-from tfbus.wire.transforms import NumberedEncoder, TransformReader, decode_transforms
+from tfbus.wire.transforms import (
+    NumberedEncoder,
+    TransformReader,
+    decode_transforms,
+    newest_stamp,
+)
 
 Poses = NDArray[np.float64]
 NAMED = ((0, "map", "base"), (1, "base", "arm"), (2, "arm", "hand"))
@@ -120,16 +126,57 @@ def test_rows_without_names_are_left_out_and_counted() -> None:
     assert (len(message.rows), message.unnamed) == (0, 3)
 
 
+def test_rows_that_nobody_has_named_cost_nothing() -> None:
+    """However many a message says it has: only those with names are made."""
+    payload = msgpack.packb(
+        {"v": 2, "epoch": EPOCH_NS, "runs": [0, 300_000], "stamps": 5, "forms": b"\0", "poses": b""}
+    )
+    decode_transforms(encoded(ORIGINS), NUMBERS)
+    tracemalloc.start()
+    message = decode_transforms(payload, NUMBERS)
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < 1e6
+    assert (len(message.rows), message.unnamed) == (3, 299_997)
+    assert np.array_equal(message.batch.poses, ORIGINS)
+
+
+def test_a_frame_comes_as_often_as_it_was_sent() -> None:
+    """Also at its origin all the time, which takes no bytes."""
+    numbers = (0, 1, 2) * 60
+    message = decode_transforms(encoded(ORIGINS[list(numbers)], numbers), NUMBERS)
+    assert np.array_equal(message.batch.poses, ORIGINS[list(numbers)])
+
+
+def test_messages_of_other_rows_each_do_not_fill_the_memory() -> None:
+    """What is kept of them takes as much as the numbers themselves, not more."""
+    count = 3_000
+    named = [(n, "base", f"joint{n}") for n in range(count)]
+    origins = ORIGINS[[1]].repeat(count, 0).tobytes()
+    numbers = FrameNumbers(EPOCH_NS, count, named, origins)
+    message = {"v": 2, "epoch": EPOCH_NS, "stamps": 5, "forms": b"\0", "poses": b""}
+    tracemalloc.start()
+    for first in range(100):
+        runs = [first, count - first, 0, first]
+        assert len(decode_transforms(msgpack.packb(message | {"runs": runs}), numbers).rows)
+    kept_bytes, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept_bytes < 4e6
+
+
 @pytest.mark.parametrize(
     ("change", "mistake"),
     [
         ({"epoch": "x"}, "'epoch' is not an integer"),
         ({"seq": "x"}, "'seq' is not an integer"),
+        ({"seq": None}, "'seq' is not an integer"),
         ({"runs": [0]}, "'runs' must be pairs"),
         ({"runs": [0, -3]}, "'runs' must be pairs"),
         ({"runs": [0, 10**9]}, "at most 300,000 rows"),
+        ({"runs": [0, 3] * 300}, "no more than the stream has numbers and the message bytes"),
         ({"runs": [0, "3"]}, "'runs' is not a list of integers"),
         ({"stamps": b"123"}, "do not have the bytes of 3 rows"),
+        ({"stamps": b""}, "do not have the bytes of 3 rows"),
         ({"stamps": 2**63}, "'stamps' is neither"),
         ({"forms": b""}, "do not have the bytes"),
         ({"forms": b"\x0a"}, "do not have the bytes"),
@@ -151,6 +198,16 @@ def test_a_message_that_is_none_is_refused_with_the_reason(
         reader.read(spoilt, numbers)
     with pytest.raises(DecodeError, match=mistake):
         decode_transforms(spoilt, numbers)
+
+
+def test_the_newest_stamp_is_read_without_names() -> None:
+    """Of one for all, and of one for each; what is none is refused."""
+    assert newest_stamp(encoded(ORIGINS)) == STAMP_NS
+    assert newest_stamp(encoded(ORIGINS, stamps=[4, 9, -2])) == 9
+    for wrong in (2**64 - 1, True, None):
+        spoilt = msgpack.packb(msgpack.unpackb(encoded(ORIGINS)) | {"stamps": wrong})
+        with pytest.raises(DecodeError, match="'stamps' is neither"):
+            newest_stamp(spoilt)
 
 
 @settings(max_examples=examples(200))

@@ -108,6 +108,7 @@ def test_a_missing_key_is_refused(missing: str) -> None:
         ("epoch", True, "'epoch' is not an integer of nanoseconds"),
         ("seq", 1.0, "'seq' is not an integer"),
         ("seq", True, "'seq' is not an integer"),
+        ("seq", None, "'seq' is not an integer"),
         ("frames", "world", "'frames' is not a list of texts"),
         ("frames", ["world", b"turtle1", "drone"], "'frames' is not a list of texts"),
         ("edges", [[0, 1], [1, 2]], "'edges' is not bytes in rows of 8"),

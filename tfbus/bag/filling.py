@@ -18,8 +18,7 @@ from tfbus.bag.recorder import Filled, Recorder
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, TfbusError
 from tfbus.listen.queries import AskPages, PagesInTurn
-from tfbus.recording.items import EventItem, EventKind
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import EventItem, EventKind, Selection
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import (
@@ -65,13 +64,14 @@ _WRITTEN_WITHIN_S = 60.0
 class _Gap:
     """A gap between two log times, and how much of it is filled.
 
-    `lost_ns` is when the token was lost. `place` is where its next page begins, `ahead_ns` how far
-    the keeper's clock is ahead of log times here.
+    `lost_ns` is when the token was lost, or only messages of `stream`. `place` is where its next
+    page begins, `ahead_ns` how far the keeper's clock is ahead of log times here.
     """
 
     from_ns: int
     lost_ns: int
     until_ns: int
+    stream: str = ""
     place: str = ""
     ahead_ns: int | None = None
     fill: Fill | None = None
@@ -193,7 +193,8 @@ class Filling:
         is_here = described is not None and described.host == socket.gethostname()
         for keeper in self._keepers.values():
             if keeper.is_there and keeper.has(stream, is_here):
-                self._add_gap(keeper, _Gap(from_ns - _OVERLAP_NS, from_ns, until_ns + _OVERLAP_NS))
+                around_ns = from_ns - _OVERLAP_NS, from_ns, until_ns + _OVERLAP_NS
+                self._add_gap(keeper, _Gap(*around_ns, stream))
                 self._executor.after(_AFTER_S, partial(self._fill, keeper))
                 self._note_received()
 
@@ -255,17 +256,27 @@ class Filling:
             each.from_ns <= gap.lost_ns and gap.until_ns <= each.until_ns for each in keeper.gaps
         ):
             return
-        last = keeper.gaps[-1] if keeper.gaps and keeper.asking is None else None
+        # The first is being asked for, if one is: it stays as it is.
+        last = keeper.gaps[-1] if len(keeper.gaps) > (keeper.asking is not None) else None
         # One of which a part has been asked for ends where it was to end then.
         meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
         if last is not None and (meets or len(keeper.gaps) >= _MOST_GAPS):
             last.until_ns = max(gap.until_ns, last.until_ns)
             return
         keeper.gaps.append(gap)
+        length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
+        if gap.stream:
+            self._log.info(
+                "Messages of stream %r are missing for %s: what %s has kept of that is filled in",
+                gap.stream,
+                length,
+                keeper.name,
+            )
+            return
         self._log.info(
             "%s was out of reach for %s: what it has kept of that is filled in",
             keeper.name,
-            duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9),
+            length,
         )
 
     def _note_received(self) -> None:
@@ -352,7 +363,10 @@ class Filling:
     def _end_gap(self, keeper: _Keeper, gap: _Gap) -> None:
         length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
         self._log.info(
-            "Filled the %s without %s: %s", length, keeper.name, counted(gap.messages, "message")
+            "Filled the %s without %s: %s",
+            length,
+            f"stream {gap.stream!r}" if gap.stream else keeper.name,
+            counted(gap.messages, "message"),
         )
         facts = {
             "until": gap.until_ns,

@@ -15,8 +15,7 @@ from typing import Protocol
 
 from tfbus.bag.raw_queue import MessageSource, Raw
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.bounded import Bounded

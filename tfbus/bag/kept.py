@@ -9,9 +9,8 @@ from pathlib import Path
 from tfbus.bus.query import Query
 from tfbus.errors import BusError, InvalidArgumentException, TfbusError
 from tfbus.node.node import Node
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded

@@ -6,13 +6,11 @@ viewer, a test. Any other thread may pause it, seek, and so on.
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Protocol
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Playhead, Progress, stepped_ns
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import Playable, items_of_state
 from tfbus.runtime import scheduler
 
@@ -268,12 +266,7 @@ class ReadAhead:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._has_room:
             self._is_closed = True
             self._has_room.notify()

@@ -24,12 +24,10 @@ from tfbus.bag.keeping import (
     Splits,
     WrittenPart,
 )
-from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import EVENTS, MessageSource, Raw, RawQueue
+from tfbus.bag.raw_queue import EVENTS, MessageSource, Past, Raw, RawQueue, SourceOf
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.listen.conflicts import Claims
-from tfbus.recording.items import EventItem, Item
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import EventItem, Item, Selection
 from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import from_map
@@ -375,7 +373,7 @@ class Recorder:
 
     def _waits(self, raw: Raw) -> bool:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
-        if raw.source.is_described(raw.payload) or raw.source in self._undescribed:
+        if raw.source in self._undescribed or raw.source.is_described(raw.payload):
             return False
         if 0 <= self._queue.now_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
             return True

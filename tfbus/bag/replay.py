@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 from tfbus import messages
 from tfbus.bag.player import Player
@@ -27,10 +27,17 @@ from tfbus.errors import (
 from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.playhead import Pace, Playhead, Progress
+from tfbus.recording.items import (
+    ALL,
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
+from tfbus.recording.playhead import Pace, Playhead, Progress, Stamps
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.definitions import Definition
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import encode_map, from_map
@@ -41,9 +48,6 @@ from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
 RECORDED = "recorded"
-
-# Stamps of transforms and messages: moved to the time of now, or as they were recorded.
-Stamps = Literal["now", "recorded"]
 
 _NAMED = 5
 

@@ -14,7 +14,7 @@ from tfbus.broadcast.retained import (
     answer_from_history,
 )
 from tfbus.broadcast.sender import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.errors import BusError, InvalidArgumentException

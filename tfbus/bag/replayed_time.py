@@ -10,10 +10,9 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.messages import Clock
 from tfbus.node.node import Node
-from tfbus.recording.items import Item, TopicItem, TransformItem
+from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.recording.state import Playable
 from tfbus.runtime import scheduler
 from tfbus.wire.codec import from_map

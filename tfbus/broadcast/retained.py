@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import islice, takewhile
 from typing import NamedTuple
 
-from tfbus.bus.handles import BytesPublisher
+from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.query import Query, within
 from tfbus.errors import BusError, InvalidArgumentException, LookupException
 from tfbus.geometry.transform import check_frame_id

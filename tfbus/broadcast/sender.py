@@ -17,7 +17,7 @@ from tfbus.broadcast.retained import (
     SentHistory,
     answer_from_history,
 )
-from tfbus.bus.handles import BytesPublisher
+from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import lazy_numpy as np

@@ -96,8 +96,6 @@ def as_svg(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
     """The trees as an SVG drawing, a frame a row, for a notebook or a web page; the edges of a path
     are thick.
     """
-    from html import escape  # slow to import, and few draw
-
     rows = list(_walk(frames))
     if not rows:
         return (
@@ -124,13 +122,20 @@ def as_svg(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
             parts.append(f'<path d="M{up_x} {up_y + 6}V{y}H{x - 6}" fill="none" {line}/>')
         colour = "#c33" if frame.conflicts else "#888" if frame.static else "#27c"
         parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}"/>')
-        facts = escape(_facts(frame))
+        facts = _escaped(_facts(frame))
         bold = ' font-weight="bold"' if frame.name in path else ""
         parts.append(
-            f'<text x="{x + 12}" y="{y + 4}" fill="currentColor"{bold}>{escape(frame.name)}'
+            f'<text x="{x + 12}" y="{y + 4}" fill="currentColor"{bold}>{_escaped(frame.name)}'
             f'<tspan fill="#888">{"  " if facts else ""}{facts}</tspan></text>'
         )
     return "".join(parts) + "</svg>"
+
+
+def _escaped(text: str) -> str:
+    """A text within HTML or SVG."""
+    from html import escape  # slow to import, and few draw
+
+    return escape(text)
 
 
 def as_html(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
@@ -175,9 +180,7 @@ class _Drawing:
         drawn = as_html(self.frames, self.path)
         if self.answer is None:
             return drawn
-        from html import escape  # slow to import, and few draw
-
-        return f"{drawn}<pre>{escape(_numbers(self.answer))}</pre>"
+        return f"{drawn}<pre>{_escaped(_numbers(self.answer))}</pre>"
 
 
 def _drawing(

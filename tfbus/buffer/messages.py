@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus import messages
+from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from tfbus.buffer.buffer import Buffer
-
-    Stamps = NDArray[np.int64]
+Stamps = NDArray[np.int64]
 
 M = TypeVar("M")
 

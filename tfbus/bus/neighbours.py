@@ -22,12 +22,11 @@ import zenoh
 
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
-from tfbus.bus.handles import Declaration
 from tfbus.bus.interfaces import NetworkWatch
 from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
-from tfbus.bus.networks import Network
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import Network, NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_library import bus_errors, configure_zenoh_threads
 from tfbus.bus.zenoh_sockets import (

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.handles import UNDECLARED, BytesPublisher, Declaration
+from tfbus.bus.network_session import UNDECLARED, BytesPublisher, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import bus_errors

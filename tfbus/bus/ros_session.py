@@ -16,8 +16,7 @@ import zenoh
 
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
-from tfbus.bus.handles import Declaration, HeardWatch
-from tfbus.bus.network_session import RETRY_S, NetworkSession
+from tfbus.bus.network_session import RETRY_S, Declaration, HeardWatch, NetworkSession
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.settings import check_endpoint
 from tfbus.bus.zenoh_library import bus_errors, first_sentence, is_router_missing

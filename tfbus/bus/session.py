@@ -10,20 +10,19 @@ import zenoh
 
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
-from tfbus.bus.handles import (
+from tfbus.bus.links import speaks_tls
+from tfbus.bus.neighbours import Neighbours
+from tfbus.bus.network_session import (
     BytesPublisher,
     Declaration,
     HeardWatch,
+    NetworkSession,
     PublishersWithin,
     ServedWatch,
 )
-from tfbus.bus.links import speaks_tls
-from tfbus.bus.neighbours import Neighbours
-from tfbus.bus.network_session import NetworkSession
-from tfbus.bus.networks import LAN, network_of
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
     datagram_ports,
     end_shared_memory,
@@ -32,16 +31,13 @@ from tfbus.bus.zenoh_config import (
     scouting_of,
     zenoh_config,
 )
-from tfbus.bus.zenoh_library import (
-    bus_errors,
-    is_router_missing,
-)
+from tfbus.bus.zenoh_library import bus_errors, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.errors import BusError, RightsError
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import seconds_to_wait
+from tfbus.runtime.callbacks import Workers
 from tfbus.runtime.structs import replace
-from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
 

@@ -11,9 +11,8 @@ import zenoh
 
 from tfbus.bus.interfaces import scouted
 from tfbus.bus.links import split_endpoint
-from tfbus.bus.networks import Network, network_of
 from tfbus.bus.scouting import Scouting
-from tfbus.bus.settings import PROTOCOLS, NodeSettings
+from tfbus.bus.settings import PROTOCOLS, Network, NodeSettings, network_of
 from tfbus.bus.zenoh_library import first_sentence
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local

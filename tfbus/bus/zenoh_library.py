@@ -6,6 +6,7 @@ the parent's links away. So nothing of Zenoh's is used in such a child, nor ende
 had is kept for as long as the child lives, and what stands in its place raises BusError.
 """
 
+import ctypes
 import os
 import weakref
 from collections.abc import Iterator
@@ -125,8 +126,6 @@ class Holders:
         """Replace what all of them hold, which is kept for ever: ending it would harm the
         parent.
         """
-        import ctypes  # slow to import, and few processes fork
-
         for holder, attribute in list(self._attribute_of.items()):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(getattr(holder, attribute)))
             setattr(holder, attribute, OfParent())

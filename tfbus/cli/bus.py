@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint, say, warn
-from tfbus.command.recordings import BagChoice, wall
+from tfbus.command.recordings import BagChoice, OpenBag, wall
 from tfbus.discover.graph import Graph
 from tfbus.runtime.log import open_log
 from tfbus.wire.fleet import Fleet
@@ -127,11 +127,9 @@ def frames_at(
     choice: BagChoice, settings: NodeSettings, fleet: Fleet | None
 ) -> Iterator["RecordedFrames"]:
     """The frames of a recording at the moment that was chosen."""
-    from tfbus.frames.recorded_poses import frames_of_bag
-
     with choice.opened() as bag:
         at_ns = bag.at_ns
-        frames = frames_of_bag(bag, settings, fleet)
+        frames = _frames_of(bag, settings, fleet)
         frames.seek(at_ns)
         yield frames
 
@@ -141,11 +139,15 @@ def frames_in_span(
     choice: BagChoice, settings: NodeSettings, fleet: Fleet | None
 ) -> Iterator[tuple["RecordedFrames", int, int]]:
     """The frames of a recording, and the log times from and to which were chosen."""
-    from tfbus.frames.recorded_poses import frames_of_bag
-
     with choice.opened() as bag:
         from_ns, to_ns = bag.span
-        yield frames_of_bag(bag, settings, fleet), from_ns, to_ns
+        yield _frames_of(bag, settings, fleet), from_ns, to_ns
+
+
+def _frames_of(bag: OpenBag, settings: NodeSettings, fleet: Fleet | None) -> "RecordedFrames":
+    from tfbus.frames.recorded_poses import frames_of_bag
+
+    return frames_of_bag(bag, settings, fleet)
 
 
 def moment_lines(choice: BagChoice, frames: "RecordedFrames") -> list[str]:

@@ -10,6 +10,7 @@ import click
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Answering
 from tfbus.cli.bus import look, look_once, open_bus
 from tfbus.cli.message import (
     bare,
@@ -24,7 +25,6 @@ from tfbus.cli.message import (
     supplied_call,
 )
 from tfbus.cli.output import print_json
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, ServiceName
 from tfbus.discover.graph import ServiceInfo

@@ -29,18 +29,29 @@ from tfbus.doctor.examination import (
     Examination,
     Finding,
     Verdict,
+    examine_recorded,
     examined,
     scope,
 )
-from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut, duration, listed, natural_order, near_names, wrapped
+from tfbus.wording import (
+    and_more,
+    counted,
+    cut,
+    duration,
+    listed,
+    natural_order,
+    near_names,
+    wrapped,
+)
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
-# Of a fleet, where each robot may have the same trouble.
+# A screen has at most so many sentences of a check; of a fleet, where each robot may have the same
+# trouble, so many that are not alike.
+_MOST_SENTENCES = 10
 _OF_FLEET, _ROBOTS_NAMED, _LONGEST_REMEDY = 3, 5, 300
 _WORD, _DIGITS = re.compile(r"[\w.-]+"), re.compile(r"[\d.]+")
 
@@ -140,9 +151,8 @@ def command(
         print_lines([_watching(place, _watched(names), listen_s)])
     with closing(examine(settings, listen_s, warn, fleet, roster)) as examinations:
         if watch:
-            findings = (examined(seen, _watched(names)) for seen in examinations)
             with suppress(KeyboardInterrupt):  # its usual end
-                _watch(findings, as_json, exit_on_fail, on_fail)
+                _watch(examinations, _watched(names), as_json, exit_on_fail, on_fail)
         else:
             _print(next(examinations), names, as_json)
 
@@ -159,12 +169,17 @@ def _watching(place: str, names: list[str], listen_s: float) -> str:
 
 
 def _watch(
-    findings: Iterable[dict[str, Finding]], as_json: bool, exit_on_fail: bool, on_fail: str | None
+    examinations: Iterable[Examination],
+    names: list[str],
+    as_json: bool,
+    exit_on_fail: bool,
+    on_fail: str | None,
 ) -> None:
     """Print findings when they begin and end, for ever."""
     ongoing: Ongoing[tuple[str, Verdict], Finding] = Ongoing()
     is_first = True
-    for found in findings:
+    for seen in examinations:
+        found, shortened = examined(seen, names), _Shortened(seen)
         troubles: dict[tuple[str, Verdict], Finding] = {
             (name, each.verdict): each
             for name, each in found.items()
@@ -174,7 +189,7 @@ def _watch(
         for (name, _), finding in ended.items():
             _say(name, finding, as_json, "ended")
         for (name, _), finding in begun.items():
-            _say(name, finding, as_json, "begun")
+            _say(name, finding if as_json else shortened(finding), as_json, "begun")
         if is_first and not begun and not as_json:
             print_lines([f"{_now()} {_summary(found)}: nothing is wrong"])
         is_first = False
@@ -182,7 +197,7 @@ def _watch(
         for name, finding in failed if on_fail else ():
             told = {
                 "TFBUS_CHECK": name,
-                "TFBUS_EVIDENCE": "\n".join(finding.evidence),
+                "TFBUS_EVIDENCE": "\n".join(shortened(finding).evidence),
                 "TFBUS_REMEDY": finding.remedy,
             }
             run_in_shell("--on-fail", on_fail or "", told)
@@ -212,8 +227,6 @@ def _check_recording(
     as_json: bool,
     roster: tuple[str, ...],
 ) -> None:
-    from tfbus.doctor.recorded import examine_recorded
-
     with frames_in_span(bag, settings, fleet) as (frames, from_ns, to_ns):
         seen = examine_recorded(frames, settings, from_ns, to_ns, fleet, roster)
         if not as_json:
@@ -227,13 +240,13 @@ def _print(seen: Examination, names: tuple[str, ...], as_json: bool) -> None:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:
         print_lines([_scope(seen)])
-        by_robot = _ByRobot(seen.robots)
+        shortened = _Shortened(seen)
         # Of all checks, those that cannot be made of a recording are one line.
         left_out = [name for name, each in findings.items() if each == OF_A_BUS]
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
             if alone or name not in left_out:
-                print_lines(_lines(name, by_robot.shortened(finding) if seen.is_fleet else finding))
+                print_lines(_lines(name, shortened(finding)))
         if left_out and not alone:
             others = ", ".join(left_out)
             print_lines(_wrapped(f"{_summary(findings)} (of a live bus only: {others})", ""))
@@ -251,21 +264,29 @@ def _scope(seen: Examination) -> str:
     return paint(text, "faint")
 
 
-class _ByRobot:
-    """Findings of a fleet for a screen: what is wrong with many robots alike is one sentence."""
+class _Shortened:
+    """Findings for a screen: the first sentences of each; of a fleet, what is wrong with many
+    robots alike is one.
+    """
 
-    def __init__(self, robots: Iterable[RobotStatus]) -> None:
-        names = [each.name for each in robots]
+    def __init__(self, seen: Examination) -> None:
+        self._is_fleet = seen.is_fleet
+        names = [each.name for each in seen.robots]
         self._robots = {chunk: robot for robot in names for chunk in robot.split("/")}
 
-    def shortened(self, finding: Finding) -> Finding:
-        """Its first sentences, each with the robots of which the same is true."""
+    def __call__(self, finding: Finding) -> Finding:
+        """Its first sentences, of a fleet each with the robots of which the same is true."""
+        if not self._is_fleet:
+            evidence = list(finding.evidence[:_MOST_SENTENCES])
+            if more := and_more(len(finding.evidence), _MOST_SENTENCES):
+                evidence.append(f"{more} (--json has all)")
+            return replace(finding, evidence=tuple(evidence))
         alike: dict[str, list[str]] = {}
         for sentence in finding.evidence:
             alike.setdefault(self._pattern(sentence), []).append(sentence)
         evidence = [self._joined(sentences) for sentences in alike.values()][:_OF_FLEET]
-        if len(alike) > _OF_FLEET:
-            evidence.append("and more: see --json, and tfbus fleet")
+        if more := and_more(len(alike), _OF_FLEET):
+            evidence.append(f"{more}: see --json, and tfbus fleet")
         remedy = cut(finding.remedy, _LONGEST_REMEDY)
         return replace(finding, evidence=tuple(evidence), remedy=remedy)
 

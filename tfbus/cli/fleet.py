@@ -24,7 +24,7 @@ from tfbus.cli.output import (
 )
 from tfbus.command.options import listening_options, period_option, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import own_name
+from tfbus.command.types import NOT_NEGATIVE, own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
@@ -51,7 +51,8 @@ _MOST_IN_PIPE = 200
 
 @click.command(
     epilog="Examples: tfbus fleet; tfbus fleet --expect 'robot[1-30]' --watch; "
-    "tfbus fleet --expect robots.txt --watch --on-gone 'notify-send $TFBUS_ROBOT'"
+    "tfbus fleet --expect robots.txt --watch --on-gone 'notify-send $TFBUS_ROBOT' "
+    "--on-back 'notify-send back: $TFBUS_ROBOT'"
 )
 @roster_option
 @click.option("--all", "show_all", is_flag=True, help="Show each robot, also those that are well.")
@@ -61,6 +62,20 @@ _MOST_IN_PIPE = 200
     metavar="COMMAND",
     help="With --watch: run this in a shell for each robot that is gone or missing, with "
     "TFBUS_ROBOT and TFBUS_STATE (gone, missing) in its environment.",
+)
+@click.option(
+    "--on-back",
+    metavar="COMMAND",
+    help="With --watch: run this for each of these robots that is back, with TFBUS_STATE=there.",
+)
+@click.option(
+    "--grace",
+    "grace_s",
+    type=NOT_NEGATIVE,
+    default=30.0,
+    metavar="SECONDS",
+    show_default=True,
+    help="How long robots of the roster have to come before --on-gone runs for the missing.",
 )
 @period_option("How long rates are measured, and the time between pages")
 @json_option("Print one JSON object; with --watch a line for each change of a robot's state.")
@@ -74,6 +89,8 @@ def command(
     show_all: bool,
     watch: bool,
     on_gone: str | None,
+    on_back: str | None,
+    grace_s: float,
     period_s: float,
     as_json: bool,
 ) -> None:
@@ -83,8 +100,8 @@ def command(
     robots without a problem are counted if a screen has no room for them. With --expect it exits
     with 1 if one of these is gone or missing.
     """
-    if on_gone and not watch:
-        raise click.UsageError("--on-gone is for --watch")
+    if (on_gone or on_back) and not watch:
+        raise click.UsageError("--on-gone and --on-back are for --watch")
     if watch and bag is not None:
         raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
     robots = watch_of(fleet, roster)
@@ -100,7 +117,8 @@ def command(
         present = watch_nodes(heard.node.session)
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
-                _watch(heard, present, robots, period_s, show_all, on_gone, as_json)
+                lost = _Lost(on_gone, on_back, grace_s)
+                _watch(heard, present, robots, period_s, show_all, lost, as_json)
             return
         robots.robots(_moment(heard, present))
         if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
@@ -143,7 +161,7 @@ def _watch(
     watch: FleetWatch,
     period_s: float,
     show_all: bool,
-    on_gone: str | None,
+    lost: "_Lost",
     as_json: bool,
 ) -> None:
     pace = Pace(_ASK_EVERY_S, _ASK_NEW_EVERY_S)
@@ -167,15 +185,41 @@ def _watch(
             else:
                 lines = as_lines(robots, moment.at_ns, None if show_all else _height())
                 show(lines if robots else ["No robot yet"])
-            for robot in news if on_gone else ():
-                if robot.state != "there":
-                    told = {"TFBUS_ROBOT": robot.name, "TFBUS_STATE": robot.state}
-                    run_in_shell("--on-gone", on_gone or "", told)
+            lost.update(robots)
             if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
                 return
             is_new = any(each.state == "there" and not each.versions for each in robots)
             if pace.is_due(is_new=is_new):
                 heard.ask_nodes()
+
+
+class _Lost:
+    """The robots that are gone or missing, and the commands that run when one is, and when it is
+    back. One that never came is missing only `grace_s` seconds from now on: it may be booting.
+    """
+
+    def __init__(self, on_gone: str | None, on_back: str | None, grace_s: float) -> None:
+        self._on_gone, self._on_back = on_gone, on_back
+        self._grace_ends_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 + grace_s
+        self._names: set[str] = set()
+
+    def update(self, robots: Iterable[RobotStatus]) -> None:
+        """Run the commands for the robots that are lost or back now."""
+        before, self._names = self._names, set()
+        is_late = SYSTEM_CLOCK.elapsed_ns() / 1e9 >= self._grace_ends_s
+        for robot in robots:
+            is_lost = robot.state == "gone" or (robot.state == "missing" and is_late)
+            if is_lost:
+                self._names.add(robot.name)
+            if is_lost and robot.name not in before:
+                _run_for(robot, "--on-gone", self._on_gone)
+            elif robot.state == "there" and robot.name in before:
+                _run_for(robot, "--on-back", self._on_back)
+
+
+def _run_for(robot: RobotStatus, option: str, line: str | None) -> None:
+    if line:
+        run_in_shell(option, line, {"TFBUS_ROBOT": robot.name, "TFBUS_STATE": robot.state})
 
 
 def _height() -> int:

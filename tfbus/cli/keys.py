@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tfbus.cli import Verbs
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
-from tfbus.cli.verbs import Verbs
 from tfbus.command.types import Number
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.installation import install_command

@@ -11,8 +11,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings
+from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, matching

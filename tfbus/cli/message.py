@@ -97,14 +97,20 @@ def type_of_ros(text: str) -> type | None:
     """The type on the bus of ROS's `sensor_msgs/msg/LaserScan`; None for any other text."""
     if text.split("/")[1:-1] != ["msg"]:
         return None
+    try:
+        found, on_bus = _of_ros(text)
+    except DecodeError:
+        return None
+    return supplied_type(type_name(on_bus.type)) or found
+
+
+def _of_ros(name: str) -> tuple[Any, Any]:
+    """The class of a message of ROS, and its type on the bus. Raises DecodeError."""
     from tfbus.compat.bus_types import bus_type_of  # which tfbus's own types do not need
     from tfbus.ros.message_classes import message_class
 
-    try:
-        found = message_class(text)
-    except DecodeError:
-        return None
-    return supplied_type(type_name(bus_type_of(found, "", SYSTEM_CLOCK).type)) or found
+    found = message_class(name)
+    return found, bus_type_of(found, "", SYSTEM_CLOCK)
 
 
 def call_of_ros(text: str) -> type | None:
@@ -160,21 +166,21 @@ def _values_of_ros(
     """The values of a type of tfbus, given with ROS's fields. Raises the mistake if ROS has no
     such fields of it either, and click.UsageError if only the values are wrong.
     """
-    from tfbus.compat.bus_types import bus_type_of  # which most types of tfbus's do not need
-    from tfbus.ros.counterparts import AS_IN_ROS, BY_ROS_TYPE
-    from tfbus.ros.message_classes import message_class
+    from tfbus.ros.counterparts import AS_IN_ROS, BY_ROS_TYPE  # which most types do not need
 
     types = {**BY_ROS_TYPE, **AS_IN_ROS}
     if type_name(message_type) in AS_IN_ROS:
         with suppress(DecodeError):  # such as a header without a stamp, which a type of ROS takes
             return as_map(from_map(message_type, values, unknown_fields=False))
     names = [name for name, each in types.items() if supplied_type(each.type_name) is message_type]
-    in_ros = message_class(names[0]) if names else None
-    if in_ros is None or not values.keys() <= in_ros.__codecs__.keys():
+    if not names:
+        raise mistake
+    in_ros, on_bus = _of_ros(names[0])
+    if not values.keys() <= in_ros.__codecs__.keys():
         raise mistake
     try:
         message = from_map(in_ros, values, unknown_fields=False)
-        return as_map(bus_type_of(in_ros, "", SYSTEM_CLOCK).to_bus(message))
+        return as_map(on_bus.to_bus(message))
     except (DecodeError, TypeError, ValueError) as error:
         if values.keys() <= {entry.name for entry in fields(message_type)}:
             raise mistake from None

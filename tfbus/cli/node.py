@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Verbs
 from tfbus.cli.bus import open_bus, say_if_empty, warn_of_unanswered
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
-from tfbus.cli.verbs import Verbs
 from tfbus.command.names import nodes_in
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options

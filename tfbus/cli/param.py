@@ -11,6 +11,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Verbs
 from tfbus.cli.bus import open_bus, say_if_empty
 from tfbus.cli.node import node_at, nodes_at
 from tfbus.cli.output import (
@@ -23,7 +24,6 @@ from tfbus.cli.output import (
     warn,
     yaml_text,
 )
-from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName, ParameterName

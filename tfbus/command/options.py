@@ -12,8 +12,8 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from tfbus.bus.networks import NAMES as NETWORK_NAMES
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
+from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.command.types import LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
@@ -302,8 +302,10 @@ def roster_option(function: F) -> F:
     return cast(F, option(command))
 
 
-def period_option(what: str) -> Callable[[F], F]:
-    """The option `--period`; its argument `period_s` is in seconds."""
+def period_option(meaning: str) -> Callable[[F], F]:
+    """The option `--period`; its argument `period_s` is in seconds, and `meaning` is its help, to
+    which the least value is added.
+    """
     return click.option(
         "-p",
         "--period",
@@ -312,7 +314,7 @@ def period_option(what: str) -> Callable[[F], F]:
         default=1.0,
         metavar="SECONDS",
         show_default=True,
-        help=f"{what}, at least 0.1.",
+        help=f"{meaning}, at least 0.1.",
     )
 
 

@@ -1,19 +1,20 @@
-"""The evidence that the checks judge, as one value, the findings that they return, and all checks
-by their stable names.
-"""
+"""The evidence that the checks judge, from a bus or a recording; their findings; and all checks."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
-from tfbus.frames.fleet import RobotStatus
-from tfbus.frames.moment import BusMoment
+from tfbus.frames.changes import Ticks
+from tfbus.frames.fleet import FleetWatch, RobotStatus
+from tfbus.frames.moment import BusMoment, Ongoing
+from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
+from tfbus.monitor.meter import SpanMeter, measure
 from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import and_more
+from tfbus.wire.fleet import Fleet
 
 
 @dataclass(frozen=True)
@@ -195,8 +196,6 @@ def scope(namespace: str, *, is_fleet: bool) -> str:
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
 
 
-_MOST_SENTENCES = 10
-
 Verdict = Literal["ok", "warn", "fail", "skipped"]
 
 
@@ -204,8 +203,8 @@ Verdict = Literal["ok", "warn", "fail", "skipped"]
 class Finding:
     """The verdict of one check, its evidence, and what to do about it.
 
-    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" if there is nothing to
-    do.
+    `evidence` are sentences, one for each thing that is wrong; of a skipped check, the reason.
+    `remedy` is "" if there is nothing to do.
     """
 
     verdict: Verdict
@@ -228,12 +227,6 @@ def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") ->
     if not evidence:
         return ok(*filter(None, (fine,)))
     return Finding(verdict, tuple(evidence), remedy)
-
-
-def first_of(sentences: list[str]) -> list[str]:
-    """The first ten sentences, and how many more there are."""
-    more = and_more(len(sentences), _MOST_SENTENCES)
-    return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]
 
 
 # The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and
@@ -287,3 +280,88 @@ def examined(seen: Examination, names: Iterable[str] = ()) -> dict[str, Finding]
     """The findings of all checks, or of these, by their names."""
     wanted = set(names) or CHECKS.keys()
     return {name: check(seen) for name, check in CHECKS.items() if name in wanted}
+
+
+# A recording of a bus where streams come and go all the time has many changes: the tree is looked
+# at no more often than this.
+_MOST_LOOKS = 2000
+
+# How often a tree with such a problem is looked at again, to see whether it is over.
+_LOOK_EVERY_NS = 500_000_000
+
+
+def examine_recorded(
+    frames: RecordedFrames,
+    settings: NodeSettings,
+    from_ns: int,
+    to_ns: int,
+    fleet: Fleet | None = None,
+    roster: Sequence[str] = (),
+) -> Examination:
+    """Look at a span of a recording, whose frames are of a fleet if one is given."""
+    meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
+    lost = 0
+    every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
+    ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.look_again(frames, log_ns))
+    for event in measure(frames, meter, ticks.before):
+        lost += event.dropped
+        if event.kind in ("stream", "stream gone"):
+            passing.look(frames, event.log_ns)
+    passing.look(frames, to_ns)
+    restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
+    span = RecordedSpan(
+        start_ns=frames.start_ns,
+        is_complete=frames.source.is_complete,
+        restarts={name: times for name, times in restarts.items() if times},
+        samples=meter.samples(),
+        passing=passing.found(),
+        lost=lost,
+        paused=len(meter.pauses),
+        damage=tuple(each.text(frames.start_ns) for each in frames.source.damage),
+    )
+    moment, watch = frames.moment(), FleetWatch(roster)
+    return Examination(
+        replace(settings, sim_time=frames.is_simulated),
+        moment,
+        tuple(meter.edges()),
+        listened_s=(to_ns - from_ns) / 1e9,
+        span=span,
+        is_fleet=fleet is not None,
+        robots=() if fleet is None else tuple(watch.robots(moment, has_frames=False)),
+        roster=tuple(roster),
+    )
+
+
+class _Passing:
+    """The problems that come and go, and when."""
+
+    def __init__(self) -> None:
+        self._ongoing: Ongoing[tuple[ProblemKind, tuple[str, ...]], Problem] = Ongoing()
+        self._from_ns: dict[tuple[ProblemKind, tuple[str, ...]], int] = {}
+        self._closed: list[PassingProblem] = []
+        self._looks = 0
+
+    def look(self, frames: RecordedFrames, log_ns: int) -> None:
+        """Look at the tree now."""
+        self._looks += 1
+        if self._looks > _MOST_LOOKS:
+            return
+        problems = frames.tree().problems()
+        begun, ended = self._ongoing.update(
+            {(each.kind, each.frames): each for each in problems if each.kind in PASSING}
+        )
+        self._from_ns |= dict.fromkeys(begun, log_ns)
+        for key, problem in ended.items():
+            self._closed.append(PassingProblem(problem, self._from_ns.pop(key), log_ns))
+
+    def look_again(self, frames: RecordedFrames, log_ns: int) -> None:
+        """Look whether a problem is over."""
+        if self._from_ns:
+            self._looks -= 1
+            self.look(frames, log_ns)
+
+    def found(self) -> tuple[PassingProblem, ...]:
+        """All, in the order in which they began."""
+        ongoing = self._ongoing.items.items()
+        every = [PassingProblem(each, self._from_ns[key]) for key, each in ongoing] + self._closed
+        return tuple(sorted(every, key=lambda each: (each.from_ns, each.problem.frames)))

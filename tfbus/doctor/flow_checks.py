@@ -10,7 +10,6 @@ from tfbus.doctor.examination import (
     RecordedSpan,
     Verdict,
     check,
-    first_of,
     found,
     ok,
     skipped,
@@ -359,14 +358,18 @@ def check_refused(seen: Examination) -> Finding:
         f"{counted(count, 'time')}: {reason}" for reason, count in seen.moment.rejected.items()
     ]
     evidence += [
-        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read"
+        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read: "
+        f"{stream.unreadable}"
         for stream in seen.tree.streams.values()
         if stream.rejected
     ]
     if not evidence and not seen.tree.frames:
         return skipped("no frame was found")
     return found(
-        "fail", evidence, "fix the publisher; each reason says what is allowed", "none was rejected"
+        "fail",
+        evidence,
+        "fix the publisher, or update it; each reason says what is allowed",
+        "none was rejected",
     )
 
 
@@ -386,7 +389,7 @@ def _of_flows(seen: Examination, verdict: Verdict, evidence: list[str], remedy: 
     if not evidence and not seen.flows:
         return skipped(f"no dynamic transform came in {duration(seen.listened_s)}")
     frames = counted(len({flow.child for flow in seen.flows}), "dynamic frame")
-    return found(verdict, first_of(evidence), remedy, f"{frames} in {duration(seen.listened_s)}")
+    return found(verdict, evidence, remedy, f"{frames} in {duration(seen.listened_s)}")
 
 
 def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
-from tfbus.doctor.examination import Examination, Finding, check, first_of, found, ok, skipped
+from tfbus.doctor.examination import Examination, Finding, check, found, ok, skipped
 from tfbus.ros.rmw import HIGHEST_DOMAIN, is_bridge
 from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
@@ -192,7 +192,7 @@ def check_rights(seen: Examination) -> Finding:
         )
     return found(
         "warn",
-        first_of(wide),
+        wide,
         "name its nodes in rights.yaml",
         f"{counted(len(closed.rights.identities), 'name')} in them",
     )

@@ -9,7 +9,6 @@ from tfbus.doctor.examination import (
     RecordedSpan,
     Verdict,
     check,
-    first_of,
     found,
     ok,
     skipped,
@@ -122,7 +121,7 @@ def check_callbacks(seen: Examination) -> Finding:
         return skipped("no node was found")
     return found(
         "warn",
-        first_of([f"{node.name}: {delay}" for node in nodes for delay in node.delays]),
+        [f"{node.name}: {delay}" for node in nodes for delay in node.delays],
         "let a callback that waits be an async def, or give it a callback group of its own",
         counted(len(nodes), "node"),
     )
@@ -204,7 +203,7 @@ def check_restarts(seen: Examination) -> Finding:
         publisher = f"stream {name!r}" if stream is None else who(stream)
         when = ", ".join(map(span.time, times[:_MOST_TIMES])) if span else ""
         evidence.append(f"{publisher} began again at {when}: restarted, or its clock went back")
-    return found("warn", first_of(evidence), _WHY_ENDED, counted(len(seen.tree.streams), "stream"))
+    return found("warn", evidence, _WHY_ENDED, counted(len(seen.tree.streams), "stream"))
 
 
 @check("stale")
@@ -221,7 +220,7 @@ def check_stale(seen: Examination) -> Finding:
     ]
     return found(
         "warn",
-        first_of(sentences),
+        sentences,
         "see whether its node still sends (tfbus monitor), and what it waits for",
         counted(len(tree.frames), "frame"),
     )
@@ -255,12 +254,13 @@ def check_static_dynamic(seen: Examination) -> Finding:
 
 
 def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str = "") -> Finding:
-    """The finding of problems of a kind; their own remedy, unless another is given."""
+    """The finding of problems of a kind; their own remedies, unless another is given."""
     sentences = seen.problems(kind)
+    own = dict.fromkeys(each.remedy for each in seen.moment.problems if each.kind == kind)
     if not sentences and not seen.tree.frames:
         return skipped(_NO_FRAME)
     frames = counted(len(seen.tree.frames), "frame")
-    return found(verdict, first_of(sentences), remedy or REMEDIES[kind], frames)
+    return found(verdict, sentences, remedy or "; ".join(own) or REMEDIES[kind], frames)
 
 
 # A few unread streams are normal at the start; many are forgotten ones.
@@ -281,7 +281,7 @@ def check_unread(seen: Examination) -> Finding:
         return ok(*(unread or ["each stream is read"]))
     return Finding(
         "warn",
-        tuple(first_of(unread)),
+        tuple(unread),
         "stop their nodes, or start the nodes that should read them",
     )
 
@@ -319,7 +319,7 @@ def check_filters(seen: Examination) -> Finding:
     )
     return found(
         "warn",
-        first_of([f"{node.name}: {each}" for node, each in dropped]),
+        [f"{node.name}: {each}" for node, each in dropped],
         f"see why: {listed(lookups, most=3)}" if lookups else "see the log of the node",
         counted(len(filters), "subscription"),
     )

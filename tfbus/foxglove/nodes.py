@@ -11,7 +11,7 @@ from typing import Any
 from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
 from tfbus.foxglove.protocol import ShownParameter, text
-from tfbus.runtime.workers import Workers
+from tfbus.runtime.callbacks import Workers
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wording import printable
 

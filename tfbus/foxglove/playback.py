@@ -23,10 +23,9 @@ from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.topics import ServedTopic, TransformChannels, is_description
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Progress, nearest_rate
 from tfbus.recording.reader import RecordingReader, TopicSummary
-from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs

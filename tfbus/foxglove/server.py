@@ -33,8 +33,8 @@ from tfbus.foxglove.protocol import (
     text,
     time_of,
 )
+from tfbus.runtime.callbacks import Workers
 from tfbus.runtime.log import LogOnce
-from tfbus.runtime.workers import Workers
 from tfbus.wording import printable
 
 # Clients are told at most this many errors a second, since any client can cause them.

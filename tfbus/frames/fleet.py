@@ -1,5 +1,5 @@
-"""A fleet at a glance: the robots of a moment of the bus, one value each, and the roster of those
-that are expected.
+"""A fleet at a glance: the robots of a moment of the bus, one value each, and the roster of the
+robots that are expected.
 """
 
 from collections import Counter, deque
@@ -40,8 +40,8 @@ class RobotStatus:
     the age of its newest dynamic sample, `clock_offset_s` how far the clock that is farthest off is
     ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
     an estimate of what they take on the air: their payloads, and what the network adds to each. All
-    are None while not known. `versions` are those of tfbus in its nodes. `problems` are those of
-    its frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
+    are None while not known. `versions` of tfbus are in its nodes. `problems` concern its
+    frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
     same name run at once, as where a robot and the one that takes its place are both on.
     """
 
@@ -88,7 +88,7 @@ class RobotStatus:
 
 
 def worst_first(robots: Iterable[RobotStatus]) -> list[RobotStatus]:
-    """The robots that are gone, then the missing, those with problems and the others; each kind in
+    """The robots that are gone, the missing, the ones with problems, then the others; each kind in
     the natural order of names.
     """
     return sorted(robots, key=lambda robot: robot._rank)
@@ -238,12 +238,14 @@ class FleetWatch:
         now = {
             name: (each.messages, each.bytes) for name, each in moment.streams.items() if each.alive
         }
+        if self._counted and self._counted[-1][0] == moment.at_ns:
+            self._counted.pop()  # a moment looked at again, as of a clock that stands still
         self._counted.append((moment.at_ns, now))
         while len(self._counted) > 2 and moment.at_ns - self._counted[1][0] >= _RECENT_S * 1e9:
             self._counted.popleft()
         last = self._counted[-2][1] if len(self._counted) > 1 else {}
         self._since_ns = {
-            name: self._since_ns[name]
+            name: self._since_ns.get(name, moment.at_ns)
             if name in last and last[name][0] <= count[0]
             else moment.at_ns
             for name, count in now.items()
@@ -313,7 +315,7 @@ class FleetWatch:
 
 
 def _twice(parts: _Parts, moment: BusMoment) -> tuple[str, ...]:
-    """The hosts of those nodes of a robot that run more than once."""
+    """The hosts of the nodes of a robot that run more than once."""
     names = set(parts.nodes)
     nodes = [each for each in moment.nodes if each.name in names]
     count = Counter(each.name for each in nodes)

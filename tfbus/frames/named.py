@@ -1,20 +1,24 @@
 """Messages of transforms as they come, with the names of frames that have numbers in them."""
 
-from collections import deque
 from collections.abc import Callable
+from functools import partial
 
+from tfbus.errors import DecodeError
 from tfbus.listen.info import StreamState
+from tfbus.listen.reception import NOT_NAMED, TIMES_HELD
+from tfbus.listen.stream_facts import PendingMessages
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log import LogOnce
 from tfbus.wire.keys import stream_of
-from tfbus.wire.numbered import NO_NUMBERS, FrameNumbers
-from tfbus.wire.transforms import TransformMessage, decode_transforms, is_numbered
+from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
+from tfbus.wire.transforms import TransformMessage, decode_transforms
 
-# So many messages wait for the names of their frames; the oldest go first.
-_MOST_WAITING = 1000
+# Names come from the bus: the numbers of at most so many streams are known.
+_MOST_STREAMS = 1000
 
 
 class NamedMessages:
@@ -36,28 +40,47 @@ class NamedMessages:
         self._receive = receive
         self._everywhere = everywhere
         self._lock = scheduler.Lock()
-        self._numbers: Bounded[str, FrameNumbers] = Bounded(_MOST_WAITING)
-        self._waiting: deque[tuple[str, bytes]] = deque(maxlen=_MOST_WAITING)
+        self._once = LogOnce(node.log)
+        self._numbers: Bounded[str, FrameNumbers] = Bounded(_MOST_STREAMS)
+        self._pending = PendingMessages()
         self._executor: Executor | None = None
         self._watch: StreamWatch | None = None
         self._is_closed = False
 
     def take(self, key: str, payload: bytes) -> None:
         """Receive a message. Raises DecodeError if it is none."""
-        if not is_numbered(payload):
-            self._receive(key, decode_transforms(payload), len(payload))
-            return
-        numbers = self._numbers.get(stream_of(key), NO_NUMBERS)
+        self._take(key, payload, TIMES_HELD)
+
+    def _take(self, key: str, payload: bytes, times: int) -> None:
+        """Receive a message, which may be held for so many more descriptions."""
+        name = stream_of(key)
+        numbers = self._numbers.get(name, NO_NUMBERS)
         message = decode_transforms(payload, numbers)
-        if not message.unnamed:
-            self._receive(key, message, len(payload))
+        if not message.unnamed or not times:
+            if message.unnamed:
+                self._once.warning(name, NOT_NAMED, name)
+            if not self._is_closed and (len(message.rows) or not message.unnamed):
+                self._receive(key, message, len(payload))
             return
+        receive = partial(self._take_again, key, times=times - 1)
+        if not self._pending.add(name, message.epoch_ns, receive, payload):
+            self._once.warning(
+                "full", "Dropped messages: too many wait for descriptions with the names of frames"
+            )
         with self._lock:
-            self._waiting.append((key, payload))
             if self._executor is None:
                 self._executor = Executor(f"{self._node.full_name} names", self._node.log)
                 # Not on a thread of Zenoh, which may hold locks.
                 self._executor.submit("names", self._start)
+        now = self._numbers.get(name, NO_NUMBERS)
+        if now is not numbers and now.epoch_ns == message.epoch_ns:  # it came in between
+            self._pending.release(name, message.epoch_ns)
+
+    def _take_again(self, key: str, payload: bytes, times: int) -> None:
+        try:
+            self._take(key, payload, times)
+        except DecodeError as error:
+            self._once.warning((key, DecodeError), "Dropped a message on %s: %s", key, error)
 
     def close(self) -> None:
         """Receive nothing from now on. Twice is fine."""
@@ -79,14 +102,6 @@ class NamedMessages:
 
     def _on_stream(self, state: StreamState) -> None:
         description = state.description
-        if description is None or not description.numbered:
-            return
-        self._numbers[state.name] = numbers = description.numbers
-        with self._lock:
-            waiting = [each for each in self._waiting if stream_of(each[0]) == state.name]
-            left = [each for each in self._waiting if stream_of(each[0]) != state.name]
-            self._waiting = deque(left, maxlen=_MOST_WAITING)
-        for key, payload in waiting:
-            message = decode_transforms(payload, numbers)
-            if len(message.rows) and not self._is_closed:
-                self._receive(key, message, len(payload))
+        if description is not None and description.poses != FLOAT64:
+            self._numbers[state.name] = description.numbers
+            self._pending.release(state.name, description.epoch)

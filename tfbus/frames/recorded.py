@@ -30,9 +30,17 @@ from tfbus.listen.info import StreamInfo, StreamState, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_facts import ReceptionHooks
 from tfbus.names import is_printable
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.pauses import Pause
-from tfbus.recording.selection import ALL, Selection, Viewpoint
+from tfbus.recording.items import (
+    ALL,
+    EventItem,
+    Item,
+    Pause,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+    Viewpoint,
+)
 from tfbus.recording.state import LastingStatics, Statics
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription

@@ -25,10 +25,17 @@ from tfbus.frames.runs import FIRST_NS, LAST_NS
 from tfbus.frames.samples import RecordedSamples, SampledSpan, only, poses_of
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.recording.items import EventItem, Item, TransformItem
-from tfbus.recording.pauses import Pause
+from tfbus.recording.items import (
+    ALL,
+    EventItem,
+    Item,
+    Pause,
+    Selection,
+    TransformItem,
+    Viewpoint,
+    is_of_transforms,
+)
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
-from tfbus.recording.selection import ALL, Selection, Viewpoint, is_of_transforms
 from tfbus.recording.state import STATICS, Statics
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded

@@ -15,10 +15,9 @@ from operator import itemgetter
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import EventItem, TransformItem
+from tfbus.recording.items import EventItem, TransformItem, Viewpoint
 from tfbus.recording.part import StreamChannel
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Viewpoint
 from tfbus.recording.summary import StreamKey
 
 FIRST_NS, LAST_NS = -(2**63), 2**63 - 1

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.runs import FIRST_NS, LAST_NS, Run, runs_of
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import TransformItem
+from tfbus.recording.items import TransformItem, Viewpoint
 from tfbus.recording.part import Group, Part
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Viewpoint
 from tfbus.recording.state import LastingStatics, Statics
 from tfbus.recording.summary import EdgeFacts, EdgeTable, StreamKey
 

@@ -35,7 +35,7 @@ _NS_PER_S = 1e9
 _NAMED = 5
 
 
-# The remedies that are the same in every case; that for frames ahead is in the sentence.
+# The remedies of problems that have none of their own; that for frames ahead is in the sentence.
 REMEDIES: dict[ProblemKind, str] = {
     "loop": "swap parent and child of the edge that points the wrong way, or stop publishing it",
     "conflict": "stop one of the two, or rename one of the frames",
@@ -185,7 +185,7 @@ class FrameTree:
             *self._in_another_unit(),
             *self._ahead(),
         ]
-        return [replace(each, remedy=REMEDIES.get(each.kind, each.remedy)) for each in found]
+        return [replace(each, remedy=each.remedy or REMEDIES.get(each.kind, "")) for each in found]
 
     def _conflicts(self) -> Iterator[Problem]:
         for child, claimed in self.claims.items():
@@ -213,18 +213,24 @@ class FrameTree:
         for name in others:
             below = self.below(name)
             shared = shared_name(main, name)
-            if below:
+            hint = remedy = ""
+            if shared:
                 hint = f"; if the robots share {shared!r}, pass --shared {shared}"
+                remedy = (
+                    f"pass --shared {shared} if {shared!r} is one frame for all robots; if each "
+                    "has its own, publish a transform to each from a frame that they share"
+                )
+            if below:
                 yield Problem(
                     "disconnected",
                     (name, *below),
                     f"{name!r} and {counted(len(below), 'frame')} below it are a separate tree: no "
-                    f"transform joins {name!r} to the tree of {main!r}{hint if shared else ''}",
+                    f"transform joins {name!r} to the tree of {main!r}{hint}",
+                    remedy,
                 )
             else:
-                yield Problem(
-                    "orphan", (name,), f"{name!r} is alone: no transform joins it to another frame"
-                )
+                text = f"{name!r} is alone: no transform joins it to another frame"
+                yield Problem("orphan", (name,), text, remedy)
 
     def _silent(self) -> Iterator[Problem]:
         for stream in self.streams.values():
@@ -235,11 +241,10 @@ class FrameTree:
                 if child not in self.frames or self.frames[child].parent is None
             ]
             if stream.alive and missing:
-                yield Problem(
-                    "silent",
-                    tuple(missing),
-                    f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it",
-                )
+                text = f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it"
+                if stream.unreadable:
+                    text += f"; its messages could not be read: {stream.unreadable}"
+                yield Problem("silent", tuple(missing), text)
 
     def _of_another_time(self) -> Iterator[Problem]:
         frames = [name for name, frame in self.frames.items() if self.is_of_another_time(frame)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from tfbus.bus.networks import check_network
+from tfbus.bus.settings import check_network
 from tfbus.errors import TfbusError
 from tfbus.launch.arguments import (
     LaunchFields,

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import unknown_frame
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.info import StreamState
 from tfbus.runtime import scheduler

@@ -5,7 +5,7 @@ from collections.abc import Callable, Set
 from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id

@@ -9,6 +9,7 @@ and the message begins again.
 
 import logging
 from collections.abc import Callable, Collection
+from functools import partial
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
@@ -27,13 +28,18 @@ from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import listed
+from tfbus.wording import listed, printable
 
 # A message may bring new frames: after this many transforms a stream is weighed again.
 _GROWS_AFTER = 1000
 
 # Messages that are lost one by one are not asked for again.
 _SILENT_NS = 1_000_000_000
+
+NOT_NAMED = "Dropped rows of a message of stream %r: its description has no names for their numbers"
+
+# A message waits for names in so many descriptions: the first may be older than the message.
+TIMES_HELD = 3
 
 # Transforms of one set may trade places: the first may fit only when the second is in.
 _STATIC_ATTEMPTS = 3
@@ -141,30 +147,32 @@ class StreamReception:
         """Read a message again when the numbers of all its frames are described."""
         with self.facts.lock:
             self.counts.unnamed += 1
+        self._hold(epoch_ns, payload, TIMES_HELD)
+
+    def _hold(self, epoch_ns: int, payload: bytes, times: int) -> None:
         numbers, pending = self.numbers, self.around.pending
-        pending.add(self.name, epoch_ns, self._receive_again, payload)
+        pending.add(self.name, epoch_ns, partial(self._receive_again, times=times - 1), payload)
         self.around.on_unnamed(self.name, epoch_ns)
         if self.numbers is not numbers:  # it came in between, perhaps before the message was added
             pending.release(self.name, epoch_ns)
 
-    def _receive_again(self, payload: bytes) -> None:
-        """Store the rows of a message that came before their names, and was counted then."""
+    def _receive_again(self, payload: bytes, times: int) -> None:
+        """Store the rows of a message that came before their names, and was counted then; it may
+        be held for so many more descriptions.
+        """
         message = self.decode(payload)
         if message is None:
             return
-        if message.unnamed:
-            self.facts.warn_once(
-                "unnamed",
-                "Dropped rows of a message of stream %r: its description has no names for their "
-                "numbers",
-                self.name,
-            )
         are_taken = None
         while are_taken is None:
             permit = self.facts.permit
             if not self.admission.admit(message.epoch_ns):
                 return
             are_taken = self.store(message.rows, message.epoch_ns, False, permit)
+        if message.unnamed and times:
+            self._hold(message.epoch_ns, payload, times)
+        elif message.unnamed:
+            self.facts.warn_once("unnamed", NOT_NAMED, self.name)
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, if it cannot be read."""
@@ -178,6 +186,7 @@ class StreamReception:
         """Count a message that cannot be read; log the first."""
         with self.facts.lock:
             self.counts.rejected += 1
+            self.counts.unreadable = printable(str(error))
         self.facts.warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
 
     def refuse_frame(self, frame: str) -> None:

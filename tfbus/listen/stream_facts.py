@@ -208,13 +208,17 @@ class PendingMessages:
         self._messages: deque[tuple[str, int, Receive, bytes]] = deque()
         self._bytes = 0
 
-    def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> None:
-        """Add a message of this epoch, which `receive` takes once the stream is described."""
+    def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
+        """Add a message of this epoch, which `receive` takes once the stream is described; False if
+        others had to go.
+        """
         with self._lock:
             self._messages.append((stream, epoch_ns, receive, payload))
             self._bytes += len(payload) + _OVERHEAD_BYTES
+            had_room = self._bytes <= self._most_bytes
             while self._bytes > self._most_bytes:
                 self._bytes -= len(self._messages.popleft()[3]) + _OVERHEAD_BYTES
+        return had_room
 
     def has(self, stream: str) -> bool:
         """Whether messages of a stream wait."""
@@ -375,6 +379,7 @@ class StreamCounts:
         self.messages = self.transforms = self.bytes = self.missed = 0
         self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
         self.unnamed = 0
+        self.unreadable = ""
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
         self.last_delay_s: float | None = None

@@ -10,7 +10,6 @@ from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
-from tfbus.listen.fair_queue import FairQueue, Received
 from tfbus.listen.frame_names import StreamRights
 from tfbus.listen.info import MOST_GONE, StreamState
 from tfbus.listen.queries import (
@@ -20,7 +19,7 @@ from tfbus.listen.queries import (
     ask_for_descriptions,
 )
 from tfbus.listen.stream_facts import is_from_future
-from tfbus.listen.wanted import WantedStreams
+from tfbus.listen.wanted import FairQueue, Received, WantedStreams
 from tfbus.names import is_printable
 from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded

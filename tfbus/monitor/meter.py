@@ -31,8 +31,7 @@ from tfbus.monitor.report import (
 )
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
 from tfbus.names import mistake_in
-from tfbus.recording.items import EventItem, TransformItem
-from tfbus.recording.pauses import Pause, recorded_ns, waits_between
+from tfbus.recording.items import EventItem, Pause, TransformItem, recorded_ns, waits_between
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.wire.fleet import Fleet

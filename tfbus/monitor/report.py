@@ -16,7 +16,7 @@ from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.windows import MessageWindow, Spread, spread_of
-from tfbus.recording.pauses import Pause
+from tfbus.recording.items import Pause
 from tfbus.wire.numbered import FLOAT64
 from tfbus.wording import duration, natural_order
 

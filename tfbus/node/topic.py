@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
-from tfbus.bus.handles import BytesPublisher, Declaration
+from tfbus.bus.network_session import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.node.endpoint import Lane, NodeEndpoint

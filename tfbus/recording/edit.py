@@ -8,10 +8,17 @@ from heapq import merge
 from itertools import chain
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.pauses import CUT_OUT
+from tfbus.recording.items import (
+    ALL,
+    CUT_OUT,
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.wording import stamp_text
 

@@ -12,8 +12,15 @@ from tfbus.errors import DecodeError, InvalidNameError
 from tfbus.geometry.columns import Columns
 from tfbus.recording import foxglove_frames
 from tfbus.recording.foxglove_frames import ns_of
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import (
+    ALL,
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.ros.counterparts import counterpart_of_ros
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import with_ros2_names

@@ -11,14 +11,24 @@ from typing import Any, NamedTuple
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    EventItem,
+    Item,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+)
 from tfbus.recording.layout import (
     ABOUT,
+    ATTACHMENT,
     ENCODING,
     EVENT,
     REPEATED,
     SCHEMA_ENCODING,
+    Index,
+    IndexBuilder,
+    decode_index,
     event_of,
     has_seq,
     is_numbered,
@@ -29,7 +39,6 @@ from tfbus.recording.layout import (
 )
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Damage, Message, Schema
-from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.counterparts import AS_IN_ROS, Counterpart, counterpart_of_ros, on_bus
 from tfbus.ros.definitions import TF_MESSAGE, Definition
@@ -54,8 +63,8 @@ class StreamChannel:
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
     """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
-    `definition` where it is one of ours. `is_numbered` is whether a number
-    says which messages only repeat what is in force.
+    `definition` where it is one of ours. `is_numbered` is whether a number says which messages only
+    repeat what is in force. `ros_type` is the name of the type in the file, as ROS has it.
     """
 
     id: int
@@ -65,6 +74,7 @@ class TopicChannel:
     definition: Definition | None = None
     is_retained: bool = False
     is_numbered: bool = False
+    ros_type: str = ""
 
     @property
     def is_readable(self) -> bool:
@@ -194,6 +204,7 @@ class Part:
             _definition(schema),
             is_retained(channel.metadata),
             is_numbered(channel.metadata),
+            printable(ros_type),
         )
 
 

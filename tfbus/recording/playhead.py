@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import Item
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, Item, Selection
 from tfbus.recording.state import ItemsInOrder, last_item
 from tfbus.runtime import scheduler
 
@@ -18,6 +17,9 @@ SLOWEST, FASTEST = 1e-3, 1e4
 
 # What to do at the end: return from `Player.run`, begin again, or wait for a seek.
 AtEnd = Literal["stop", "loop", "wait"]
+
+# Stamps of transforms and messages: moved to the time of now, or as they were recorded.
+Stamps = Literal["now", "recorded"]
 
 
 class PausableClock:

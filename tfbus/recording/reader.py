@@ -12,12 +12,22 @@ from typing import TypeVar
 
 from tfbus.core import lazy_numpy as np
 from tfbus.errors import DecodeError, FileError, MissingFileError
-from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import (
+    ALL,
+    RECORDING,
+    EventItem,
+    Item,
+    Pause,
+    RecordedStream,
+    Selection,
+    TopicItem,
+    TransformItem,
+    pauses_between,
+    pauses_of,
+)
 from tfbus.recording.mcap_file import how_to_import
 from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
-from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.records import Damage, united
-from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader
@@ -113,7 +123,8 @@ class TopicSummary:
     """A topic: the name of its type, and how many messages there are. If `is_readable` is false
     they are in a format that tfbus does not read, and are left out of the items. If it
     `is_retained` a message stays in force until the next, and those that a file begins with, to
-    repeat what is in force, are counted too. `definition` is that of a type of ROS's.
+    repeat what is in force, are counted too. `definition` is that of a type of ROS's, `ros_type`
+    the name of the type in the file.
     """
 
     name: str
@@ -122,6 +133,7 @@ class TopicSummary:
     is_readable: bool = True
     is_retained: bool = False
     definition: Definition | None = field(default=None, repr=False)
+    ros_type: str = ""
 
 
 class RecordingReader(AbstractContextManager["RecordingReader"]):
@@ -288,6 +300,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     former.is_readable and channel.is_readable,
                     former.is_retained or channel.is_retained,
                     channel.definition or former.definition,
+                    channel.ros_type or former.ros_type,
                 )
         return tuple(found[name] for name in sorted(found))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from heapq import merge
 
 from tfbus.errors import DecodeError
-from tfbus.recording.items import Item
+from tfbus.recording.items import ALL, Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.part import Part, UnreadItem, read_items
 from tfbus.recording.reader import in_order
@@ -32,7 +32,6 @@ from tfbus.recording.records import (
     time_text,
     united,
 )
-from tfbus.recording.selection import ALL
 from tfbus.recording.state import BusState
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, listed

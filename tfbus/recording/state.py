@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from tfbus.core.packed import edge_bytes
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.runtime.bounded import Bounded
 
 if TYPE_CHECKING:

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
-from tfbus.recording.index import Edge
-from tfbus.recording.items import EventItem
+from tfbus.recording.items import EventItem, Pause, Viewpoint, recorded_ns, waits_between
+from tfbus.recording.layout import Edge
 from tfbus.recording.part import StreamChannel
-from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import Damage, united
-from tfbus.recording.selection import Viewpoint
 
 # A stream in one epoch.
 StreamKey = tuple[str, int]
@@ -168,10 +166,11 @@ class RecordedStreamFacts:
 
 @dataclass(frozen=True)
 class TopicFacts:
-    """A topic: the name of its type, and how its messages came."""
+    """A topic: the name of its type on the bus, and in the file, and how its messages came."""
 
     name: str
     type_name: str
+    ros_type: str
     is_readable: bool
     flow: Flow
 
@@ -246,6 +245,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
             TopicFacts(
                 topic.name,
                 topic.type_name,
+                topic.ros_type,
                 topic.is_readable,
                 flows.get(("topic", topic.name), Flow(topic.messages)),
             )

@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.index import IndexBuilder
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
     ABOUT,
@@ -16,6 +15,7 @@ from tfbus.recording.layout import (
     PROFILE,
     REPEATED,
     SCHEMA_ENCODING,
+    IndexBuilder,
     check_log_time,
     check_text,
     event_metadata,

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Seconds = int | float | Decimal | Fraction
-    Time = Seconds | datetime | np.datetime64
+    Time = int | float | Decimal | Fraction | datetime | np.datetime64
 
 # Differences of stamps up to this fit 64 bits: 146 years.
 LATEST_STAMP_NS = 2**62 - 1
@@ -137,23 +136,17 @@ def _stamp(time: Any) -> int:
         )
     if kind == "f" or isinstance(time, float):
         seconds = float(time)
-        return _of_seconds(seconds if not isfinite(seconds) else Fraction(repr(seconds)))
-    if isinstance(time, Decimal | Fraction):
-        return _of_seconds(time)
+        time = Fraction(repr(seconds)) if isfinite(seconds) else seconds
+    if isinstance(time, float | Decimal | Fraction):
+        if not isfinite(time):
+            raise InvalidArgumentException(f"time: seconds must be finite, not {time}")
+        return round(Fraction(time) * _SECOND_NS)
     if hasattr(time, "__index__") and not isinstance(time, bool):
         return int(time.__index__()) * _SECOND_NS
     hint = ": datetime.fromisoformat(...) reads a text" if isinstance(time, str) else ""
     raise InvalidArgumentException(
         f"time: expected seconds, a datetime or a datetime64, got {type(time).__name__}{hint}"
     )
-
-
-def _of_seconds(seconds: "Seconds") -> int:
-    from fractions import Fraction
-
-    if not isfinite(seconds):
-        raise InvalidArgumentException(f"time: seconds must be finite, not {seconds}")
-    return round(Fraction(seconds) * _SECOND_NS)
 
 
 def _stamps(times: Any) -> "NDArray[np.int64]":
@@ -169,13 +162,11 @@ def _stamps(times: Any) -> "NDArray[np.int64]":
 
 
 def _of_datetime64(times: Any) -> "NDArray[np.int64]":
-    import numpy as np
-
-    if np.isnat(times).any():
+    if (times != times).any():  # as NaT only
         raise InvalidArgumentException("time: NaT is not a time")
-    if (abs(times.astype("datetime64[Y]").astype(np.int64)) >= _MOST_YEARS).any():
+    if (abs(times.astype("datetime64[Y]").astype("int64")) >= _MOST_YEARS).any():
         raise _too_far(times)
-    stamps: NDArray[np.int64] = times.astype("datetime64[ns]").astype(np.int64)
+    stamps: NDArray[np.int64] = times.astype("datetime64[ns]").astype("int64")
     return stamps
 
 

@@ -10,6 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.whole_file import replacing
 from tfbus.runtime.yaml_file import Value, read_yaml_file
@@ -62,8 +64,6 @@ def _identity(name: str, value: Value) -> Identity:
 
 def write_rights(path: Path, rights: Rights) -> None:
     """Write the rights, whole or not at all."""
-    import yaml  # slow to import
-
     identities = {name: _as_map(each) for name, each in rights.identities.items()}
     text = yaml.safe_dump(
         {"identities": identities}, sort_keys=False, allow_unicode=True, default_flow_style=None

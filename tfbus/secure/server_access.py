@@ -64,7 +64,7 @@ def made_tls(host: str) -> ServerTls:
 
     Raises ImportError without the library cryptography.
     """
-    from tfbus.secure.certificates import fingerprint_of, make_for_server
+    from tfbus.secure.keystore import fingerprint_of, make_for_server
 
     own = {name for name in own_names() if name.isascii()}
     local = {f"{name}.local" for name in own if "." not in name and name != "localhost"}
@@ -102,7 +102,7 @@ def _context(certificate: Path, key: Path | None) -> ssl.SSLContext:
 def _facts(certificate: Path) -> tuple[frozenset[str], str]:
     """Its names, and until when it is valid; neither without the library cryptography."""
     try:
-        from tfbus.secure.certificates import facts_of
+        from tfbus.secure.keystore import facts_of
     except ImportError:
         return frozenset(), ""
     try:

@@ -3,14 +3,12 @@
 import traceback
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import zenoh
 
+from tfbus.testing.processes import Process
 from tfbus.testing.tasks import Task, Tasks
-
-if TYPE_CHECKING:
-    from tfbus.testing.processes import Process
 
 
 class Payload:
@@ -88,7 +86,7 @@ class Handler:
 class Callers:
     """Zenoh's threads of one session: the calls of one origin come in order."""
 
-    def __init__(self, tasks: Tasks, process: "Process", name: str) -> None:
+    def __init__(self, tasks: Tasks, process: Process, name: str) -> None:
         self._tasks = tasks
         self._process = process
         self._name = name

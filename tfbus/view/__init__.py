@@ -10,12 +10,9 @@ from tfbus.runtime.lazy_exports import exported
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.view.data.tools import ToolPublishers as ToolPublishers
     from tfbus.view.data.topics import DataOnBus as DataOnBus
+    from tfbus.view.data.topics import ToolPublishers as ToolPublishers
     from tfbus.view.frames import Placed as Placed
-    from tfbus.view.guest import FIXED_NODE as FIXED_NODE
-    from tfbus.view.guest import Guest as Guest
-    from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
     from tfbus.view.local import show as show
     from tfbus.view.page import Page as Page
@@ -29,6 +26,9 @@ if TYPE_CHECKING:
     from tfbus.view.robots import RobotsOnBus as RobotsOnBus
     from tfbus.view.robots import RobotSource as RobotSource
     from tfbus.view.robots import ShownRobot as ShownRobot
+    from tfbus.view.scene.drawn import FIXED_NODE as FIXED_NODE
+    from tfbus.view.scene.drawn import Guest as Guest
+    from tfbus.view.scene.drawn import Region as Region
     from tfbus.view.screenshot import Screenshot as Screenshot
     from tfbus.view.screenshot import find_browser as find_browser
     from tfbus.view.server import Access as Access
@@ -47,16 +47,16 @@ _MODULE_OF = {
     "GivenRobots": "tfbus.view.robots",
     "Channel": "tfbus.view.panels.markup",
     "DataOnBus": "tfbus.view.data.topics",
-    "FIXED_NODE": "tfbus.view.guest",
-    "Guest": "tfbus.view.guest",
+    "FIXED_NODE": "tfbus.view.scene.drawn",
+    "Guest": "tfbus.view.scene.drawn",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",
     "Placed": "tfbus.view.frames",
-    "Region": "tfbus.view.guest",
+    "Region": "tfbus.view.scene.drawn",
     "Replay": "tfbus.view.replay",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
-    "ToolPublishers": "tfbus.view.data.tools",
+    "ToolPublishers": "tfbus.view.data.topics",
     "View": "tfbus.view.local",
     "ViewSettings": "tfbus.view.settings",
     "find_browser": "tfbus.view.screenshot",

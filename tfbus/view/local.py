@@ -6,7 +6,6 @@ import math
 import threading
 from dataclasses import replace
 from html import escape
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -407,12 +406,7 @@ class View:
     def __enter__(self) -> "View":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:

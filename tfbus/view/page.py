@@ -16,18 +16,15 @@ from tfbus.geometry.transform import Transform
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
-from tfbus.view.data.tools import Tool, ToolPublishers
-from tfbus.view.data.topics import DataSource
+from tfbus.view.data.topics import DataSource, Tool, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
-from tfbus.view.guest import FIXED_NODE, Guest, Region
 from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.tools import Aim, sent_text
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
-from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
+from tfbus.view.scene.camera import Cameras, Ray, around, region_of, region_of_points
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.scene.drawn import Drawn, place_of, unit_mesh
-from tfbus.view.scene.picking import Ray
+from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
 from tfbus.view.server import Access, Guard, serve, stop

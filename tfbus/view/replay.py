@@ -14,10 +14,9 @@ from tfbus.discover.graph import Endpoint, TopicInfo
 from tfbus.errors import DecodeError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.recording.items import Item, TopicItem, TransformItem
+from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
 from tfbus.view.data.topics import (

@@ -9,16 +9,15 @@ from pathlib import Path
 from threading import Lock
 from typing import Protocol
 
-from tfbus.bus.handles import Declaration
+from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
 from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
-from tfbus.recording.items import TopicItem
+from tfbus.recording.items import Selection, TopicItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
 from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described

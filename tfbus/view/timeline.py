@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.frames.track import least_gap_between
-from tfbus.recording.items import EventItem
+from tfbus.recording.items import EventItem, Pause, waits_between
 from tfbus.recording.part import Part
-from tfbus.recording.pauses import Pause, waits_between
 from tfbus.recording.reader import RecordingReader
 from tfbus.wording import counted, duration, listed, printable
 

@@ -10,7 +10,7 @@ The fields are those of ROS, but for a `header`, which is `stamp_ns` and `frame_
 fields had before are read as well. A payload is read only if it has at most a million values.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -361,7 +361,7 @@ def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
         is_short = 0 < len(value) <= _LONGEST_REMEMBERED
         if in_bytes and is_short and _is_remembered(value[0].__class__):
             with suppress(TypeError):  # something in it has no hash
-                return _maps_of(tuple(value), as_in_ros)
+                return _maps_of(tuple(value), as_in_ros, _types_in(value))
         return [
             item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
             for item in value
@@ -369,9 +369,18 @@ def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
     return _map_of(value, as_in_ros, in_bytes) if _is_message(value.__class__) else value
 
 
+def _types_in(messages: Sequence[Any]) -> tuple[type, ...]:
+    """The types of the values of messages: 1 and 1.0 and True are equal."""
+    return tuple(
+        getattr(each, name).__class__ for each in messages for name in _shape(each.__class__).fields
+    )
+
+
 @lru_cache(_MOST_REMEMBERED)
-def _maps_of(messages: tuple[Any, ...], as_in_ros: bool) -> list[Any]:
-    """The maps of messages of which most are sent again, as the columns of each cloud are."""
+def _maps_of(messages: tuple[Any, ...], as_in_ros: bool, types: tuple[type, ...]) -> list[Any]:
+    """The maps of messages of which most are sent again, as the columns of each cloud are; `types`
+    tells apart those that are equal.
+    """
     return [_plain(each, as_in_ros, in_bytes=False) for each in messages]
 
 

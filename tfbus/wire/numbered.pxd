@@ -4,7 +4,7 @@ from tfbus.core cimport packed
 from tfbus.core.packed cimport octets_t, pose_t
 from tfbus.geometry.columns cimport Columns
 
-cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE
+cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _BYTES_OF_KIND, _BYTES_OF_ROW, _MOST_BYTES, _MOST_BYTES_A_NUMBER
 cdef int _HAS_ROTATION, _SHORT, _WHOLE
 cdef Py_ssize_t _ROTATION_SIZE, _SHORT_SIZE
 cdef double _STEP_M, _STEPS_A_METRE, _FARTHEST_M, _LARGEST_M
@@ -18,22 +18,25 @@ cdef class NumberedRows:
     cdef readonly Py_ssize_t count, unnamed
     cdef readonly list known
 
-    cpdef Columns columns(self, bytes stamps, bytes poses)
+    @cython.locals(count=Py_ssize_t, unpacked=bytes)
+    cpdef Columns columns(self, bytes stamps, bytes forms, bytes poses)
 
 @cython.final
 cdef class FrameNumbers:
     cdef readonly object epoch_ns, next_number
-    cdef dict _named
-    cdef object _kinds
+    cdef dict _named, _kinds
+    cdef list _ascending
+    cdef Py_ssize_t _bytes
+    cdef object _lock
 
     cpdef NumberedRows get(self, bytes runs)
 
 @cython.locals(forms=bytearray, room=bytearray, forms_at=cython.uchar[::1], room_at=cython.uchar[::1], at=Py_ssize_t, i=Py_ssize_t,
                pose=pose_t, origin=pose_t, form=cython.int)
 cpdef tuple pack_poses(bytes poses, Py_ssize_t count, bytes origins, bint is_short)
-@cython.locals(is_uniform=cython.bint, poses=cython.double[::1], end=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t,
-               form=cython.int, size=Py_ssize_t)
-cpdef bytes unpack_poses(bytes forms, bytes data, bytes origins, Py_ssize_t count)
+@cython.locals(poses=cython.double[::1], end=Py_ssize_t, size=Py_ssize_t, wanted=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t,
+               row=Py_ssize_t, origin=pose_t)
+cpdef bytes unpack_poses(bytes forms, bytes data, bytes origins, Py_ssize_t count, list known=*)
 @cython.locals(axis=Py_ssize_t, size=Py_ssize_t)
 cdef Py_ssize_t _size_of(int form) noexcept nogil
 cdef int _pack_whole(unsigned char[::1] room, Py_ssize_t at, pose_t pose) noexcept nogil

@@ -10,14 +10,15 @@ Compiled if there is a C compiler (`numbered.pxd` has the C types).
 """
 
 import math
+import threading
 from array import array
+from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
 
 from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE, Pose
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
-from tfbus.runtime.bounded import Bounded
 
 # How a stream can send its poses; the first is the default, as version 1 has them.
 FLOAT64, FLOAT32, COMPACT = POSES = ("float64", "float32", "compact")
@@ -54,8 +55,10 @@ _NAN = float("nan")
 # A message that could have more rows would be too large.
 MOST_ROWS = 300_000
 
-# Of one stream's numbers, in all of the messages that are alike.
-_MOST_KINDS = 1024
+# The rows of messages that are alike are kept as long as they take about as much as the numbers of
+# their stream: what they take in memory, beside the bytes of their runs, and what they may take.
+_BYTES_OF_KIND, _BYTES_OF_ROW = 500, 120
+_MOST_BYTES, _MOST_BYTES_A_NUMBER = 64 * 1024, 1000
 
 IDENTITY = packed.pose_bytes((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 
@@ -70,9 +73,9 @@ def check_poses(poses: str) -> str:
 class NumberedRows:
     """The rows of messages that have the same numbers in the same order, of `count` rows.
 
-    `frames` and `edges` are those of the rows that are known, `origins` the poses of all. `known`
-    are the places of these rows, None for all of them, and `unnamed` is how many others have
-    numbers that the description does not have so far.
+    `frames`, `edges` and `origins` are those of the rows that are known. `known` are the places of
+    these rows, None for all of them, and `unnamed` is how many others have numbers that the
+    description does not have so far.
     """
 
     def __init__(
@@ -80,22 +83,32 @@ class NumberedRows:
         frames: tuple[str, ...],
         edges: bytes,
         origins: bytes,
+        count: int,
         known: list[int] | None,
         unnamed: int,
     ) -> None:
         self.frames = frames
         self.edges = edges
         self.origins = origins
-        self.count = len(origins) // POSE_SIZE
+        self.count = count
         self.known = known
         self.unnamed = unnamed
 
-    def columns(self, stamps: bytes, poses: bytes) -> Columns:
-        """The rows that are known, of a stamp and a pose for each of all rows."""
-        if self.known is not None:
+    def columns(self, stamps: bytes, forms: bytes, poses: bytes) -> Columns | None:
+        """The rows that are known, or None where the bytes are not as many as it takes. One stamp
+        is that of all rows, and one form that of all poses.
+        """
+        count = self.count
+        if len(stamps) not in (STAMP_SIZE, STAMP_SIZE * count) or len(forms) not in (1, count):
+            return None
+        unpacked = unpack_poses(forms, poses, self.origins, count, self.known)
+        if unpacked is None:
+            return None
+        if len(stamps) == STAMP_SIZE:
+            stamps *= len(self.edges) // EDGE_SIZE
+        elif self.known is not None:
             stamps = rows_of(stamps, 0, STAMP_SIZE, self.known)
-            poses = rows_of(poses, 0, POSE_SIZE, self.known)
-        return Columns.of_bytes(self.frames, self.edges, stamps, poses)
+        return Columns.of_bytes(self.frames, self.edges, stamps, unpacked)
 
 
 class FrameNumbers:
@@ -117,46 +130,75 @@ class FrameNumbers:
             number: (parent, child, origins[POSE_SIZE * at : POSE_SIZE * (at + 1)])
             for at, (number, parent, child) in enumerate(named)
         }
-        self._kinds: Bounded[bytes, NumberedRows] = Bounded(_MOST_KINDS)
+        self._ascending = sorted(self._named)
+        self._kinds: dict[bytes, NumberedRows] = {}
+        self._bytes = 0
+        self._lock = threading.Lock()
 
     def get(self, runs: bytes) -> NumberedRows | None:
         """The rows that were found before for these runs, as they stand in a message."""
         return self._kinds.get(runs)
 
-    def find(self, runs: bytes, numbers: Sequence[int], epoch_ns: int) -> NumberedRows | None:
-        """The rows of a message of an epoch; `numbers` has for each run the first, and how many
-        there are. None if they cannot be those of a message.
+    def find(
+        self, runs: bytes, numbers: Sequence[int], epoch_ns: int, size: int
+    ) -> NumberedRows | None:
+        """The rows of a message of an epoch, of `size` bytes; `numbers` has for each run the first,
+        and how many there are. None if they cannot be those of a message.
         """
         if len(numbers) % 2 or min(numbers, default=0) < 0 or sum(numbers[1::2]) > MOST_ROWS:
             return None
-        named = self._named if epoch_ns == self.epoch_ns else {}
-        given = self.next_number if epoch_ns == self.epoch_ns else 0
+        is_ours = epoch_ns == self.epoch_ns
+        ascending, given = (self._ascending, self.next_number) if is_ours else ([], 0)
+        # Neither the time nor the memory that it takes depends on rows that have no names.
+        parts: list[tuple[int, int, int]] = []
+        count = named = unnamed = 0
+        for first, length in zip(numbers[::2], numbers[1::2], strict=True):
+            if not length:
+                continue
+            end = first + length
+            begin, until = bisect_left(ascending, first), bisect_left(ascending, end)
+            if begin < until:
+                parts.append((begin, until, count - first))
+            named += until - begin
+            news = max(first, given)
+            unnamed += max(0, end - news) - max(0, until - bisect_left(ascending, news, begin))
+            count += length
+        # A frame that comes twice takes a byte at least.
+        if named > len(ascending) + size:
+            return None
         index_of: dict[str, int] = {}
         edges, origins, known = [], [], []
-        unnamed = 0
-        for at in range(0, len(numbers), 2):
-            for number in range(numbers[at], numbers[at] + numbers[at + 1]):
-                found = named.get(number)
-                if found is None:
-                    unnamed += number >= given
-                    origins.append(IDENTITY)
-                    continue
-                parent, child, origin = found
+        for begin, until, offset in parts:
+            for number in ascending[begin:until]:
+                parent, child, origin = self._named[number]
                 above = index_of.setdefault(parent, len(index_of))
                 below = index_of.setdefault(child, len(index_of))
-                known.append(len(origins))
+                known.append(offset + number)
                 edges.append(packed.edge_bytes(above, below))
                 origins.append(origin)
         rows = NumberedRows(
             tuple(index_of),
             b"".join(edges),
             b"".join(origins),
-            None if len(known) == len(origins) else known,
+            count,
+            None if named == count else known,
             unnamed,
         )
-        if epoch_ns == self.epoch_ns and len(origins) * EDGE_SIZE <= len(runs) + 8 * len(named):
-            self._kinds[runs] = rows
+        if is_ours and named <= len(ascending) + len(runs):
+            self._keep(runs, rows, _BYTES_OF_KIND + len(runs) + named * _BYTES_OF_ROW)
         return rows
+
+    def _keep(self, runs: bytes, rows: NumberedRows, size: int) -> None:
+        """Keep rows that take so many bytes; if it is too much, all others are forgotten."""
+        most = _MOST_BYTES + _MOST_BYTES_A_NUMBER * len(self._ascending)
+        with self._lock:
+            if size > most or runs in self._kinds:
+                return
+            if self._bytes + size > most:
+                self._kinds.clear()
+                self._bytes = 0
+            self._kinds[runs] = rows
+            self._bytes += size
 
 
 # Before a stream has described its numbers.
@@ -198,25 +240,42 @@ def pack_poses(poses: bytes, count: int, origins: bytes, is_short: bool) -> tupl
     return bytes(forms), bytes(room[:at])
 
 
-def unpack_poses(forms: bytes, data: bytes, origins: bytes, count: int) -> bytes | None:
-    """The poses that `pack_poses` has packed, with the same origins; None where the bytes are not
-    as many as the forms say, or a form is unknown.
+def unpack_poses(
+    forms: bytes, data: bytes, origins: bytes, count: int, known: list[int] | None = None
+) -> bytes | None:
+    """The poses that `pack_poses` has packed; None where the bytes are not as many as the forms
+    say, or a form is unknown. Only those at the `known` places of `count`, if it is not None, each
+    with its origin.
 
     Of fewer forms than poses the first one is that of all.
     """
-    is_uniform = len(forms) < count
     if count == 0 or not forms:
         return None if data or count else b""
-    made = packed.unset(_NO_POSES, 7 * count)
+    wanted = len(origins) // POSE_SIZE
+    made = packed.unset(_NO_POSES, 7 * wanted)
     poses: MutableSequence[float] = made
     end = len(data)
+    size = _size_of(forms[0])
     at = 0
+    if len(forms) < count:
+        if size < 0 or size * count != end:
+            return None
+        for i in range(wanted):
+            row = i
+            if known is not None:
+                row = known[i]
+            origin = packed.pose_at(origins, POSE_SIZE * i)
+            _unpack(poses, 7 * i, forms[0], data, size * row, origin)
+        return made.tobytes()
+    row = 0
     for i in range(count):
-        form = forms[0] if is_uniform else forms[i]
-        size = _size_of(form)
+        size = _size_of(forms[i])
         if size < 0 or size > end - at:
             return None
-        _unpack(poses, 7 * i, form, data, at, packed.pose_at(origins, POSE_SIZE * i))
+        if known is None or (row < wanted and known[row] == i):
+            origin = packed.pose_at(origins, POSE_SIZE * row)
+            _unpack(poses, 7 * row, forms[i], data, at, origin)
+            row += 1
         at += size
     return made.tobytes() if at == end else None
 

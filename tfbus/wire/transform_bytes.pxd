@@ -3,7 +3,7 @@ from tfbus.core cimport packed
 from tfbus.core.packed cimport octets_t
 from tfbus.geometry.columns cimport Columns
 from tfbus.geometry.transform cimport TransformStamped, child_name
-from tfbus.wire.numbered cimport FrameNumbers, NumberedRows, unpack_poses
+from tfbus.wire.numbered cimport FrameNumbers, NumberedRows
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
 cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED, _RUNS, _FORMS
@@ -51,11 +51,9 @@ cdef class _Cursor:
                poses_size=Py_ssize_t, count=Py_ssize_t, seen=cython.int, key=cython.int)
 cpdef TransformMessage scan_message(bytes payload, NameTables tables)
 @cython.locals(cursor=_Cursor, seen=cython.int, key=cython.int, start=Py_ssize_t, runs=bytes, stamps=bytes, forms=bytes,
-               poses=bytes, stamp_ns=cython.longlong, rows=NumberedRows)
+               poses=bytes, columns=Columns, rows=NumberedRows)
 cpdef TransformMessage scan_numbered(bytes payload, FrameNumbers numbers)
-@cython.locals(count=Py_ssize_t, unpacked=bytes)
-cpdef TransformMessage numbered_message(NumberedRows rows, object epoch_ns, object seq, bytes stamps, bytes forms, bytes poses)
-cdef bint _is_binary(_Cursor cursor) noexcept
+cdef bytes _stamps(_Cursor cursor)
 @cython.locals(size=Py_ssize_t, start=Py_ssize_t)
 cdef bytes _binary(_Cursor cursor)
 @cython.locals(start=Py_ssize_t, size=Py_ssize_t, at=Py_ssize_t, key=cython.int)

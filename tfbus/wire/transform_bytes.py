@@ -12,7 +12,7 @@ from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped, child_name
-from tfbus.wire.numbered import FrameNumbers, NumberedRows, unpack_poses
+from tfbus.wire.numbered import FrameNumbers
 
 try:
     import cython
@@ -232,7 +232,6 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
     cursor = _Cursor(payload)
     epoch_ns, seq, seen = 0, None, 0
     runs = stamps = forms = poses = b""
-    stamp_ns = 0
     for _ in range(cursor.map_length()):
         key = _key_of_numbered(cursor)
         if key == 0 or seen & key:
@@ -246,10 +245,7 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
                     return None
             runs = payload[start : cursor.at]
         elif key == _STAMPS:
-            if _is_binary(cursor):
-                stamps = _binary(cursor)
-            else:
-                stamp_ns = cursor.integer()
+            stamps = _stamps(cursor)
         elif key == _FORMS:
             forms = _binary(cursor)
         elif key == _POSES:
@@ -268,30 +264,15 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
     rows = numbers.get(runs) if epoch_ns == numbers.epoch_ns else None
     if rows is None:
         return None
-    return numbered_message(
-        rows, epoch_ns, seq, stamps or packed.stamp_bytes(stamp_ns), forms, poses
-    )
+    columns = rows.columns(stamps, forms, poses)
+    return None if columns is None else TransformMessage(columns, epoch_ns, seq, rows.unnamed)
 
 
-def numbered_message(
-    rows: NumberedRows, epoch_ns: int, seq: int | None, stamps: bytes, forms: bytes, poses: bytes
-) -> TransformMessage | None:
-    """The message of these rows, or None where the bytes are not as many as it takes. One stamp is
-    that of all rows, and one form that of all poses.
-    """
-    count = rows.count
-    if len(stamps) == STAMP_SIZE:
-        stamps *= count
-    if len(stamps) != STAMP_SIZE * count or len(forms) not in (1, count):
-        return None
-    unpacked = unpack_poses(forms, poses, rows.origins, count)
-    if unpacked is None:
-        return None
-    return TransformMessage(rows.columns(stamps, unpacked), epoch_ns, seq, rows.unnamed)
-
-
-def _is_binary(cursor: _Cursor) -> bool:
-    return cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6
+def _stamps(cursor: _Cursor) -> bytes:
+    """The bytes that follow, or those of the integer."""
+    if cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6:
+        return _binary(cursor)
+    return packed.stamp_bytes(cursor.integer())
 
 
 def _binary(cursor: _Cursor) -> bytes:

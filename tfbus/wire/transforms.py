@@ -22,7 +22,6 @@ from tfbus.wire.transform_bytes import (
     NUMBERED,
     VERSION,
     NameTables,
-    numbered_message,
     scan_message,
     scan_numbered,
 )
@@ -101,6 +100,7 @@ class NumberedEncoder:
         self._head = b"".join([b"\x87", *common, pack("seq")])
         self._stamps, self._forms, self._poses = pack("stamps"), pack("forms"), pack("poses")
         self._count = len(numbers)
+        self._are_once = len(set(numbers)) == len(numbers)
         self._origins = origins
         self._is_short = is_short
 
@@ -116,7 +116,8 @@ class NumberedEncoder:
         else:
             stamps = _little_endian(stamps, _STAMPS)
             column = _bin_header(len(stamps)) + stamps
-        if forms == forms[:1] * count:
+        # A frame that comes more than once takes a byte at least: `FrameNumbers.find`.
+        if forms == forms[:1] * count and (poses or self._are_once):
             forms = forms[:1]
         return b"".join(
             (
@@ -168,16 +169,14 @@ def decode_transforms(payload: bytes, numbers: FrameNumbers | None = None) -> Tr
             f"{VERSION} and {NUMBERED}: update the older of the two"
         )
     if version == NUMBERED:
-        return _decode_numbered(columns, numbers)
+        return _decode_numbered(columns, numbers, len(payload))
     frames = columns.get("frames")
     if not isinstance(frames, list) or not all(isinstance(name, str) for name in frames):
         raise DecodeError("'frames' is not a list of texts")
     epoch_ns = columns.get("epoch")
     if type(epoch_ns) is not int:
         raise DecodeError("'epoch' is not an integer of nanoseconds")
-    seq = columns.get("seq")
-    if seq is not None and type(seq) is not int:
-        raise DecodeError("'seq' is not an integer")
+    seq = _seq(columns)
     edges = _column(columns, "edges", EDGE_SIZE, _EDGES)
     stamps = _column(columns, "stamps", STAMP_SIZE, _STAMPS)
     poses = _column(columns, "poses", POSE_SIZE, _POSES)
@@ -194,37 +193,51 @@ def decode_transforms(payload: bytes, numbers: FrameNumbers | None = None) -> Tr
     return TransformMessage(rows, epoch_ns, seq)
 
 
-def _decode_numbered(columns: dict[str, Any], numbers: FrameNumbers | None) -> TransformMessage:
+def _decode_numbered(
+    columns: dict[str, Any], numbers: FrameNumbers | None, size: int
+) -> TransformMessage:
     if numbers is None:
         raise DecodeError("its frames have numbers, and static transforms have names")
-    epoch_ns, seq, runs = columns.get("epoch"), columns.get("seq"), columns.get("runs")
+    epoch_ns, runs = columns.get("epoch"), columns.get("runs")
     if type(epoch_ns) is not int:
         raise DecodeError("'epoch' is not an integer of nanoseconds")
-    if seq is not None and type(seq) is not int:
-        raise DecodeError("'seq' is not an integer")
+    seq = _seq(columns)
     if not isinstance(runs, list) or not all(type(each) is int for each in runs):
         raise DecodeError("'runs' is not a list of integers")
+    stamps = _stamps(columns)
+    forms, poses = columns.get("forms"), columns.get("poses")
+    if not isinstance(forms, bytes) or not isinstance(poses, bytes):
+        raise DecodeError("'forms' or 'poses' is not bytes")
+    rows = numbers.find(msgpack.packb(runs), runs, epoch_ns, size)
+    if rows is None:
+        raise DecodeError(
+            "'runs' must be pairs of a number and how many follow, 0 or more each, and of at most "
+            f"{MOST_ROWS:,} rows, of which those with names are no more than the stream has "
+            "numbers and the message bytes"
+        )
+    stamps = _little_endian(stamps, _STAMPS) if len(stamps) % STAMP_SIZE == 0 else stamps
+    found = rows.columns(stamps, forms, poses)
+    if found is None:
+        raise DecodeError(
+            f"'stamps', 'forms' and 'poses' do not have the bytes of {counted(rows.count, 'row')}"
+        )
+    return TransformMessage(found, epoch_ns, seq, rows.unnamed)
+
+
+def _stamps(columns: dict[str, Any]) -> bytes:
     stamps = columns.get("stamps")
     if type(stamps) is int and -(2**63) <= stamps < 2**63:
         stamps = stamps.to_bytes(STAMP_SIZE, "little", signed=True)
     if not isinstance(stamps, bytes):
-        raise DecodeError("'stamps' is neither an integer nor bytes")
-    forms, poses = columns.get("forms"), columns.get("poses")
-    if not isinstance(forms, bytes) or not isinstance(poses, bytes):
-        raise DecodeError("'forms' or 'poses' is not bytes")
-    rows = numbers.find(msgpack.packb(runs), runs, epoch_ns)
-    if rows is None:
-        raise DecodeError(
-            f"'runs' must be pairs of a number and how many follow, 0 or more each, and of at "
-            f"most {MOST_ROWS:,} rows"
-        )
-    stamps = _little_endian(stamps, _STAMPS) if len(stamps) % STAMP_SIZE == 0 else stamps
-    message = numbered_message(rows, epoch_ns, seq, stamps, forms, poses)
-    if message is None:
-        raise DecodeError(
-            f"'stamps', 'forms' and 'poses' do not have the bytes of {counted(rows.count, 'row')}"
-        )
-    return message
+        raise DecodeError("'stamps' is neither an integer of 64 bits with a sign nor bytes")
+    return stamps
+
+
+def _seq(columns: dict[str, Any]) -> int | None:
+    seq = columns.get("seq")
+    if type(seq) is not int and "seq" in columns:
+        raise DecodeError("'seq' is not an integer")
+    return seq
 
 
 def newest_stamp(payload: bytes) -> int:
@@ -233,10 +246,8 @@ def newest_stamp(payload: bytes) -> int:
     """
     if not is_numbered(payload):
         return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
-    stamps = decode_map(payload).get("stamps", b"")
-    if isinstance(stamps, int):
-        return stamps
-    return max(memoryview(_column({"stamps": stamps}, "stamps", 8, "q")).cast("q"), default=0)
+    stamps = _column({"stamps": _stamps(decode_map(payload))}, "stamps", STAMP_SIZE, _STAMPS)
+    return max(memoryview(stamps).cast("q"), default=0)
 
 
 class TransformReader:

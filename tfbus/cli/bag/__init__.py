@@ -1,13 +1,12 @@
 """The verbs of `tfbus bag`, each imported when it is used."""
 
 from importlib import import_module
-from keyword import iskeyword
 from types import ModuleType
 from typing import Any, cast
 
 import click
 
-from tfbus.cli.verbs import Verbs
+from tfbus.cli import Verbs
 from tfbus.errors import TfbusError
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
@@ -25,7 +24,7 @@ VERBS: dict[str, str] = {
 }
 
 # Verbs that make recordings from others; each further verb has a file of its own.
-_EDITS = ("cut", "filter", "merge", "recover")
+_EDITS = ("cut", "filter", "import", "merge", "recover")
 
 # Verbs of ros2 bag that have another name here.
 _OF_BAG = {
@@ -51,7 +50,7 @@ class _Bag(Verbs):
             return None
         if name in _EDITS:
             return cast(click.Command, getattr(_module("edit"), f"{name}_command"))
-        return cast(click.Command, _module(f"{name}_" if iskeyword(name) else name).command)
+        return cast(click.Command, _module(name).command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

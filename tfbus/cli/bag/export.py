@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.cli.bag.new_file import new_file, with_progress
-from tfbus.cli.bag.selecting import RECORDING
+from tfbus.cli.bag.files import RECORDING, new_file, with_progress
 from tfbus.cli.message import supplied_type
 from tfbus.cli.output import say, warn
 from tfbus.command.options import max_gap_option
@@ -23,8 +22,7 @@ from tfbus.recording.exported import (
     write_transforms_csv,
     write_transforms_npz,
 )
-from tfbus.recording.items import Item, TopicItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.items import ALL, Item, Selection, TopicItem
 from tfbus.recording.state import STATICS, Statics
 from tfbus.sensor_files import (
     write_cloud_npz,

@@ -3,29 +3,23 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import (
+from tfbus.cli import Answering
+from tfbus.cli.bag.files import (
     CALLED_IN_ROS,
     NO_SERVICES,
     RECORDING,
     SelectionOptions,
     selecting,
 )
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Moment, MomentType, Number
 from tfbus.errors import TfbusError
-from tfbus.recording.playhead import FASTEST, SLOWEST
+from tfbus.recording.playhead import FASTEST, SLOWEST, Stamps
 from tfbus.wording import printable
-
-if TYPE_CHECKING:
-    from tfbus.bag.replay import Stamps
-
-    # numpy and Zenoh, which `--help` does not need.
 
 # How often the time is published, as ros2 bag does.
 _CLOCK_HZ = 40.0
@@ -185,7 +179,7 @@ def command(
     start: Moment | None,
     until: Moment | None,
     duration_s: float | None,
-    stamps: "Stamps | None",
+    stamps: Stamps | None,
     clock_hz: float | None,
     asked: SelectionOptions,
     remappings: tuple[str, ...],

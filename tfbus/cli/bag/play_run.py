@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from tfbus.bag.player import Player
-from tfbus.bag.replay import Republisher, Stamps, serve
+from tfbus.bag.replay import Republisher, serve
 from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
 from tfbus.bus.settings import NodeSettings
@@ -22,9 +22,9 @@ from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
-from tfbus.recording.playhead import AtEnd, Playhead, Progress, nearest_rate
+from tfbus.recording.items import Selection, is_of_transforms
+from tfbus.recording.playhead import AtEnd, Playhead, Progress, Stamps, nearest_rate
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.wording import counted, cut, did_you_mean, duration, printable
 
 _LOOK_EVERY_S = 0.1

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bag.selecting import CALLED_IN_ROS, NO_SERVICES, SelectionOptions, selecting
-from tfbus.cli.verbs import Answering
+from tfbus.cli import Answering
+from tfbus.cli.bag.files import CALLED_IN_ROS, NO_SERVICES, SelectionOptions, selecting
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import POSITIVE, ByteSize, Number, SpanOrSize, TopicName
 from tfbus.errors import TfbusError

@@ -23,8 +23,7 @@ from tfbus.bag.keeping import (
     path_of_recording,
 )
 from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
-from tfbus.bag.past import Past
-from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.raw_queue import Past, RawQueue
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
@@ -44,9 +43,8 @@ from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
+from tfbus.recording.items import RECORDING, Selection, is_of_transforms, lacks_statics
 from tfbus.recording.layout import CUSTOM
-from tfbus.recording.pauses import RECORDING
-from tfbus.recording.selection import Selection, is_of_transforms, lacks_statics
 from tfbus.recording.writer import Compression, RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor

@@ -11,6 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Verbs
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
 from tfbus.cli.message import (
     TRANSFORMS_TYPES,
@@ -50,7 +51,6 @@ from tfbus.cli.topic.source import (
     type_of,
     visiting,
 )
-from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
@@ -63,7 +63,7 @@ from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 
 if TYPE_CHECKING:
-    from tfbus.bus.handles import HeardWatch
+    from tfbus.bus.network_session import HeardWatch
     from tfbus.node.node import Node
     from tfbus.node.topic import RawPublisher
 
@@ -370,8 +370,8 @@ _CALLED_IN_ROS = {
     "--file",
     "path",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Publish the cloud (.pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES are "
-    "its frame_id and stamp_ns, which is else the time of each message.",
+    help="Publish the cloud (.ply, .pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES "
+    "are its frame_id and stamp_ns, which is else the time of each message.",
 )
 @bus_options("topic")
 def pub_command(

@@ -11,6 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Answering
 from tfbus.cli.bus import look
 from tfbus.cli.message import (
     TRANSFORMS_TYPES,
@@ -34,7 +35,6 @@ from tfbus.cli.topic.source import (
     visiting,
     why_silent,
 )
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName, matching

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli import Answering
 from tfbus.cli.bus import look
 from tfbus.cli.output import json_option, print_json, print_lines, say, table, warn
 from tfbus.cli.topic.message_view import MessageFilter
@@ -24,7 +25,6 @@ from tfbus.cli.topic.source import (
     visiting,
     why_silent,
 )
-from tfbus.cli.verbs import Answering
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
@@ -366,7 +366,7 @@ def delay_command(
 
     def number_of(node: "Node", topic: str) -> Meter:
         is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
-        stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
+        stamp_of = newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
         return _Age(node, topic, stamp_of)
 
     _run(settings, topics, DELAY, number_of, **how)
@@ -430,10 +430,6 @@ class _Age:
             question = whose_clock(is_simulated=clock.is_simulated)
             warn(f"the stamps on {self._topic!r} are of another clock: {question}")
         return age_s
-
-
-def _newest_stamp(payload: bytes) -> int:
-    return newest_stamp(payload)
 
 
 def _stamp(topic: str, payload: bytes) -> int:

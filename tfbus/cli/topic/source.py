@@ -20,15 +20,15 @@ from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError, DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.monitor.windows import WindowReading
-from tfbus.recording.items import TopicItem, TransformItem
-from tfbus.recording.pauses import recorded_ns
+from tfbus.recording.items import Selection, TopicItem, TransformItem, recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
     RecordingReader,
     topic_of_stream,
     topics_of,
 )
-from tfbus.recording.selection import Selection
+from tfbus.ros.counterparts import with_arrays
+from tfbus.ros.definitions import message_named
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, stamp_in
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
@@ -215,9 +215,6 @@ def reader_of(type_name: str) -> Reader:
 
 def _reader_of_ros(type_name: str) -> Reader:
     """Reads messages of a type of ROS, with arrays where its definition has them."""
-    from tfbus.ros.counterparts import with_arrays  # which tfbus's own types do not need
-    from tfbus.ros.definitions import message_named
-
     try:
         message = message_named(type_name)
     except DecodeError:

@@ -512,17 +512,17 @@ def _of_yuv422(pixels: NDArray[Any], *, is_y_first: bool, step: int) -> Picture:
 
 
 def _opened(image: CompressedImage) -> Picture:
-    from PIL import Image as Opener
-    from PIL import UnidentifiedImageError
+    import PIL.Image
 
     try:
         # Formats that may run programs or read files, such as EPS, are not among these.
-        opened = Opener.open(io.BytesIO(image.data.tobytes()), formats=("JPEG", "PNG", "WEBP"))
+        data = io.BytesIO(image.data.tobytes())
+        opened = PIL.Image.open(data, formats=("JPEG", "PNG", "WEBP"))
         if opened.width * opened.height > _MOST_PIXELS:
             raise ValueError(f"it has {opened.width} by {opened.height} pixels, too many to show")
         # JPEG is made smaller while it is read.
         opened.draft("RGB", (_MOST_SIDE, _MOST_SIDE))
         opened.thumbnail((_MOST_SIDE, _MOST_SIDE))
         return np.asarray(opened.convert("RGB"))
-    except (OSError, SyntaxError, UnidentifiedImageError, Opener.DecompressionBombError) as error:
+    except (OSError, SyntaxError, PIL.Image.DecompressionBombError) as error:
         raise ValueError(f"{image.format[:60]!r} cannot be read: {error}") from error

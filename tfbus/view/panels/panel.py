@@ -14,9 +14,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.clocks import MOST_SKEW_S
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.view.data.tools import ToolPublishers
+from tfbus.view.data.topics import ToolPublishers
 from tfbus.view.frames import FAULTS, Frames, Placed, newest_common_ns
-from tfbus.view.guest import Guest
 from tfbus.view.panels.controls import (
     Control,
     DisplayPanel,
@@ -34,6 +33,7 @@ from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
 from tfbus.view.scene.data import DataScenes
+from tfbus.view.scene.drawn import Guest
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.settings import Playback, Selections, ViewState
 from tfbus.wording import and_more, counted, duration, listed, printable

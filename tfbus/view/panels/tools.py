@@ -13,7 +13,7 @@ from typing import Any
 
 import viser
 
-from tfbus.view.data.tools import TOOLS, Tool, ToolPublishers
+from tfbus.view.data.topics import TOOLS, Tool, ToolPublishers
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.settings import ViewState

@@ -35,10 +35,9 @@ from tfbus.view.data.shapes import (
 )
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
 from tfbus.view.frames import Floats, Frames
-from tfbus.view.guest import FIXED_NODE
 from tfbus.view.meshes.loader import ReadMesh
-from tfbus.view.scene.drawn import place_of, scale_of_depth, unit_mesh
-from tfbus.view.scene.picking import Ray
+from tfbus.view.scene.camera import Ray
+from tfbus.view.scene.drawn import FIXED_NODE, place_of, scale_of_depth, unit_mesh
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wording import counted, did_you_mean, listed, printable
 

@@ -16,12 +16,11 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.robot.mesh_files import MeshFiles, package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
-from tfbus.view.guest import FIXED_NODE
 from tfbus.view.meshes.loader import MeshLoader, MeshSource, ReadMesh
 from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
 from tfbus.view.robots import RobotSource, ShownRobot, source_at
-from tfbus.view.scene.drawn import unit_mesh
-from tfbus.view.scene.picking import Ray
+from tfbus.view.scene.camera import Ray
+from tfbus.view.scene.drawn import FIXED_NODE, unit_mesh
 from tfbus.view.settings import ViewSettings
 from tfbus.wording import printable
 

@@ -25,8 +25,8 @@ from tfbus.view.frames import (
     arrow_points,
     arrow_rows,
 )
-from tfbus.view.guest import FIXED_NODE
 from tfbus.view.scene.camera import Viewport
+from tfbus.view.scene.drawn import FIXED_NODE
 from tfbus.view.settings import Selections, ViewSettings
 from tfbus.wording import listed
 

@@ -1,6 +1,7 @@
 """What the tools show of a buffer and its streams, as the fuzzer left them: all of it, without a
 screen."""
 
+import logging
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
@@ -39,6 +40,7 @@ class Tools:
                 subscriber=lambda key, callback: None, settings=NodeSettings("fuzz")
             ),
             now_ns=lambda: _NOW_NS,
+            log=logging.getLogger("fuzz"),
         )
         listener = SimpleNamespace(streams=streams, dropped=3)
         self._meter = TransformMeter(cast(Any, node))

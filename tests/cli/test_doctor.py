@@ -5,12 +5,15 @@ import re
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import pytest
 
+from tests.builders import at
 from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
+    TransformBroadcaster,
     TransformListener,
 )
 from tfbus.doctor.examination import CHECKS
@@ -197,6 +200,20 @@ def test_options_of_a_watch_need_one(bus: Bus, options: tuple[str, ...]) -> None
     """A usage error; a recording is not watched."""
     done = bus.run("doctor", *options)
     assert done.returncode == 2 and "--watch" in done.stderr
+
+
+def test_messages_of_a_newer_version_are_named_with_the_remedy(bus: Bus) -> None:
+    """By the doctor, and by `tfbus why` of a frame that comes in them."""
+    arm = bus.node("arm")
+    # As a newer version would: it lists a frame, and sends it in messages of its own.
+    TransformBroadcaster(arm, history_s=0.0).send_transform(at(1.0, "hand"))
+    publisher = arm.session.publisher("tf/arm")
+    arm.create_timer(0.1, lambda: publisher.put(msgpack.packb({"v": 3})))
+    reason = "a transform message of version 3; this tfbus reads versions 1 and 2: update the older"
+    code, found = examined(bus)
+    [evidence] = found["refused"]["evidence"]
+    assert code == 1 and reason in evidence and "stream 'arm' could not be read" in evidence
+    assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
 
 
 def test_a_node_that_is_stopped_is_named(bus: Bus) -> None:

@@ -71,6 +71,22 @@ def test_frames_come_as_they_were_sent(sender: Node, client: Client) -> None:
     )
 
 
+def test_compact_frames_come_as_others_do(sender: Node, client: Client) -> None:
+    """With names and stamps, within their precision."""
+    client.subscribe("/tf")
+    broadcaster = TransformBroadcaster(sender, poses="compact")
+    sent = [moved(S, "map", "base", 0.1 + 0.2), moved(S, "base", "arm", 7.0)]
+    send_until(
+        lambda: broadcaster.send_transform(sent), lambda: len(transforms_of(client, "/tf")) > 1
+    )
+    for each in sent:
+        came = [
+            one for one in transforms_of(client, "/tf") if one.child_frame_id == each.child_frame_id
+        ]
+        assert (came[0].frame_id, came[0].stamp_ns) == (each.frame_id, S)
+        assert came[0].transform.distance(each.transform) < 1e-4
+
+
 def test_a_late_client_gets_statics_and_where_each_frame_is(
     sender: Node, bridge: LiveBridge
 ) -> None:

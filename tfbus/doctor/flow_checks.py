@@ -358,14 +358,18 @@ def check_refused(seen: Examination) -> Finding:
         f"{counted(count, 'time')}: {reason}" for reason, count in seen.moment.rejected.items()
     ]
     evidence += [
-        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read"
+        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read: "
+        f"{stream.unreadable}"
         for stream in seen.tree.streams.values()
         if stream.rejected
     ]
     if not evidence and not seen.tree.frames:
         return skipped("no frame was found")
     return found(
-        "fail", evidence, "fix the publisher; each reason says what is allowed", "none was rejected"
+        "fail",
+        evidence,
+        "fix the publisher, or update it; each reason says what is allowed",
+        "none was rejected",
     )
 
 

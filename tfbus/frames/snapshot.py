@@ -241,11 +241,10 @@ class FrameTree:
                 if child not in self.frames or self.frames[child].parent is None
             ]
             if stream.alive and missing:
-                yield Problem(
-                    "silent",
-                    tuple(missing),
-                    f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it",
-                )
+                text = f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it"
+                if stream.unreadable:
+                    text += f"; its messages could not be read: {stream.unreadable}"
+                yield Problem("silent", tuple(missing), text)
 
     def _of_another_time(self) -> Iterator[Problem]:
         frames = [name for name, frame in self.frames.items() if self.is_of_another_time(frame)]

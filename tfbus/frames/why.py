@@ -60,6 +60,8 @@ class Advice:
 
     def on_no_sample(self, frame: FrameInfo, stream: StreamInfo) -> str:
         """A frame is listed, and has not come."""
+        if stream.unreadable:
+            return f"messages of {who(stream)} could not be read: {stream.unreadable}"
         return f"wait for {who(stream)} to send {frame.name!r}"
 
     def on_unknown(self, frame: str) -> str:

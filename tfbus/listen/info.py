@@ -53,7 +53,8 @@ class StreamInfo(Struct):
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
-    had not confirmed; `rejected` ones could not be read. `excluded` transforms were dropped, since
+    had not confirmed; `rejected` ones could not be read, the last for the reason
+    `unreadable`. `excluded` transforms were dropped, since
     another publisher has priority for their frame; `forbidden` ones, since the stream may not have
     their frame on a closed bus. `last_heard_ns` is when the last message came,
     by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
@@ -95,6 +96,7 @@ class StreamInfo(Struct):
     silent: bool = False
     poses: str = FLOAT64
     unnamed: int = 0
+    unreadable: str = ""
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:

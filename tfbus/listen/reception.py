@@ -28,7 +28,7 @@ from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import listed
+from tfbus.wording import listed, printable
 
 # A message may bring new frames: after this many transforms a stream is weighed again.
 _GROWS_AFTER = 1000
@@ -186,6 +186,7 @@ class StreamReception:
         """Count a message that cannot be read; log the first."""
         with self.facts.lock:
             self.counts.rejected += 1
+            self.counts.unreadable = printable(str(error))
         self.facts.warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
 
     def refuse_frame(self, frame: str) -> None:

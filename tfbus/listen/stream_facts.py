@@ -379,6 +379,7 @@ class StreamCounts:
         self.messages = self.transforms = self.bytes = self.missed = 0
         self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
         self.unnamed = 0
+        self.unreadable = ""
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
         self.last_delay_s: float | None = None

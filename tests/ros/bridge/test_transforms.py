@@ -36,6 +36,22 @@ def test_transforms_go_to_ros_bit_by_bit(ros: FakeRos, bridged: Bridged, sender:
     assert rviz.messages[-1] == batch
 
 
+def test_compact_transforms_go_to_ros_within_their_precision(
+    ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """Their frames, which have numbers on the bus, have names."""
+    rviz = TfNode(ros, "rviz")
+    bridged()
+    broadcaster = TransformBroadcaster(sender, poses="compact")
+    batch = [EXACT, at(1.0, "laser", STAMP_NS, parent="base_link")]
+    send_until(lambda: broadcaster.send_transform(batch), lambda: bool(rviz.messages))
+    for came, sent in zip(rviz.messages[-1], batch, strict=True):
+        assert (came.stamp_ns, came.frame_id) == (STAMP_NS, sent.frame_id)
+        assert came.child_frame_id == sent.child_frame_id
+        assert came.transform.distance(sent.transform) < 1e-4
+        assert came.transform.angle(sent.transform) < 2e-4
+
+
 def test_transforms_come_from_ros_bit_by_bit(
     ros: FakeRos, bridged: Bridged, buffer: Buffer
 ) -> None:

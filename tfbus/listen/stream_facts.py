@@ -225,13 +225,18 @@ class PendingMessages:
         with self._lock:
             return any(message[0] == stream for message in self._messages)
 
-    def release(self, stream: str, epoch_ns: int) -> None:
-        """The stream is in this epoch: have its messages received, and forget those of others."""
+    def release(self, stream: str, epoch_ns: int, *, is_last: bool = True) -> None:
+        """The stream is in this epoch: have its messages received, and forget those of others; of
+        later ones only if it `is_last`.
+        """
         with self._lock:
-            mine = [message for message in self._messages if message[0] == stream]
+            mine, others = [], deque[tuple[str, int, Receive, bytes]]()
+            for message in self._messages:
+                is_over = message[0] == stream and (is_last or message[1] <= epoch_ns)
+                (mine if is_over else others).append(message)
             if not mine:
                 return
-            self._messages = deque(message for message in self._messages if message[0] != stream)
+            self._messages = others
             self._bytes -= sum(len(payload) + _OVERHEAD_BYTES for *_, payload in mine)
         for _, its_epoch_ns, receive, payload in mine:
             if its_epoch_ns == epoch_ns:

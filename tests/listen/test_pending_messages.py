@@ -28,7 +28,7 @@ def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
 
 
 def test_messages_of_a_later_epoch_wait_on_where_it_may_not_be_the_last() -> None:
-    """Its description is still to come; those of earlier epochs are thrown away."""
+    """Its description is still to come. Messages of earlier epochs are thrown away."""
     held = PendingMessages()
     received: list[bytes] = []
     for epoch_ns in (1, 2, 3):

@@ -42,6 +42,8 @@ MOST_PENDING_BYTES = 4 * 2**20
 _OVERHEAD_BYTES = 300
 
 Receive = Callable[[bytes], None]
+# A stream, the epoch of a message of it, who receives that, and its bytes.
+_Pending = tuple[str, int, Receive, bytes]
 
 
 class Verdict(Enum):
@@ -205,7 +207,7 @@ class PendingMessages:
     def __init__(self, most_bytes: int = MOST_PENDING_BYTES) -> None:
         self._most_bytes = most_bytes
         self._lock = scheduler.Lock()
-        self._messages: deque[tuple[str, int, Receive, bytes]] = deque()
+        self._messages: deque[_Pending] = deque()
         self._bytes = 0
 
     def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
@@ -226,11 +228,12 @@ class PendingMessages:
             return any(message[0] == stream for message in self._messages)
 
     def release(self, stream: str, epoch_ns: int, *, is_last: bool = True) -> None:
-        """The stream is in this epoch: have its messages received, and forget those of others; of
-        later ones only if it `is_last`.
+        """The stream is in this epoch: have its messages received, and forget all of others; of
+        later epochs only if it `is_last`.
         """
         with self._lock:
-            mine, others = [], deque[tuple[str, int, Receive, bytes]]()
+            mine: deque[_Pending] = deque()
+            others: deque[_Pending] = deque()
             for message in self._messages:
                 is_over = message[0] == stream and (is_last or message[1] <= epoch_ns)
                 (mine if is_over else others).append(message)

@@ -172,7 +172,7 @@ def is_from_future(epoch_ns: int) -> bool:
 
 
 class _OutdatedMessages:
-    """Counts runs of outdated messages: those within `_APART_S` are one run.
+    """Counts runs of outdated messages: all within `_APART_S` are one run.
 
     `runs_alone` are the runs since the last message that counts.
     """
@@ -455,7 +455,7 @@ class ReceptionHooks:
         return frozenset()
 
     def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
-        """The stream has removed these frames, which may have covered those of another."""
+        """The stream has removed these frames, which may have covered frames of another."""
 
     def on_unlisted(self, stream: str, frames: frozenset[str]) -> None:
         """The stream has sent these frames and does not list them, at each message and list:

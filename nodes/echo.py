@@ -188,7 +188,7 @@ class _Progress:
 def _log_gone(
     node: Node, buffer: Buffer, question: Question, logged: frozenset[str]
 ) -> frozenset[str]:
-    """The frames on the path whose publisher is gone; logs those not in `logged`."""
+    """The frames on the path whose publisher is gone; logs the ones not in `logged`."""
     try:
         path = buffer.path(question.target, question.source)
         gone = frozenset(frame for frame in path if buffer.frame(frame).gone)

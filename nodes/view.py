@@ -100,7 +100,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     multiple=True,
     metavar="DIR",
-    help="A folder with the packages that the URDF's meshes are in; repeatable.",
+    help="A folder with packages of meshes, of the URDF and of markers; repeatable.",
 )
 @click.option(
     "--mesh-up-axis",
@@ -212,6 +212,7 @@ def main(
         read_only=listening.is_public if read_only is None else read_only,
         heeds_up_axis=heeds_up_axis,
         roster=roster,
+        package_path=package_path,
     )
     notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None

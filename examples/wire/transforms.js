@@ -114,7 +114,8 @@ function transformsOf(message, description) {
     if (size === undefined || at + size > poses.length) throw new RangeError("no such form");
     const frame = named.get(number); // One that is not there: the description is older, or newer.
     if (frame) {
-      const stamp = stamps instanceof Uint8Array ? viewOf(stamps).getBigInt64(8 * row, true) : stamps;
+      const place = stamps.length === 8 ? 0 : 8 * row; // One is that of all rows.
+      const stamp = stamps instanceof Uint8Array ? viewOf(stamps).getBigInt64(place, true) : stamps;
       found.push([frame.parent, frame.child, stamp, ...poseOf(view, at, form, frame.origin)]);
     }
     at += size;

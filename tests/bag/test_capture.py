@@ -2,10 +2,6 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable
-from functools import partial
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 
@@ -17,12 +13,10 @@ from tests.live_bus import Bus
 from tests.ros2_on_zenoh import Ros2
 from tfbus import TransformBroadcaster
 from tfbus.bag import capture as capture_module
-from tfbus.bag.capture import Capture, NodeRoster
+from tfbus.bag.capture import Capture
 from tfbus.bag.raw_queue import EVENTS, RawQueue, TransformSource
-from tfbus.bus.session import Session
 from tfbus.messages import Clock
 from tfbus.recording.items import Selection
-from tfbus.runtime import scheduler
 from tfbus.wire.transforms import TransformReader
 
 STATIC = TransformSource("other", "", {}, TransformReader(), static=True)
@@ -145,54 +139,3 @@ class TestStatics:
         eventually(lambda: came.extend(raw.payload for raw in queue.take(0)) or b"y" in came)
         assert came == [b"x", b"y"]
         capture.close()
-
-
-class NoNodes:
-    """A session without answers, and whose tokens come as the test says."""
-
-    id = "own"
-    settings = SimpleNamespace(namespace="")
-
-    def __init__(self) -> None:
-        self.asked = 0
-        self.on_token: Callable[[str, bool], None]
-
-    def has_asked_since(self, before: int) -> bool:
-        """Whether a further question was asked."""
-        return self.asked > before
-
-    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
-        """Keep what tokens are given to."""
-        self.on_token = callback
-        return SimpleNamespace(close=lambda: None)
-
-    def ask(self, key: str, timeout_s: float) -> list[Any]:
-        """No node answers."""
-        self.asked += 1
-        return []
-
-
-@pytest.mark.usefixtures("network")
-class TestNodes:
-    def test_tokens_that_come_and_go_make_one_look_wait(self) -> None:
-        """However often, the looks do not pile up, and the last state counts."""
-        session = NoNodes()
-        roster = NodeRoster(cast(Session, session), lambda *_: None, log=logging.getLogger("test"))
-        for number in range(300):
-            asked = session.asked
-            session.on_token("@tfbus/node/sim", True)
-            if number < 5:
-                eventually(partial(session.has_asked_since, asked))
-            scheduler.sleep(1e-3)
-            session.on_token("@tfbus/node/sim", False)
-            scheduler.sleep(1e-3)
-        session.on_token("@tfbus/node/sim", True)
-        asked = session.asked
-        scheduler.sleep(3.0)
-        assert asked < session.asked <= asked + 10
-        session.on_token("@tfbus/node/sim", False)
-        scheduler.sleep(1.0)
-        asked = session.asked
-        scheduler.sleep(30.0)
-        assert session.asked == asked
-        roster.close()

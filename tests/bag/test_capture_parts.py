@@ -3,6 +3,7 @@
 from array import array
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -132,7 +133,11 @@ class TestSources:
                 return super().read(payload, numbers)
 
         origins = array("d", [0, 0, 0, 0, 0, 0, 1]).tobytes()
-        numbered = {"numbered": ((0, "world", "arm"),), "next_number": 1, "origins": origins}
+        numbered: dict[str, Any] = {
+            "numbered": ((0, "world", "arm"),),
+            "next_number": 1,
+            "origins": origins,
+        }
         described = {"sim": description([], poses="compact", **numbered)}
         reader = Counting()
         of = TransformSource("sim", "", described, reader, static=False)

@@ -9,10 +9,12 @@ from click.testing import CliRunner, Result
 from tests.builders import S, at, in_recording
 from tfbus.cli import main
 from tfbus.cli.bag.info import command
+from tfbus.messages import PointStamped, PoseStamped
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.records import MAGIC
 from tfbus.recording.writer import RecordingWriter
+from tfbus.wire.codec import as_map
 
 T0 = 1_700_000_000 * S
 
@@ -66,6 +68,30 @@ def test_the_screen(bag: Path) -> None:
     assert "3 messages dropped while recording" in shown
     assert "/sim gone" in shown and "1 lost stream" in shown
     assert max(map(len, shown.splitlines()[1:])) <= 80
+
+
+def test_types_have_the_names_of_ros(tmp_path: Path) -> None:
+    """All of a list, as `ros2 bag info` has them; JSON has those on the bus too."""
+    path = tmp_path / "types.mcap"
+    sent = {
+        "goal": ("PoseStamped", as_map(PoseStamped(1, "map"))),
+        "click": ("geometry_msgs/msg/PointStamped", as_map(PointStamped(1, "map"))),
+        "battery": ("Battery", {"percent": 74.5}),
+        "unknown": ("", {"x": 1}),
+    }
+    with RecordingWriter(path) as writer:
+        for topic, (name, values) in sent.items():
+            writer.write(TopicItem(T0, topic, name, values))
+    shown = info(path).output
+    for topic, name in (
+        ("goal", "geometry_msgs/msg/PoseStamped"),
+        ("click", "geometry_msgs/msg/PointStamped"),
+        ("battery", "tfbus_msgs/msg/Battery"),
+        ("unknown", "?"),
+    ):
+        assert row(shown, topic)[1] == name
+    told = json.loads(info("--json", path).output)["topics"]
+    assert {each["name"]: each["type_name"] for each in told}["goal"] == "PoseStamped"
 
 
 def test_nothing_that_a_terminal_obeys_is_printed(bag: Path) -> None:

@@ -265,6 +265,9 @@ def test_all_refuse_the_same_messages_with_numbers(wire: ModuleType, program: st
         [2, 4],
     ):
         payloads.append(msgpack.packb({**message, "runs": runs}))
+    for stamps in (bytes(8), b"", 2**63, None):
+        payloads.append(msgpack.packb({**message, "stamps": stamps}))
+    payloads.append(msgpack.packb({**message, "seq": None}))
     payloads.append(msgpack.packb({**message, "forms": b"\x04", "poses": b"\xff" * 24}))
     assert_read_alike(wire, program, payloads, wire.encode_description(good))
     assert_read_alike(wire, program, payloads[:50], b"")

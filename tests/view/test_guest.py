@@ -1,4 +1,4 @@
-"""The tab of a guest on the page: it is there while the guest is."""
+"""A page without a browser: the tab of a guest, there while it is, and a frame that is followed."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from tfbus import Buffer
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view import Channel, Page, Placed, Serving
+from tfbus.view import Channel, Page, Placed, Serving, ViewSettings
 from tfbus.view.local import ShownBuffer
 
 
@@ -95,3 +95,22 @@ def test_a_guest_has_no_tab_on_a_page_that_is_read_only(
     lamps.is_present = True
     assert refresh() == ("Frames", "View", "Tools")
     assert lamps.calls == ["join"]
+
+
+@pytest.mark.real
+def test_the_axes_of_a_followed_frame_stay_where_they_are_drawn() -> None:
+    """Browsers draw them one picture later than what is at a node that moves."""
+    buffer = Buffer()
+    program = ShownBuffer(buffer)
+    page = Page(program, program, Serving(port=free_port(), settings=ViewSettings(follow="base")))
+    drawn = []
+    try:
+        for second in (1, 2, 3):
+            buffer.set_transform(moved(second * S, "map", "base", 7.0 * second))
+            page.step(at_once=True)
+            axes = page._scene._axes
+            drawn.append(dict(zip(axes._bright, axes._axes.batched_positions[:, 0], strict=True)))
+    finally:
+        page.close()
+    assert [each["base"] for each in drawn] == [7.0, 7.0, 7.0]
+    assert [each["map"] for each in drawn] == [0.0, -7.0, -14.0]

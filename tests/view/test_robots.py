@@ -279,6 +279,23 @@ def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
             view.add_robot(arm, prefix="/left")
 
 
+def test_markers_have_meshes_of_packages_without_a_robot(server: Any, tmp_path: Path) -> None:
+    """Those in a folder that the user names."""
+    (tmp_path / "things/meshes").mkdir(parents=True)
+    (tmp_path / "things/meshes/cup.stl").write_bytes(TRIANGLE)
+    log = logging.getLogger("view")
+    scenes = RobotScenes(server.scene, GivenRobots(), log, package_path=[tmp_path])
+    try:
+        found = eventually(lambda: scenes.mesh_named("package://things/meshes/cup.stl"))
+        assert not isinstance(found, str), found
+        assert "--package-path" in str(scenes.mesh_named("package://things/meshes/jug.stl"))
+        (tmp_path / "things/meshes/link.stl").symlink_to(tmp_path / "other.stl")
+        (tmp_path / "other.stl").write_bytes(TRIANGLE)
+        assert "no mesh" in str(scenes.mesh_named("package://things/meshes/link.stl"))
+    finally:
+        scenes.close()
+
+
 def test_markers_have_the_meshes_of_robots_and_of_their_packages(
     tmp_path: Path, scenes_of: Callable[..., RobotScenes]
 ) -> None:

@@ -1,4 +1,4 @@
-"""Messages as they came, in a queue, and the sources that read them; and those held from before."""
+"""Messages as they came, in a queue, the sources that read them, and the history from before."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping

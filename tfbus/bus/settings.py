@@ -1,4 +1,4 @@
-"""The settings of one node as one frozen value, and those of the networks that robots have."""
+"""The settings of one node as one frozen value, and of the networks that robots have."""
 
 import os
 import re

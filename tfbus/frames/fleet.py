@@ -1,5 +1,5 @@
-"""A fleet at a glance: the robots of a moment of the bus, one value each, and the roster of those
-that are expected.
+"""A fleet at a glance: the robots of a moment of the bus, one value each, and the roster of the
+robots that are expected.
 """
 
 from collections import Counter, deque
@@ -40,8 +40,8 @@ class RobotStatus:
     the age of its newest dynamic sample, `clock_offset_s` how far the clock that is farthest off is
     ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
     an estimate of what they take on the air: their payloads, and what the network adds to each. All
-    are None while not known. `versions` are those of tfbus in its nodes. `problems` are those of
-    its frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
+    are None while not known. `versions` of tfbus are in its nodes. `problems` concern its
+    frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
     same name run at once, as where a robot and the one that takes its place are both on.
     """
 
@@ -88,7 +88,7 @@ class RobotStatus:
 
 
 def worst_first(robots: Iterable[RobotStatus]) -> list[RobotStatus]:
-    """The robots that are gone, then the missing, those with problems and the others; each kind in
+    """The robots that are gone, the missing, the ones with problems, then the others; each kind in
     the natural order of names.
     """
     return sorted(robots, key=lambda robot: robot._rank)
@@ -315,7 +315,7 @@ class FleetWatch:
 
 
 def _twice(parts: _Parts, moment: BusMoment) -> tuple[str, ...]:
-    """The hosts of those nodes of a robot that run more than once."""
+    """The hosts of the nodes of a robot that run more than once."""
     names = set(parts.nodes)
     nodes = [each for each in moment.nodes if each.name in names]
     count = Counter(each.name for each in nodes)

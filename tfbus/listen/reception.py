@@ -231,9 +231,9 @@ class StreamReception:
         confirmed: bool = False,
         numbers: FrameNumbers = NO_NUMBERS,
     ) -> None:
-        """Take the child frames that the stream lists, and which of them are static; frames that the
-        same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch, and
-        its frames have these `numbers`.
+        """Take the child frames that the stream lists, and which of them are static; frames that
+        the same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch,
+        and its frames have these `numbers`.
 
         `confirmed` if it came from the publisher's own session: its epoch counts.
         """
@@ -266,7 +266,7 @@ class StreamReception:
             self.around.pending.release(self.name, epoch_ns)
 
     def drop_unlisted(self, silent: frozenset[str]) -> None:
-        """Drop the ones of these frames that have not come for a while, and are still not listed: the
+        """Drop all of these frames that have not come for a while, and are still not listed: the
         publisher, which is there, has removed them.
         """
         facts = self.facts

@@ -63,8 +63,8 @@ class StreamChannel:
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
     """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
-    `definition` where it is one of ours. `is_numbered` is whether a number
-    says which messages only repeat what is in force.
+    `definition` where it is one of ours. `is_numbered` is whether a number says which messages only
+    repeat what is in force. `ros_type` is the name of the type in the file, as ROS has it.
     """
 
     id: int
@@ -74,6 +74,7 @@ class TopicChannel:
     definition: Definition | None = None
     is_retained: bool = False
     is_numbered: bool = False
+    ros_type: str = ""
 
     @property
     def is_readable(self) -> bool:
@@ -203,6 +204,7 @@ class Part:
             _definition(schema),
             is_retained(channel.metadata),
             is_numbered(channel.metadata),
+            printable(ros_type),
         )
 
 

@@ -123,7 +123,8 @@ class TopicSummary:
     """A topic: the name of its type, and how many messages there are. If `is_readable` is false
     they are in a format that tfbus does not read, and are left out of the items. If it
     `is_retained` a message stays in force until the next, and those that a file begins with, to
-    repeat what is in force, are counted too. `definition` is that of a type of ROS's.
+    repeat what is in force, are counted too. `definition` is that of a type of ROS's, `ros_type`
+    the name of the type in the file.
     """
 
     name: str
@@ -132,6 +133,7 @@ class TopicSummary:
     is_readable: bool = True
     is_retained: bool = False
     definition: Definition | None = field(default=None, repr=False)
+    ros_type: str = ""
 
 
 class RecordingReader(AbstractContextManager["RecordingReader"]):
@@ -298,6 +300,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     former.is_readable and channel.is_readable,
                     former.is_retained or channel.is_retained,
                     channel.definition or former.definition,
+                    channel.ros_type or former.ros_type,
                 )
         return tuple(found[name] for name in sorted(found))
 

@@ -166,10 +166,11 @@ class RecordedStreamFacts:
 
 @dataclass(frozen=True)
 class TopicFacts:
-    """A topic: the name of its type, and how its messages came."""
+    """A topic: the name of its type on the bus, and in the file, and how its messages came."""
 
     name: str
     type_name: str
+    ros_type: str
     is_readable: bool
     flow: Flow
 
@@ -244,6 +245,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
             TopicFacts(
                 topic.name,
                 topic.type_name,
+                topic.ros_type,
                 topic.is_readable,
                 flows.get(("topic", topic.name), Flow(topic.messages)),
             )

@@ -53,7 +53,7 @@ class Workers:
         return True
 
     def close(self, patience_s: float) -> None:
-        """Drop the jobs that wait, and wait at most `patience_s` seconds for those that run."""
+        """Drop the jobs that wait, and wait at most `patience_s` seconds for running ones."""
         with self._lock:
             self._closed = True
             self._waiting.clear()

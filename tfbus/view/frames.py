@@ -139,6 +139,9 @@ _TOO_FAR = "it is farther than 1e15 m away, which cannot be drawn"
 TRAIL_RATE_HZ = 30.0
 
 
+_HERE = Transform()
+
+
 @dataclass(frozen=True, eq=False)
 class Placed:
     """The poses of frames in the fixed frame: `xyz` (N, 3) in metres, `quat_wxyz` (N, 4).
@@ -163,6 +166,13 @@ class Placed:
         rows = [row for row, name in enumerate(self.names) if name not in names]
         kept = tuple(self.names[row] for row in rows)
         return Placed(kept, self.xyz[rows], self.quat_wxyz[rows], self.missing)
+
+    def moved(self, fixed: Transform) -> "Placed":
+        """The same where the fixed frame has this pose."""
+        if fixed == _HERE or not self.names:
+            return self
+        moved = fixed @ TransformArray(self.xyz, self.quat_wxyz[:, (1, 2, 3, 0)])
+        return Placed(self.names, moved.xyz, moved.quat_wxyz, self.missing)
 
     def pose(self, row: int) -> Transform:
         """The pose of one frame in the fixed frame."""

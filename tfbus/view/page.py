@@ -67,8 +67,10 @@ _NAMES_AFTER_S = 0.5
 _FOCUS = 4.0
 _FOLLOW = 10.0
 
-# What a tool has sent is so many times as long as axes; a shorter drag has no heading.
+# What a tool has sent is so many times as long as axes, and at least this part of the way to it; a
+# shorter drag has no heading.
 _MARK = 2.0
+_MARK_SEEN = 0.08
 _LEAST_DRAG_PX = 5.0
 _NOTE_S = 4.0
 
@@ -87,6 +89,7 @@ class Serving:
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
     meshes are turned by the up axis that they state. `roster` are the robots that are expected.
+    Meshes of markers are in packages in the folders of `package_path`, too.
     """
 
     host: str = "127.0.0.1"
@@ -101,6 +104,7 @@ class Serving:
     is_framed: bool = False
     heeds_up_axis: bool = False
     roster: tuple[str, ...] = ()
+    package_path: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -162,6 +166,7 @@ class Page:
             robots or GivenRobots(),
             host.log,
             heeds_up_axis=serving.heeds_up_axis,
+            package_path=serving.package_path,
         )
         self.drawn = Drawn(self.server.scene)
         named = self.robots.mesh_named
@@ -281,17 +286,14 @@ class Page:
         self._selections.keep(self.server.get_clients())
         with self.server.atomic():
             self._draw(placed, whole, choice, stamp_ns)
-            self._keep_sight(choice.fixed_frame, stamp_ns)
-            self._follow(settings)
             self._use_tools(choice.fixed_frame)
-            self._selected_marks.draw(self.frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed, whole)
                 self.panel.refresh(
                     self.frames, whole, choice.fixed_frame, self._buffer, self._now_ns
                 )
         shown = [self.frames[name] for name in placed.names] if is_due else None
-        self._names.draw(shown, placed, settings, self._scene.size_m)
+        self._names.draw(shown, placed, settings, self._scene.size_m, self.cameras.fixed)
         # Without this the end of a movement would wait for the next one.
         self.server.flush()
         if is_due:
@@ -350,12 +352,12 @@ class Page:
     def _draw(self, placed: Placed, whole: Placed, choice: Choice, stamp_ns: int | None) -> None:
         settings, fixed_frame = choice.settings, choice.fixed_frame
         end_ns = self.panel.newest_ns if stamp_ns is None else stamp_ns
-        trails: dict[str, Floats] = {}
+        paths: list[Floats] = []
         for name in settings.trails:
             if name in whole.index and settings.shows(name):
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
-                    trails[name] = path
+                    paths.append(path)
         self.robots.draw(whole, self.frames)
         self.drawn.draw(whole)
         for guest in self._guests:
@@ -365,7 +367,13 @@ class Page:
         points = self.robots.points(whole, self.frames)
         if len(points):
             around_m = max(around_m, float(np.ptp(points, axis=0).max()))
-        self._scene.draw(self.frames, placed, trails, settings, around_m)
+        self._scene.fit(placed, settings, around_m)
+        self._keep_sight(fixed_frame, stamp_ns)
+        self._follow(settings)
+        fixed = self.cameras.fixed
+        in_scene = placed.moved(fixed)
+        self._scene.draw(self.frames, in_scene, list(map(fixed.apply, paths)), settings)
+        self._selected_marks.draw(self.frames, in_scene, self._scene.size_m)
 
     # The cameras
 
@@ -472,7 +480,8 @@ class Page:
             return tools.mistakes.get(tool.name, "Its topic has only just been changed.")
         topic = tools.topic(tool)
         panel.note(tool, sent_text(topic, fixed_frame, xyz, yaw_rad))
-        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad)
+        size_m = max(_MARK * self._scene.size_m, _MARK_SEEN * way_m)
+        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad, size_m)
         return ""
 
     def _way_to_what_is_drawn(self, ray: Ray) -> float:
@@ -483,13 +492,19 @@ class Page:
         return min(ways)
 
     def _mark_sent(
-        self, tool: Tool, topic: str, frame: str, xyz: tuple[float, float, float], yaw_rad: float
+        self,
+        tool: Tool,
+        topic: str,
+        frame: str,
+        xyz: tuple[float, float, float],
+        yaw_rad: float,
+        size_m: float,
     ) -> None:
-        """Show what was sent last by a tool: an arrow or a ball, and the topic."""
-        size_m = _MARK * self._scene.size_m
+        """Show what was sent last by a tool: an arrow or a ball, and the topic above it."""
         vertices, faces = unit_mesh("arrow" if tool.has_heading else "sphere")
         scale = np.array((1.0, 0.25, 0.25)) if tool.has_heading else np.full(3, 0.25)
         pose = Transform.from_rpy(0.0, 0.0, yaw_rad, xyz)
+        above = (xyz[0], xyz[1], xyz[2] + 0.3 * size_m)
         scene = self.server.scene
         self.drawn.add(
             f"{tool.name} sent",
@@ -508,7 +523,7 @@ class Page:
             f"{tool.name} topic",
             frame,
             lambda path: scene.add_label(
-                path, printable(topic), position=xyz, anchor="bottom-center"
+                path, printable(topic), position=above, anchor="bottom-center"
             ),
         )
 

@@ -93,12 +93,7 @@ class ShownRobot:
         """The file of a mesh, with a texture of the URDF, or why it cannot be."""
         file = mesh.file
         if file is not None and file.is_file():
-            status = file.stat()
-            version = f"{status.st_mtime_ns} {status.st_size}"
-            # Pictures may lie beside the folder of meshes.
-            root = package_folder(mesh.name, file) or file.parent.parent
-            picture = mesh.beside(texture) if texture else None
-            return MeshSource(mesh.name, file, root, "", version, texture, picture)
+            return source_at(mesh.name, file, texture, mesh.beside(texture) if texture else None)
         if self.is_fetched:
             return MeshSource(mesh.name, origin=self.origin, texture=texture)
         package, _ = parts_of(mesh.name)
@@ -106,6 +101,15 @@ class ShownRobot:
         if file is None:
             return f"it is not on this machine{remedy}"
         return f"no file {file}{remedy}"
+
+
+def source_at(name: str, file: Path, texture: str = "", picture: Path | None = None) -> MeshSource:
+    """The mesh of this name in a file that is there, with a texture that is in another."""
+    status = file.stat()
+    version = f"{status.st_mtime_ns} {status.st_size}"
+    # Pictures may lie beside the folder of meshes.
+    root = package_folder(name, file) or file.parent.parent
+    return MeshSource(name, file, root, "", version, texture, picture)
 
 
 class Joints(Protocol):

@@ -1,4 +1,4 @@
-"""Files of `tfbus bag`: options for those it reads, and what of them; and a file that it writes."""
+"""Files of `tfbus bag`: options for recordings to read, and their parts; and a file to write."""
 
 import functools
 import re

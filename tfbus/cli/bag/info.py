@@ -58,7 +58,7 @@ _EVENTS: dict[EventKind, str] = {
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
 _ORDERS: dict[str, tuple[Callable[[RecordedStreamFacts], Any], Callable[[TopicFacts], Any]]] = {
     "name": (lambda it: it.name, lambda it: it.name),
-    "type": (lambda it: it.node, lambda it: (it.type_name, it.name)),
+    "type": (lambda it: it.node, lambda it: (_type_of(it), it.name)),
     "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
 }
 
@@ -303,7 +303,7 @@ def _topics(summary: Summary) -> Iterator[str]:
         [
             [
                 paint(topic.name, "name"),
-                paint(topic.type_name or "?", "type")
+                paint(_type_of(topic) or "?", "type")
                 + ("" if topic.is_readable else paint(" (not read by tfbus)", "warning")),
                 f"{topic.flow.messages:,}",
                 _rate(topic.flow),
@@ -313,6 +313,11 @@ def _topics(summary: Summary) -> Iterator[str]:
         ],
         right=(2, 3),
     )
+
+
+def _type_of(topic: TopicFacts) -> str:
+    """The name of its type as ROS has it, as `ros2 bag info` prints it too; "" if not known."""
+    return topic.type_name if "/" in topic.type_name else topic.type_name and topic.ros_type
 
 
 def _nodes(summary: Summary) -> Iterator[str]:

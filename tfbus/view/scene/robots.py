@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,12 +13,12 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.robot.mesh_files import package_folder, parts_of
+from tfbus.robot.mesh_files import MeshFiles, package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
 from tfbus.view.meshes.loader import MeshLoader, MeshSource, ReadMesh
 from tfbus.view.meshes.mesh import Color, MeshPart, bounds_of
-from tfbus.view.robots import RobotSource, ShownRobot
+from tfbus.view.robots import RobotSource, ShownRobot, source_at
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.drawn import FIXED_NODE, unit_mesh
 from tfbus.view.settings import ViewSettings
@@ -373,8 +374,10 @@ class RobotScenes:
         log: logging.Logger,
         *,
         heeds_up_axis: bool = False,
+        package_path: Sequence[Path] = (),
     ) -> None:
         self.source = source
+        self._package_path = tuple(package_path)
         self.positions: dict[str, float] = {}
         self._scene = scene
         self._log = log
@@ -433,7 +436,7 @@ class RobotScenes:
 
     def mesh_named(self, name: str) -> ReadMesh | str | None:
         """The mesh of a file that a marker names, why there is none, or None while it is loaded:
-        one that a robot in the scene has, or that lies in a package of one on this machine.
+        one that a robot in the scene has, or that lies in a package on this machine.
         """
         source = self._foreign.get(name)
         if source is None:
@@ -455,16 +458,23 @@ class RobotScenes:
             if mesh.name == name:
                 return robot.source_of(mesh)
         package, inside = parts_of(name)
-        for robot, mesh in meshes:
-            folder = None if mesh.file is None else package_folder(mesh.name, mesh.file)
-            if folder is None or mesh.package != package:
-                continue
-            # Anyone on the bus names files: none outside of the package is opened.
-            with suppress(OSError, ValueError):  # no file can have such a name
+        # Anyone on the bus names files: none outside of a package is opened.
+        with suppress(OSError, ValueError):  # no file can have such a name
+            for robot, mesh in meshes:
+                folder = None if mesh.file is None else package_folder(mesh.name, mesh.file)
+                if folder is None or mesh.package != package:
+                    continue
                 file = (folder / inside).resolve()
                 if file.is_relative_to(folder.resolve()) and file.is_file():
                     return robot.source_of(replace(mesh, name=name, file=file))
-        return "it is no mesh of a robot in the view, nor in one of their packages"
+            known = MeshFiles(None, self._package_path).find(name)
+            within = package_folder(name, known) if known else None
+            if known and within and known.resolve().is_relative_to(within.resolve()):
+                return source_at(name, known)
+        return (
+            "it is no mesh of a robot in the view, nor in a package here; --package-path names a "
+            "folder with packages"
+        )
 
     def _log_mistakes(self) -> None:
         for mistake in self._lacking():

@@ -1,11 +1,12 @@
 """The frames in three dimensions: axes, arrows, marks, trails and names, as few objects.
 
 Axes are one object for all opaque frames, and three for the fading ones: viser's batched axes have
-no opacity.
+no opacity. All are in the scene of viser, not in a fixed frame that moves there while cameras
+follow: browsers draw such batches, and names, one picture later than its move.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,7 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.frames.moment import State
+from tfbus.geometry.transform import Transform
 from tfbus.view.frames import (
     FAULTS,
     Floats,
@@ -77,7 +79,7 @@ class Axes:
         self._bright: tuple[str, ...] = ()
         self._faded: tuple[str, ...] = ()
         self._axes = scene.add_batched_axes(
-            f"{FIXED_NODE}/frames/axes",
+            "/frames/axes",
             NO_QUATERNIONS,
             NO_POSITIONS,
             np.ones(1),
@@ -87,7 +89,7 @@ class Axes:
         )
         self._arms: list[Any] = [
             scene.add_batched_meshes_simple(
-                f"{FIXED_NODE}/frames/faded/{'xyz'[axis]}",
+                f"/frames/faded/{'xyz'[axis]}",
                 *arm(axis, 1.0, _RADIUS),
                 NO_QUATERNIONS,
                 NO_POSITIONS,
@@ -168,7 +170,7 @@ class SelectedMarks:
         """Move the marks to where the selected frames are."""
         marks = {}
         for number, client in self._server.get_clients().items():
-            mark = self._marks.get(number) or add_marks(client.scene, f"{FIXED_NODE}/selected")
+            mark = self._marks.get(number) or add_marks(client.scene, "/selected")
             marks[number] = mark
             name = self._selections.of(number)
             is_marked = name in placed.index and frames[name].state not in FAULTS
@@ -215,9 +217,7 @@ class Arrows:
             "head_length": _HEAD_LENGTH * size,
         }
         if self._arrows is None:
-            self._arrows = self._scene.add_arrows(
-                f"{FIXED_NODE}/frames/arrows", points, colors, **shape
-            )
+            self._arrows = self._scene.add_arrows("/frames/arrows", points, colors, **shape)
             return
         self._arrows.points = points.astype(np.float32)
         _color(self._arrows, colors)
@@ -229,7 +229,7 @@ class Arrows:
         of_ends = np.repeat(colors[:, None], 2, axis=1)
         if self._lines is None:
             self._lines = self._scene.add_line_segments(
-                f"{FIXED_NODE}/frames/lines",
+                "/frames/lines",
                 points,
                 of_ends,
                 thickness=1.5,
@@ -255,7 +255,7 @@ class Trails:
         pieces = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
         if self._handle is None:
             self._handle = self._scene.add_line_segments(
-                f"{FIXED_NODE}/frames/trails",
+                "/frames/trails",
                 pieces,
                 _TRAIL,
                 thickness=3.0,
@@ -341,7 +341,7 @@ class Scene:
             infinite_grid=True,
             position=(0.0, 0.0, _GRID_Z_M),
         )
-        self._marks = add_marks(scene, f"{FIXED_NODE}/frames/marks")
+        self._marks = add_marks(scene, "/frames/marks")
         self._styling = Styling(Frames(), (), ViewSettings())
         self._is_dark: bool | None = None
 
@@ -349,20 +349,16 @@ class Scene:
         self,
         frames: Frames,
         placed: Placed,
-        trails: Mapping[str, Floats],
+        trails: Sequence[Floats],
         settings: ViewSettings,
-        around_m: float,
     ) -> None:
-        """Show these frames, styled by their states, and no others.
-
-        `around_m` is the size of the other things in the scene.
+        """Show these frames, placed in the scene of viser, styled by their states, and no others;
+        `fit` goes first.
         """
+        size = self.size_m
         if not self._styling.is_of(frames, placed.names, settings):
             self._styling = Styling(frames, placed.names, settings)
         styling = self._styling
-        self.size_m = size = (
-            self._fit(max(placed.extent_m(), around_m), len(placed.names)) * settings.scale
-        )
         shown = slice(None) if settings.axes else slice(0, 0)
         self._axes.draw(
             placed.names[shown],
@@ -375,20 +371,22 @@ class Scene:
         points, kept = arrow_points(placed.xyz, styling.children, styling.parents)
         drawn = kept if settings.arrows else np.zeros_like(kept)
         self._arrows.draw(points[drawn], styling.arrow_colors[drawn], size)
-        self._trails.draw(list(trails.values()))
+        self._trails.draw(trails)
         self._dress(settings)
 
-    def _fit(self, extent_m: float, count: int) -> float:
-        """A length of axes that suits the scene; it changes only when off by a factor of 2."""
-        shown_m = max(extent_m, _LEAST_EXTENT_M)
-        wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(count, 1)))
+    def fit(self, placed: Placed, settings: ViewSettings, around_m: float) -> None:
+        """Take a length of axes that suits these frames, and other things of the size `around_m`;
+        it changes only when off by a factor of 2.
+        """
+        shown_m = max(placed.extent_m(), around_m, _LEAST_EXTENT_M)
+        wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(len(placed.names), 1)))
         if not wanted / 2.0 < self._size < wanted * 2.0:
             self._size = wanted
             # A power of ten gives some cells, but not too many to tell apart.
             cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
             self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
             self._grid.fade_distance = _CELLS * cell_m
-        return self._size
+        self.size_m = self._size * settings.scale
 
     def _dress(self, settings: ViewSettings) -> None:
         if self._grid.visible != settings.grid:
@@ -446,8 +444,11 @@ class FrameLabels:
         placed: Placed,
         settings: ViewSettings,
         size: float,
+        fixed: Transform,
     ) -> None:
-        """Choose which of these frames have names; for None, only move the names there are."""
+        """Choose which of these frames have names; for None, only move the names there are. `fixed`
+        is the pose of the fixed frame in the scene of viser.
+        """
         clients = self._server.get_clients()
         self._labels = {
             number: self._labels.get(number) or Labels(client.scene)
@@ -456,10 +457,11 @@ class FrameLabels:
         for number, labels in self._labels.items():
             window = None if frames is None else self._window_of(number)
             if frames is None or window is None:
-                labels.move(placed, size)
+                labels.move(placed, size, fixed)
             else:
                 own = replace(settings, selected=self._selections.of(number))
                 labels.choose(frames, placed, own, size, window)
+                labels.move(placed, size, fixed)
 
 
 class Labels:
@@ -488,20 +490,20 @@ class Labels:
                 # Not by its name, which may have slashes: viser makes trees of them.
                 self._count += 1
                 self._shown[name] = self._scene.add_label(
-                    f"{FIXED_NODE}/names/{self._count}", text, anchor="bottom-center"
+                    f"/names/{self._count}", text, anchor="bottom-center"
                 )
             elif label.text != text:
                 label.text = text
-        self.move(placed, size)
 
-    def move(self, placed: Placed, size: float) -> None:
+    def move(self, placed: Placed, size: float, fixed: Transform) -> None:
         """Keep the names above their frames; remove those of frames without a place."""
         for name in list(self._shown):
             row = placed.index.get(name)
             if row is None:
                 self._shown.pop(name).remove()
             else:
-                self._shown[name].position = placed.xyz[row] + (0.0, 0.0, _ABOVE * size)
+                above = placed.xyz[row] + (0.0, 0.0, _ABOVE * size)
+                self._shown[name].position = fixed.apply(above)
 
 
 def readable(

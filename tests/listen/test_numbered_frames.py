@@ -23,7 +23,9 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.frames.named import NamedMessages
-from tfbus.listen.info import StreamInfo
+from tfbus.listen.info import StreamInfo, StreamState
+from tfbus.listen.stream_facts import PendingMessages
+from tfbus.listen.watch import StreamWatch
 from tfbus.recording.items import TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.testing.network import Network
@@ -234,6 +236,39 @@ def test_tools_show_a_message_once_all_its_frames_have_names(bus: Bus) -> None:
     broadcaster.send_transform(TransformStamped(arm.now_ns(), "base", "link1", Transform()))
     eventually(lambda: came == [1, 2])
     named.close()
+
+
+def test_tools_show_what_came_before_a_restart_was_described(bus: Bus) -> None:
+    """Though the process of before, which had other names, went meanwhile."""
+    former, viewer = bus.node("arm"), bus.node("viewer")
+    came: list[int] = []
+    named = NamedMessages(viewer, lambda key, message, size: came.append(message.epoch_ns))
+    epoch_ns = epoch_of(former, viewer, TransformBroadcaster(former, poses="compact"))
+    named.take("tf/arm", numbered(1, epoch_ns))
+    eventually(lambda: came == [epoch_ns])
+    states: list[StreamState] = []
+    watch = StreamWatch(viewer.session, states.append)
+    eventually(lambda: states and states[-1].alive)
+    arm = bus.node("arm")
+    named.take("tf/arm", numbered(1, arm.started_ns))
+    former.close()
+    eventually(lambda: states[-1].alive is False)
+    watch.close()
+    broadcaster = TransformBroadcaster(arm, poses="compact")
+    broadcaster.send_transform(TransformStamped(arm.now_ns(), "base", "link0", Transform()))
+    eventually(lambda: arm.started_ns in came)
+    named.close()
+
+
+def test_a_listener_says_once_that_too_many_messages_wait(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Their names do not come, and there is no room for more."""
+    received = Received()
+    received.stream.around.pending = PendingMessages(most_bytes=500)
+    for _ in range(4):
+        received.key.receive(numbered(2))
+    assert len([line for line in caplog.messages if "too many wait" in line]) == 1
 
 
 def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,18 @@ def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
     assert received == [b"1", b"4", b"3"]
 
 
+def test_messages_of_a_later_epoch_wait_on_where_it_may_not_be_the_last() -> None:
+    """Its description is still to come. Messages of earlier epochs are thrown away."""
+    held = PendingMessages()
+    received: list[bytes] = []
+    for epoch_ns in (1, 2, 3):
+        held.add("a", epoch_ns, received.append, bytes([epoch_ns]))
+    held.release("a", 2, is_last=False)
+    held.release("a", 1, is_last=False)
+    held.release("a", 3, is_last=False)
+    assert received == [b"\2", b"\3"] and not held.has("a")
+
+
 def test_the_oldest_go_first_where_there_are_too_many() -> None:
     """Of a flood only the last are kept."""
     held = PendingMessages(most_bytes=5_000)

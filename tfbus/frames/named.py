@@ -5,7 +5,7 @@ from functools import partial
 
 from tfbus.errors import DecodeError
 from tfbus.listen.info import StreamState
-from tfbus.listen.reception import NOT_NAMED, TIMES_HELD
+from tfbus.listen.reception import NOT_NAMED, TIMES_HELD, TOO_MANY_WAIT
 from tfbus.listen.stream_facts import PendingMessages
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
@@ -13,12 +13,17 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.bounded import Bounded
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
+from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import stream_of
 from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # Names come from the bus: the numbers of at most so many streams are known.
 _MOST_STREAMS = 1000
+
+# Those of a stream, and the description that they are from.
+_Numbers = tuple[FrameNumbers, StreamDescription | None]
+_NONE: _Numbers = NO_NUMBERS, None
 
 
 class NamedMessages:
@@ -41,7 +46,7 @@ class NamedMessages:
         self._everywhere = everywhere
         self._lock = scheduler.Lock()
         self._once = LogOnce(node.log)
-        self._numbers: Bounded[str, FrameNumbers] = Bounded(_MOST_STREAMS)
+        self._numbers: Bounded[str, _Numbers] = Bounded(_MOST_STREAMS)
         self._pending = PendingMessages()
         self._executor: Executor | None = None
         self._watch: StreamWatch | None = None
@@ -54,7 +59,7 @@ class NamedMessages:
     def _take(self, key: str, payload: bytes, times: int) -> None:
         """Receive a message, which may be held for so many more descriptions."""
         name = stream_of(key)
-        numbers = self._numbers.get(name, NO_NUMBERS)
+        numbers, _ = self._numbers.get(name, _NONE)
         message = decode_transforms(payload, numbers)
         if not message.unnamed or not times:
             if message.unnamed:
@@ -64,15 +69,13 @@ class NamedMessages:
             return
         receive = partial(self._take_again, key, times=times - 1)
         if not self._pending.add(name, message.epoch_ns, receive, payload):
-            self._once.warning(
-                "full", "Dropped messages: too many wait for descriptions with the names of frames"
-            )
+            self._once.warning("full", TOO_MANY_WAIT)
         with self._lock:
             if self._executor is None:
                 self._executor = Executor(f"{self._node.full_name} names", self._node.log)
                 # Not on a thread of Zenoh, which may hold locks.
                 self._executor.submit("names", self._start)
-        now = self._numbers.get(name, NO_NUMBERS)
+        now, _ = self._numbers.get(name, _NONE)
         if now is not numbers and now.epoch_ns == message.epoch_ns:  # it came in between
             self._pending.release(name, message.epoch_ns)
 
@@ -102,6 +105,11 @@ class NamedMessages:
 
     def _on_stream(self, state: StreamState) -> None:
         description = state.description
-        if description is not None and description.poses != FLOAT64:
-            self._numbers[state.name] = description.numbers
-            self._pending.release(state.name, description.epoch)
+        _, former = self._numbers.get(state.name, _NONE)
+        # Also called where only the token has changed, for which no message waits.
+        if description is None or description is former:
+            return
+        if description.poses != FLOAT64:
+            self._numbers[state.name] = description.numbers, description
+            # It may be of a former epoch, whose publisher is about to go.
+            self._pending.release(state.name, description.epoch, is_last=False)

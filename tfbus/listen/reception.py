@@ -38,6 +38,8 @@ _SILENT_NS = 1_000_000_000
 
 NOT_NAMED = "Dropped rows of a message of stream %r: its description has no names for their numbers"
 
+TOO_MANY_WAIT = "Dropped messages: too many wait for descriptions with the names of frames"
+
 # A message waits for names in so many descriptions: the first may be older than the message.
 TIMES_HELD = 3
 
@@ -151,7 +153,9 @@ class StreamReception:
 
     def _hold(self, epoch_ns: int, payload: bytes, times: int) -> None:
         numbers, pending = self.numbers, self.around.pending
-        pending.add(self.name, epoch_ns, partial(self._receive_again, times=times - 1), payload)
+        receive = partial(self._receive_again, times=times - 1)
+        if not pending.add(self.name, epoch_ns, receive, payload):
+            self.facts.warn_once("full", TOO_MANY_WAIT)
         self.around.on_unnamed(self.name, epoch_ns)
         if self.numbers is not numbers:  # it came in between, perhaps before the message was added
             pending.release(self.name, epoch_ns)
@@ -227,9 +231,9 @@ class StreamReception:
         confirmed: bool = False,
         numbers: FrameNumbers = NO_NUMBERS,
     ) -> None:
-        """Take the child frames that the stream lists, and which of them are static; those that the
-        same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch, and
-        its frames have these `numbers`.
+        """Take the child frames that the stream lists, and which of them are static; frames that
+        the same publisher no longer lists are removed. It began at `started_ns`, 0 for its epoch,
+        and its frames have these `numbers`.
 
         `confirmed` if it came from the publisher's own session: its epoch counts.
         """
@@ -262,7 +266,7 @@ class StreamReception:
             self.around.pending.release(self.name, epoch_ns)
 
     def drop_unlisted(self, silent: frozenset[str]) -> None:
-        """Drop those of these frames that have not come for a while, and are still not listed: the
+        """Drop all of these frames that have not come for a while, and are still not listed: the
         publisher, which is there, has removed them.
         """
         facts = self.facts

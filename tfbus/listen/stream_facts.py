@@ -42,6 +42,8 @@ MOST_PENDING_BYTES = 4 * 2**20
 _OVERHEAD_BYTES = 300
 
 Receive = Callable[[bytes], None]
+# A stream, the epoch of a message of it, who receives that, and its bytes.
+_Pending = tuple[str, int, Receive, bytes]
 
 
 class Verdict(Enum):
@@ -170,7 +172,7 @@ def is_from_future(epoch_ns: int) -> bool:
 
 
 class _OutdatedMessages:
-    """Counts runs of outdated messages: those within `_APART_S` are one run.
+    """Counts runs of outdated messages: all within `_APART_S` are one run.
 
     `runs_alone` are the runs since the last message that counts.
     """
@@ -205,7 +207,7 @@ class PendingMessages:
     def __init__(self, most_bytes: int = MOST_PENDING_BYTES) -> None:
         self._most_bytes = most_bytes
         self._lock = scheduler.Lock()
-        self._messages: deque[tuple[str, int, Receive, bytes]] = deque()
+        self._messages: deque[_Pending] = deque()
         self._bytes = 0
 
     def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
@@ -225,13 +227,19 @@ class PendingMessages:
         with self._lock:
             return any(message[0] == stream for message in self._messages)
 
-    def release(self, stream: str, epoch_ns: int) -> None:
-        """The stream is in this epoch: have its messages received, and forget those of others."""
+    def release(self, stream: str, epoch_ns: int, *, is_last: bool = True) -> None:
+        """The stream is in this epoch: have its messages received, and forget all of others; of
+        later epochs only if it `is_last`.
+        """
         with self._lock:
-            mine = [message for message in self._messages if message[0] == stream]
+            mine: deque[_Pending] = deque()
+            others: deque[_Pending] = deque()
+            for message in self._messages:
+                is_over = message[0] == stream and (is_last or message[1] <= epoch_ns)
+                (mine if is_over else others).append(message)
             if not mine:
                 return
-            self._messages = deque(message for message in self._messages if message[0] != stream)
+            self._messages = others
             self._bytes -= sum(len(payload) + _OVERHEAD_BYTES for *_, payload in mine)
         for _, its_epoch_ns, receive, payload in mine:
             if its_epoch_ns == epoch_ns:
@@ -447,7 +455,7 @@ class ReceptionHooks:
         return frozenset()
 
     def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
-        """The stream has removed these frames, which may have covered those of another."""
+        """The stream has removed these frames, which may have covered frames of another."""
 
     def on_unlisted(self, stream: str, frames: frozenset[str]) -> None:
         """The stream has sent these frames and does not list them, at each message and list:

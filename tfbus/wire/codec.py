@@ -561,7 +561,7 @@ def _array_reader(expected: _ArrayOf) -> Reader:
 
 
 def _numbers(items: list[Any], columns: tuple[str, ...], path: str) -> list[Any]:
-    """The numbers of a list, or those of each of its maps or lists as a row."""
+    """The numbers of a list, or of each of its maps or lists as a row."""
     if not columns:
         if wrong := set(map(type, items)) - {int, float}:
             raise DecodeError(f"field {path!r} must be of numbers, not {_KINDS.get(wrong.pop())}")

@@ -172,7 +172,7 @@ def stream_of(key: str) -> str:
 
 
 def is_foreign(key: str) -> bool:
-    """Whether a key that `ALL_TRANSFORMS`, or another of those expressions, matches is not one of
+    """Whether a key that `ALL_TRANSFORMS`, or another such expression, matches is not one of
     tfbus's.
 
     ROS 2 has such keys: `robot7/tf` (zenoh-bridge-ros2dds), and by rmw_zenoh

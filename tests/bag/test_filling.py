@@ -18,9 +18,8 @@ from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.bag.kept import alone_in
 from tfbus.errors import TfbusError
 from tfbus.messages import Vector3
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import ALL, EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import ALL
 from tfbus.recording.writer import RecordingWriter
 from tfbus.testing.programs import Program
 

@@ -244,8 +244,8 @@ def unpack_poses(
     forms: bytes, data: bytes, origins: bytes, count: int, known: list[int] | None = None
 ) -> bytes | None:
     """The poses that `pack_poses` has packed; None where the bytes are not as many as the forms
-    say, or a form is unknown. Only the poses at the `known` places of `count`, if it is not None, each
-    with its origin.
+    say, or a form is unknown. Only the poses at the `known` places of `count`, if it is not None,
+    each with its origin.
 
     Of fewer forms than poses the first one is that of all.
     """

@@ -379,7 +379,7 @@ def _types_in(messages: Sequence[Any]) -> tuple[type, ...]:
 @lru_cache(_MOST_REMEMBERED)
 def _maps_of(messages: tuple[Any, ...], as_in_ros: bool, types: tuple[type, ...]) -> list[Any]:
     """The maps of messages of which most are sent again, as the columns of each cloud are; `types`
-    tells apart those that are equal.
+    tells equal ones apart.
     """
     return [_plain(each, as_in_ros, in_bytes=False) for each in messages]
 

@@ -73,7 +73,7 @@ def check_poses(poses: str) -> str:
 class NumberedRows:
     """The rows of messages that have the same numbers in the same order, of `count` rows.
 
-    `frames`, `edges` and `origins` are those of the rows that are known. `known` are the places of
+    `frames`, `edges` and `origins` belong to the rows that are known. `known` are the places of
     these rows, None for all of them, and `unnamed` is how many others have numbers that the
     description does not have so far.
     """
@@ -244,8 +244,8 @@ def unpack_poses(
     forms: bytes, data: bytes, origins: bytes, count: int, known: list[int] | None = None
 ) -> bytes | None:
     """The poses that `pack_poses` has packed; None where the bytes are not as many as the forms
-    say, or a form is unknown. Only those at the `known` places of `count`, if it is not None, each
-    with its origin.
+    say, or a form is unknown. Only the poses at the `known` places of `count`, if it is not None,
+    each with its origin.
 
     Of fewer forms than poses the first one is that of all.
     """

@@ -269,7 +269,7 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
 
 
 def _stamps(cursor: _Cursor) -> bytes:
-    """The bytes that follow, or those of the integer."""
+    """The bytes that follow; an integer as its bytes."""
     if cursor.at < cursor.end and 0xC4 <= cursor.data[cursor.at] <= 0xC6:
         return _binary(cursor)
     return packed.stamp_bytes(cursor.integer())

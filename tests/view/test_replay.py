@@ -1,8 +1,9 @@
 """A recording as the page shows it: the frames at the cursor are those that a listener had then."""
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -159,9 +160,17 @@ def test_the_silences_come_when_they_have_been_measured(replay: Replay) -> None:
 def test_a_page_that_ends_waits_for_the_measuring(
     replay: Replay, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No thread is in the midst of the index when Python ends."""
+    """It is told to end, and no thread is in the midst of the index when Python ends."""
     measured = []
-    monkeypatch.setattr(replay, "measure", lambda: (replay.wait(60.0), measured.append(True)))
+    never = threading.Event()
+
+    def measure(*arguments: object) -> None:
+        is_ended = cast(Callable[[], bool], arguments[-1])
+        while not is_ended():
+            never.wait(0.001)
+        measured.append(True)
+
+    monkeypatch.setattr("tfbus.view.replay.whole_timeline", measure)
     with replay.until_signal():
         replay.measure_meanwhile()
     assert measured

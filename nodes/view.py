@@ -179,7 +179,10 @@ def main(
         chosen = replace(chosen, follow=follow)
     names = []
     for text in topics:
-        shown = topic_named(text, chosen, settings.namespace)
+        try:
+            shown = topic_named(text, chosen, settings.namespace)
+        except SettingsError as error:
+            raise click.BadParameter(str(error), param_hint="'--topic'") from None
         names.append(shown.topic)
         others = tuple(each for each in chosen.topics if each.topic != shown.topic)
         chosen = replace(chosen, topics=(*others, shown))

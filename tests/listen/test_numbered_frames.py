@@ -224,7 +224,7 @@ def test_a_message_whose_names_never_come_does_not_wait_for_ever(
 
 
 def test_tools_show_a_message_once_all_its_frames_have_names(bus: Bus) -> None:
-    """One that is newer than the description waits for the next."""
+    """A message newer than the description waits for the next one."""
     arm, viewer = bus.node("arm"), bus.node("viewer")
     broadcaster = TransformBroadcaster(arm, poses="compact")
     came: list[int] = []

@@ -63,6 +63,13 @@ def test_a_port_that_is_taken_is_said(bus: Bus) -> None:
         view.wait_for_line(f"Port {taken} of 127.0.0.1 is taken: using {port}")
 
 
+def test_a_wrong_setting_of_a_topic_is_a_mistake_of_usage(bus: Bus) -> None:
+    """The view does not start, and says the unit."""
+    done = bus.run("view", "--topic", "cloud:voxel=0.05")
+    assert done.returncode == 2
+    assert "0.05 m is voxel=5" in done.stderr
+
+
 def test_a_view_for_others_must_be_public(bus: Bus) -> None:
     """Otherwise all who reach the machine could drive the turtles."""
     done = bus.run("view", "--host", "0.0.0.0")

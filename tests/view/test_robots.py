@@ -280,7 +280,7 @@ def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
 
 
 def test_markers_have_meshes_of_packages_without_a_robot(server: Any, tmp_path: Path) -> None:
-    """Those in a folder that the user names."""
+    """Files in a folder that the user names are drawn."""
     (tmp_path / "things/meshes").mkdir(parents=True)
     (tmp_path / "things/meshes/cup.stl").write_bytes(TRIANGLE)
     log = logging.getLogger("view")

@@ -149,7 +149,7 @@ def test_a_frame_comes_as_often_as_it_was_sent() -> None:
 
 
 def test_messages_of_other_rows_each_do_not_fill_the_memory() -> None:
-    """What is kept of them takes as much as the numbers themselves, not more."""
+    """The rows that are kept take as much memory as the numbers themselves, not more."""
     count = 3_000
     named = [(n, "base", f"joint{n}") for n in range(count)]
     origins = ORIGINS[[1]].repeat(count, 0).tobytes()

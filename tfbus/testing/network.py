@@ -174,10 +174,7 @@ class Network:
 
     def kill(self, process: Process | str) -> None:
         """End a process at once, as SIGKILL does: its host closes its sockets."""
-        killed = self._process(process)
-        if killed.exit_code is None:
-            killed.exit_code = -signal.SIGKILL
-        self._table.end(killed)
+        self._table.signal(self._process(process), signal.SIGKILL)
 
     def restart(self, process: Process | str) -> Process:
         """Kill a process that has a main function, if it still runs, and start it anew."""

@@ -24,8 +24,8 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 
-# The class of a function, the function, and the defect in its place. One that is renamed fails at the
-# import of this file.
+# The class of a function, the function, and the defect in its place. If a function is renamed, the
+# import of this file fails.
 _Patch = tuple[type, Callable[..., Any], Callable[..., Any]]
 
 _judge, _take_token, _tick = Epochs.judge, StreamWatch._take_token, Executor._tick

@@ -45,6 +45,14 @@ def test_output_and_errors_may_go_together(network: Network) -> None:
     assert program.out[-2:] == ["[] None  False", "a mistake"]
 
 
+def test_a_restarted_program_is_as_before(network: Network) -> None:
+    """Its output and errors still go together."""
+    network.program("outside", _show, name="show", is_merged=True).wait()
+    program = network.restart("outside/show").program
+    assert program is not None and program.wait() == 0
+    assert program.out[-2:] == ["[] None  False", "a mistake"]
+
+
 def test_two_programs_print_apart(network: Network) -> None:
     """However their turns change, each has its own output and environment."""
 

@@ -35,6 +35,7 @@ class Host:
         # Endpoints name a host by its name, or by the address that it has now.
         self.address = name
         self.drift_ppm = drift_ppm
+        self.first_clock = offset_s, drift_ppm
         self._offset_ns = round(offset_s * 1e9)
         self._read_ns = 0
         self.processes: list[Process] = []
@@ -188,6 +189,22 @@ class ProcessTable:
                 f"the network has no host {name!r}, but {known}: make it by network.host({name!r})"
             )
         return self.hosts[name]
+
+    def host_with_clock(self, name: str, offset_s: float, drift_ppm: float) -> Host:
+        """The host of this name, made the first time. Raises SimulationError for a clock that it
+        does not have.
+        """
+        if not isinstance(name, str) or not name or "/" in name:
+            raise SimulationError(f"the name of a host is a text without a slash, not {name!r}")
+        host = self.hosts.get(name)
+        if host is None:
+            host = self.hosts[name] = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
+        elif (offset_s or drift_ppm) and (offset_s, drift_ppm) != host.first_clock:
+            raise SimulationError(
+                f"there is a host {name!r} already, with another clock: set that by "
+                f"network.host({name!r}).step_clock(seconds)"
+            )
+        return host
 
     def process(self, name: str) -> Process:
         """The latest process of the name "host/process". Raises SimulationError without one."""

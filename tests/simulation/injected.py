@@ -24,8 +24,9 @@ from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.clock import Timer
 from tfbus.runtime.executor import Executor
 
-# Where a function is, and what takes its place.
-_Patch = tuple[type, str, Callable[..., Any]]
+# The class of a function, the function, and the defect in its place. If a function is renamed, the
+# import of this file fails.
+_Patch = tuple[type, Callable[..., Any], Callable[..., Any]]
 
 _judge, _take_token, _tick = Epochs.judge, StreamWatch._take_token, Executor._tick
 _words = itertools.count()
@@ -85,32 +86,32 @@ def _tick_once_more(executor: Executor, when_s: float, timer: Timer) -> Any:
 
 
 DEFECTS: dict[str, tuple[_Patch, ...]] = {
-    "an epoch is not compared": ((Epochs, "judge", _present),),
-    "every other epoch is new": ((Epochs, "is_outdated", _is_outdated),),
-    "a static is not queried again": ((StaticRecovery, "check", _check_nothing),),
-    "a token is taken for a process": ((StreamWatch, "_take_token", _alive_at_once),),
+    "an epoch is not compared": ((Epochs, Epochs.judge, _present),),
+    "every other epoch is new": ((Epochs, Epochs.is_outdated, _is_outdated),),
+    "a static is not queried again": ((StaticRecovery, StaticRecovery.check, _check_nothing),),
+    "a token is taken for a process": ((StreamWatch, StreamWatch._take_token, _alive_at_once),),
     "a late message undoes a removal": (
-        (Listing, "removed_in", _nothing_removed),
-        (UnlistedFrames, "hear", _hear_nothing),
+        (Listing, Listing.removed_in, _nothing_removed),
+        (UnlistedFrames, UnlistedFrames.hear, _hear_nothing),
     ),
-    "a claim is judged by arrival": ((Starts, "of", _by_arrival),),
-    "a claim is judged by the last word": ((Claims, "_rank", _by_last_word),),
-    "a timer is not cancelled": ((Timer, "cancel", _cancel_nothing),),
-    "a timer that is due is not cancelled": ((Executor, "_tick", _tick_once_more),),
+    "a claim is judged by arrival": ((Starts, Starts.start_ns, _by_arrival),),
+    "a claim is judged by the last word": ((Claims, Claims._rank, _by_last_word),),
+    "a timer is not cancelled": ((Timer, Timer.cancel, _cancel_nothing),),
+    "a timer that is due is not cancelled": ((Executor, Executor._tick, _tick_once_more),),
 }
 
 
 @contextmanager
 def injected(name: str) -> Iterator[None]:
     """The defect of this name, until the end of the `with`."""
-    former = [(owner, function, getattr(owner, function)) for owner, function, _ in DEFECTS[name]]
+    patches = DEFECTS[name]
     try:
-        for owner, function, defect in DEFECTS[name]:
-            setattr(owner, function, defect)
+        for owner, function, defect in patches:
+            setattr(owner, function.__name__, defect)
         yield
     finally:
-        for owner, function, own in former:
-            setattr(owner, function, own)
+        for owner, function, _ in patches:
+            setattr(owner, function.__name__, function)
 
 
 def main() -> None:

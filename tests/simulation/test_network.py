@@ -3,6 +3,8 @@
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -237,6 +239,10 @@ def test_a_session_listens_at_its_own_host_alone(network: Network) -> None:
             tfbus.Node(settings=tfbus.NodeSettings("hub", listen="tcp/base:7447"))
 
 
+async def _do_nothing() -> None:
+    """A coroutine, whose call alone does nothing."""
+
+
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [
@@ -244,6 +250,25 @@ def test_a_session_listens_at_its_own_host_alone(network: Network) -> None:
         (lambda network: network.kill("robot/arn"), "no process 'robot/arn', but .*'robot/arm'"),
         (lambda network: network.partition("robot", ["robot"]), "'robot' is in two groups"),
         (lambda network: network.run(until=lambda: False, timeout_s=1.0), "not hold after 1 s"),
+        (lambda network: network.run(), "for how long"),
+        (lambda network: network.run(-1.0), "seconds must be a number from 0 on, not -1.0"),
+        (lambda network: network.run(lambda: True), "seconds must be a number"),
+        (lambda network: network.run(until=_do_nothing), "until must be .* without `async`"),
+        (lambda network: network.start("robot", "n", _do_nothing), "main must .* asyncio.run"),
+        (lambda network: network.program("robot", "arm"), "main must be a function .*not 'arm'"),
+        (
+            lambda network: network.path("robot", "robot", loss=1.0),
+            "loss is a share .* network.cut",
+        ),
+        (lambda network: network.path("robot", "robot", reordering=30), "reordering is a share"),
+        (lambda network: network.path("robot", "robot", delay_s=-1.0), "delay_s must be a number"),
+        (lambda network: network.host("robot", offset_s=1.0), "another clock: .*step_clock"),
+        (lambda network: network.host("robot/arm"), "a text without a slash, not 'robot/arm'"),
+        (lambda network: network.host(network.host("robot")), "a text .*, not <Host robot>"),
+        (lambda network: network.signal("robot/arm", 999), "no signal 999: .* signal.SIGTERM"),
+        (lambda network: network.power_off("outside"), "test itself are in process 'outside/main'"),
+        (lambda network: network.kill("outside/main"), "test itself are in process 'outside/main'"),
+        (lambda network: network.stop("outside/main"), "test itself are in process 'outside/main'"),
         (lambda _: Network().__enter__(), "one simulated network at a time"),
         (lambda _: Network().host("robot"), "in force within its `with`"),
     ],
@@ -253,6 +278,28 @@ def test_a_mistake_is_explained(network: Network, mistake: object, sentence: str
     _tree(network, "robot", "arm")
     with pytest.raises(SimulationError, match=sentence):
         mistake(network)  # type: ignore[operator]
+
+
+def test_a_fault_that_there_is_not_is_refused(network: Network) -> None:
+    """A wrong name does not set nothing."""
+    with pytest.raises(AttributeError, match="lost_declaration"):
+        network.faults.lost_declaration = 1.0  # type: ignore[attr-defined]
+
+
+def test_a_process_that_has_ended_is_not_entered(network: Network) -> None:
+    """What happens in it would never happen."""
+    arm = _tree(network, "robot", "arm")
+    network.kill(arm)
+    with pytest.raises(SimulationError, match="'robot/arm' does not run"), network.within(arm):
+        pass
+
+
+def test_a_network_that_is_over_says_so() -> None:
+    """It runs no more after its `with`."""
+    with Network() as network:
+        network.run(1.0)
+    with pytest.raises(SimulationError, match="in force within its `with`"):
+        network.run(1.0)
 
 
 def test_an_error_of_a_process_fails_the_test(network: Network) -> None:
@@ -341,3 +388,12 @@ def test_an_alarm_after_the_end_of_the_only_task_reads_virtual_time(network: Net
     )
     network.run(2.0)
     assert called == [pytest.approx((1.0, 1.0))]
+
+
+@pytest.mark.real
+def test_a_seed_that_is_none_is_a_mistake_of_usage(tmp_path: Path) -> None:
+    """Pytest says what may be given."""
+    command = [sys.executable, "-m", "pytest", "--tfbus-seed", "seven", str(tmp_path)]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert said.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "'seven' is no seed: give a number from 0 on, or random" in said.stderr

@@ -45,6 +45,14 @@ def test_output_and_errors_may_go_together(network: Network) -> None:
     assert program.out[-2:] == ["[] None  False", "a mistake"]
 
 
+def test_a_restarted_program_is_as_before(network: Network) -> None:
+    """Its output and errors still go together."""
+    network.program("outside", _show, name="show", is_merged=True).wait()
+    program = network.restart("outside/show").program
+    assert program is not None and program.wait() == 0
+    assert program.out[-2:] == ["[] None  False", "a mistake"]
+
+
 def test_two_programs_print_apart(network: Network) -> None:
     """However their turns change, each has its own output and environment."""
 
@@ -140,6 +148,39 @@ def test_a_signal_without_a_handler_ends_it(network: Network) -> None:
     assert program.wait() == -signal.SIGTERM
     with pytest.raises(ProcessLookupError):
         os.kill(program.pid, signal.SIGTERM)
+
+
+def test_signal_0_asks_whether_a_process_lives(network: Network) -> None:
+    """It does nothing else."""
+    program = network.program("outside", lambda: time.sleep(1.0))
+    os.kill(program.pid, 0)
+    assert program.wait() == 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(program.pid, 0)
+
+
+def test_os_exit_ends_a_program_at_once(network: Network) -> None:
+    """With its code, without its `finally`, its threads and what is for its end."""
+
+    def main() -> None:
+        atexit.register(print, "at exit")
+        threading.Thread(target=lambda: [time.sleep(1.0), print("thread")]).start()
+        try:
+            os._exit(3)
+        finally:
+            print("finally")
+
+    program = network.program("outside", main)
+    assert program.wait() == 3
+    network.run(2.0)
+    assert program.out == []
+
+
+def test_a_program_whose_host_loses_its_power_has_ended(network: Network) -> None:
+    """As by SIGKILL."""
+    program = network.program(network.host("robot"), lambda: time.sleep(10.0))
+    network.power_off("robot")
+    assert program.wait() == -signal.SIGKILL
 
 
 def test_it_waits_for_its_threads_and_then_calls_what_is_for_its_end(network: Network) -> None:

@@ -5,6 +5,7 @@ import asyncio
 import multiprocessing
 import os
 import queue
+import signal
 import socket
 import subprocess
 import threading
@@ -15,6 +16,7 @@ from pathlib import Path
 from time import perf_counter, sleep
 
 import pytest
+import zenoh
 
 from tfbus.testing import Network, SimulationError, tasks
 
@@ -29,6 +31,26 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: multiprocessing.Process(target=print).start(),
         "a process of the system .* network.program",
     ),
+    "exec": (lambda: os.execvp("true", ["true"]), "a process of the system .* network.program"),
+    "abort": (lambda: os.abort(), "would end the test. Use os.kill"),
+    "process group": (lambda: os.killpg(os.getpgrp(), 15), "would end the test. Use os.kill"),
+    "signal to a thread": (
+        lambda: signal.pthread_kill(threading.get_ident(), 15),
+        "would end the test. Use os.kill",
+    ),
+    "alarm": (lambda: signal.alarm(1), "an alarm .* threading.Timer"),
+    "interval timer": (
+        lambda: signal.setitimer(signal.ITIMER_REAL, 1.0),
+        "an alarm .* threading.Timer",
+    ),
+    "pause": (lambda: signal.pause(), "a wait for a signal .* node.spin"),
+    "sigwait": (lambda: signal.sigwait([15]), "a wait for a signal .* node.spin"),
+    "bare thread": (
+        lambda: _thread.start_new_thread(print, ()),
+        "a thread of _thread.start_new_thread .* threading.Thread",
+    ),
+    "zenoh": (lambda: zenoh.open(zenoh.Config()), "a session of Zenoh's own .* topics"),
+    "scouting": (lambda: zenoh.scout(print), "a session of Zenoh's own .* topics"),
 }
 
 

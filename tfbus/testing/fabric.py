@@ -19,7 +19,7 @@ from tfbus.testing.tasks import SimulationError, Tasks
 from tfbus.testing.zenoh_session import Scout, ZenohSession
 
 
-@dataclass
+@dataclass(slots=True)
 class Faults:
     """How often Zenoh fails in ways that it is known for: 0 never, 1 on each occasion.
 

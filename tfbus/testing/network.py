@@ -4,11 +4,14 @@ The real code runs on it, in virtual time, one task at a time. The same seed giv
 """
 
 import gc
+import inspect
+import math
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from numbers import Real
 from types import TracebackType
 from typing import Any
 
@@ -24,6 +27,8 @@ from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 # How often a condition is looked at while the network runs.
 _LOOK_EVERY_S = 0.005
+
+_IN_FORCE = "the network is in force within its `with`: with Network() as network"
 
 
 class Network:
@@ -93,12 +98,10 @@ class Network:
         """The host of this name, made the first time.
 
         Its clock is `offset_s` ahead of the others and gains `drift_ppm` microseconds a second;
-        `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`.
+        `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`. Raises SimulationError if it
+        is there with another clock.
         """
-        hosts = self._table.hosts
-        if name not in hosts:
-            hosts[name] = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
-        return hosts[name]
+        return self._table.host_with_clock(name, offset_s, drift_ppm)
 
     @contextmanager
     def process(self, host: Host | str, name: str) -> Iterator[Process]:
@@ -108,9 +111,12 @@ class Network:
             yield process
 
     @contextmanager
-    def within(self, process: Process) -> Iterator[None]:
-        """Enter a process: all calls until the end of the `with` happen in it."""
-        with self.tasks.within(process):
+    def within(self, process: Process | str) -> Iterator[None]:
+        """Enter a process that runs: all calls until the end of the `with` happen in it."""
+        entered = self._process(process)
+        if not entered.is_running:
+            raise SimulationError(f"process {entered.name!r} does not run: nothing happens in it")
+        with self.tasks.within(entered):
             yield
 
     def start(
@@ -120,6 +126,7 @@ class Network:
 
         An exception of `main` fails the test. SystemExit(0) of a command line does not.
         """
+        _check_plain("main", main)
         process = self._table.add(self._host(host), name)
 
         def run() -> None:
@@ -149,6 +156,7 @@ class Network:
         of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
         and exit code of its own. In a terminal, or merged, it writes its errors with its output.
         """
+        _check_plain("main", main)
         name = name or module_of(main).rpartition(".")[2]
         process = self._table.add(self._host(host), name)
         process.program = Program(
@@ -162,9 +170,21 @@ class Network:
             is_terminal=is_terminal,
             is_merged=is_merged,
         )
-        options: dict[str, Any] = {"env": env, "stdin": stdin, "is_terminal": is_terminal}
-        again = partial(self.program, process.host, main, *arguments, name=name, **options)
-        process.begin = lambda: again().process
+
+        def begin() -> Process:
+            again = self.program(
+                process.host,
+                main,
+                *arguments,
+                name=name,
+                env=env,
+                stdin=stdin,
+                is_terminal=is_terminal,
+                is_merged=is_merged,
+            )
+            return again.process
+
+        process.begin = begin
         self._table.run(process, process.program.run)
         return process.program
 
@@ -174,10 +194,7 @@ class Network:
 
     def kill(self, process: Process | str) -> None:
         """End a process at once, as SIGKILL does: its host closes its sockets."""
-        killed = self._process(process)
-        if killed.exit_code is None:
-            killed.exit_code = -signal.SIGKILL
-        self._table.end(killed)
+        self._table.signal(self._process(process), signal.SIGKILL)
 
     def restart(self, process: Process | str) -> Process:
         """Kill a process that has a main function, if it still runs, and start it anew."""
@@ -224,8 +241,18 @@ class Network:
         unless an endpoint says `udp`, both only delay those behind; on links of UDP a lost packet
         is lost, and so is one that another overtakes. More than `bytes_a_second` (0: no bound)
         waits, and is dropped where too much does. Without `multicast` peers meet only at the
-        endpoints of `connect`, or introduced by others.
+        endpoints of `connect`, or introduced by others. Raises SimulationError for a negative
+        number, and for a share of 1 or more: `cut` lets nothing pass.
         """
+        for name, share in (("loss", loss), ("reordering", reordering)):
+            if not 0.0 <= share < 1.0:
+                raise SimulationError(
+                    f"{name} is a share from 0 to below 1, not {share!r}: 0.3 is 30 %, and "
+                    "network.cut(one, other) lets nothing pass"
+                )
+        rates = {"delay_s": delay_s, "jitter_s": jitter_s, "bytes_a_second": bytes_a_second}
+        for name, rate in rates.items():
+            _check_number(name, rate)
         for path in self._paths.both_ways(self._host(one), self._host(other)):
             path.delay_s, path.jitter_s, path.loss = delay_s, jitter_s, loss
             path.reordering, path.multicast = reordering, multicast
@@ -293,12 +320,21 @@ class Network:
         """Let the network run for this many of its seconds, or until a condition holds.
 
         Returns the seconds that have passed. Raises SimulationError if the condition does not
-        hold after `timeout_s`.
+        hold after `timeout_s`, and if neither is given.
         """
+        if self.tasks.is_over:
+            raise SimulationError(_IN_FORCE)
+        if seconds is None and until is None:
+            raise SimulationError(
+                "run for how long? Give seconds, run(2.0), or a condition, run(until=condition)"
+            )
+        _check_number("seconds", timeout_s if seconds is None else seconds)
         begun_ns = self.tasks.now_ns
         if until is None:
-            self.tasks.wait("the end of a run", 0.0 if seconds is None else seconds)
+            assert seconds is not None
+            self.tasks.wait("the end of a run", seconds)
         else:
+            _check_plain("until", until)
             end_ns = begun_ns + round((timeout_s if seconds is None else seconds) * 1e9)
             while not until():
                 if self.tasks.now_ns >= end_ns:
@@ -317,7 +353,7 @@ class Network:
     @property
     def _table(self) -> ProcessTable:
         if self._in_force is None:
-            raise SimulationError("the network is in force within its `with`: with Network() as n")
+            raise SimulationError(_IN_FORCE)
         return self._in_force
 
     @property
@@ -329,6 +365,20 @@ class Network:
     def now_ns(self) -> int:
         """The true time, in nanoseconds since the Unix epoch; hosts have clocks of their own."""
         return START_NS + self.tasks.now_ns
+
+
+def _check_plain(what: str, function: object) -> None:
+    """Refuse a coroutine function, whose call would do nothing, and what cannot be called."""
+    if not callable(function) or inspect.iscoroutinefunction(function):
+        raise SimulationError(
+            f"{what} must be a function without `async`, and not called yet, not {function!r}: of "
+            "a coroutine give lambda: asyncio.run(main())"
+        )
+
+
+def _check_number(what: str, number: object) -> None:
+    if not isinstance(number, Real) or not 0 <= float(number) < math.inf:
+        raise SimulationError(f"{what} must be a number from 0 on, not {number!r}")
 
 
 class _Driver:

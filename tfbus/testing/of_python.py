@@ -25,6 +25,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any, NoReturn
 
+import zenoh
+
 from tfbus.testing import primitives
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
@@ -37,9 +39,22 @@ def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
     yield socket.socket, "__init__", _socket
     yield subprocess.Popen, "__init__", _program
     yield BaseProcess, "start", _fork
-    for name in ("fork", "forkpty", "posix_spawn", "posix_spawnp", "system"):
-        if hasattr(os, name):
-            yield os, name, _fork
+    for owner, names, refusal in (
+        (
+            os,
+            ("execv", "execve", "fork", "forkpty", "posix_spawn", "posix_spawnp", "system"),
+            _fork,
+        ),
+        (os, ("abort", "killpg"), _end),
+        (signal, ("pthread_kill",), _end),
+        (signal, ("alarm", "setitimer"), _alarm),
+        (signal, ("pause", "sigtimedwait", "sigwait", "sigwaitinfo"), _signal_wait),
+        (_thread, ("start_new_thread",), _thread_start),
+        (zenoh, ("open", "scout"), _session),
+    ):
+        for name in names:
+            if hasattr(owner, name):
+                yield owner, name, refusal
 
 
 def _socket(*_: object, **__: object) -> NoReturn:
@@ -61,6 +76,41 @@ def _fork(*_: object, **__: object) -> NoReturn:
     raise SimulationError(
         "a process of the system cannot be simulated: it runs in real time. Run its main function "
         "by network.program(host, main)"
+    )
+
+
+def _end(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a signal to threads or groups of processes cannot be simulated: it would end the test. "
+        "Use os.kill(os.getpid(), number)"
+    )
+
+
+def _alarm(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "an alarm of the system cannot be simulated: it comes in real time, and would end the "
+        "test. Use a timer of the node, or threading.Timer"
+    )
+
+
+def _signal_wait(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a wait for a signal of the system cannot be simulated: it takes real time. Let "
+        "node.spin() wait, or threading.Event().wait()"
+    )
+
+
+def _thread_start(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a thread of _thread.start_new_thread cannot be simulated: it runs in real time. Use "
+        "threading.Thread"
+    )
+
+
+def _session(*_: object, **__: object) -> NoReturn:
+    raise SimulationError(
+        "a session of Zenoh's own cannot be simulated: it has sockets. Use the topics and services "
+        "of a node"
     )
 
 
@@ -199,6 +249,7 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
     yield socket, "gethostname", chosen(socket.gethostname, lambda: process().host.name)
     yield os, "getpid", chosen(os.getpid, names["getpid"])
     yield os, "kill", chosen(os.kill, table.signal_pid)
+    yield os, "_exit", chosen(os._exit, table.exit_at_once)
     yield atexit, "register", chosen(atexit.register, lambda *a, **n: process().at_exit(*a, **n))
     yield atexit, "unregister", chosen(atexit.unregister, table.forget_at_exit)
     for owner, name, refusal in refusals():

@@ -1,5 +1,6 @@
 """The fixture `network` of pytest: a simulated network for one test."""
 
+import argparse
 import random
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -16,9 +17,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--tfbus-seed",
         default="0",
+        type=_seed,
         metavar="N",
         help="seed of the fixture network: a number, or random for another one each time",
     )
+
+
+def _seed(given: str) -> str:
+    if given != "random" and not given.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"{given!r} is no seed: give a number from 0 on, or random"
+        )
+    return given
 
 
 @pytest.fixture

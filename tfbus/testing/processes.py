@@ -6,7 +6,7 @@ import threading
 import traceback
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from tfbus.testing.of_python import task_of
 from tfbus.testing.primitives import Waiting
@@ -35,6 +35,7 @@ class Host:
         # Endpoints name a host by its name, or by the address that it has now.
         self.address = name
         self.drift_ppm = drift_ppm
+        self.first_clock = offset_s, drift_ppm
         self._offset_ns = round(offset_s * 1e9)
         self._read_ns = 0
         self.processes: list[Process] = []
@@ -189,6 +190,22 @@ class ProcessTable:
             )
         return self.hosts[name]
 
+    def host_with_clock(self, name: str, offset_s: float, drift_ppm: float) -> Host:
+        """The host of this name, made the first time. Raises SimulationError for a clock that it
+        does not have.
+        """
+        if not isinstance(name, str) or not name or "/" in name:
+            raise SimulationError(f"the name of a host is a text without a slash, not {name!r}")
+        host = self.hosts.get(name)
+        if host is None:
+            host = self.hosts[name] = Host(self.tasks, name, offset_s=offset_s, drift_ppm=drift_ppm)
+        elif (offset_s or drift_ppm) and (offset_s, drift_ppm) != host.first_clock:
+            raise SimulationError(
+                f"there is a host {name!r} already, with another clock: set that by "
+                f"network.host({name!r}).step_clock(seconds)"
+            )
+        return host
+
     def process(self, name: str) -> Process:
         """The latest process of the name "host/process". Raises SimulationError without one."""
         names = []
@@ -237,15 +254,18 @@ class ProcessTable:
     def end(self, process: Process) -> None:
         """End a process at once: its host closes its sockets."""
         if not process.is_dead:
+            self._check_other(process)
             process.is_dead = True
             process.ended.wake_all()
             self._fabric.process_ended(process)
 
     def vanish(self, process: Process) -> None:
         """End a process without a word to others."""
-        process.is_dead = True
-        process.ended.wake_all()
-        self._fabric.process_vanished(process)
+        if not process.is_dead:
+            self._check_other(process)
+            process.is_dead, process.exit_code = True, -signal.SIGKILL
+            process.ended.wake_all()
+            self._fabric.process_vanished(process)
 
     def forget_at_exit(self, call: Callable[..., object]) -> None:
         """As `atexit.unregister`, in whichever process it was registered."""
@@ -253,11 +273,28 @@ class ProcessTable:
             for process in host.processes:
                 process.forget_at_exit(call)
 
+    def exit_at_once(self, code: int) -> NoReturn:
+        """As `os._exit`, in the process whose turn it is."""
+        process = self.current_process()
+        self.end(process)
+        process.exit_code = code
+        while True:
+            self.tasks.wait("nothing")
+
+    def _check_other(self, process: Process) -> None:
+        if process is self.tasks.main.place:
+            raise SimulationError(
+                f"the calls of the test itself are in process {process.name!r}: it can be stopped, "
+                "or end, after the `with` of network.process or network.within"
+            )
+
     # Signals
 
     def signal(self, process: Process, number: int) -> None:
         """Send a signal to a process: its handler is called at the next turn of its main thread."""
-        if process.is_dead:
+        if number and number not in signal.valid_signals():
+            raise SimulationError(f"there is no signal {number!r}: give one such as signal.SIGTERM")
+        if process.is_dead or not number:
             return
         handler = process.handler(number)
         if number == signal.SIGSTOP:
@@ -266,8 +303,8 @@ class ProcessTable:
             self.go_on(process)
         elif number == signal.SIGKILL or handler == signal.SIG_DFL or process.main is None:
             if number not in _IGNORED:
-                process.exit_code = -number
                 self.end(process)
+                process.exit_code = -number
         elif handler != signal.SIG_IGN:
             self.tasks.interrupt(process.main, partial(handler, number, None))
 
@@ -282,6 +319,7 @@ class ProcessTable:
 
     def stop(self, process: Process) -> None:
         """As SIGSTOP."""
+        self._check_other(process)
         process.is_stopped = True
         self._fabric.process_stopped(process)
 

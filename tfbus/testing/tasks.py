@@ -32,6 +32,9 @@ _WORK_S = 0.001
 
 _STACK_BYTES = 512 * 1024
 
+# A simulation refuses it to others.
+_start_new_thread = _thread.start_new_thread
+
 
 class SimulationError(TfbusError):
     """The simulation cannot go on: all tasks wait for ever, or one does what it cannot simulate."""
@@ -92,6 +95,8 @@ class Tasks:
         self.is_over = False
         self.turns = 0
         self.failure: BaseException | None = None
+        # One that does not give its turn back.
+        self._stuck: Task | None = None
         # The chance of a task at each step to get no processor, and for how many seconds at most.
         self.stalls = (0.0, 0.0)
         self._interleaving = interleaving
@@ -137,7 +142,7 @@ class Tasks:
 
         former = threading.stack_size(_STACK_BYTES)
         try:
-            _thread.start_new_thread(body, ())
+            _start_new_thread(body, ())
         finally:
             threading.stack_size(former)
         self._able.append(task)
@@ -278,8 +283,11 @@ class Tasks:
         if task is not me:
             self._turn_to(task)
             task.turn.release()
-            if not me.turn.acquire(timeout=_STUCK_AFTER_S):
-                self._wait_out(me)
+            turns = self.turns
+            while not me.turn.acquire(timeout=_STUCK_AFTER_S):
+                if turns == self.turns and me is self.main:
+                    self._name_stuck()
+                turns = self.turns
         if self.is_over and me is not self.main:
             raise SimulationOver
         if self.failure is not None and me is self.main:
@@ -307,19 +315,15 @@ class Tasks:
         finally:
             me.is_called = False
 
-    def _wait_out(self, me: Task) -> None:
-        """Another task has not given its turn back for long, unless many have had theirs."""
-        turns = -1
-        while not me.turn.acquire(timeout=_STUCK_AFTER_S):
-            if turns == self.turns and me is self.main:
-                task = self.current
-                self.is_over = True  # that one may still go on
-                raise SimulationError(
-                    f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it "
-                    "waits for something real, such as a lock, a file or a sleep of Python's own\n"
-                    f"{self._stack_of(task)}"
-                )
-            turns = self.turns
+    def _name_stuck(self) -> None:
+        """The task whose turn it is has not given it back for long."""
+        self._stuck = task = self.current
+        self.is_over = True  # that one may still go on
+        raise SimulationError(
+            f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it waits for "
+            "something real, such as a lock, a file or a sleep of Python's own\n"
+            f"{self._stack_of(task)}"
+        )
 
     def _next(self) -> Task:
         """The next task to run; time passes if none can now."""
@@ -412,7 +416,8 @@ class Tasks:
             task.waits_for = ""
             self._turn_to(task)
             task.turn.release()
-            self._ended.acquire(timeout=_STUCK_AFTER_S)
+            if task is not self._stuck:
+                self._ended.acquire(timeout=_STUCK_AFTER_S)
         self._turn_to(self.main)
         self._able.clear()
         self._alarms.clear()

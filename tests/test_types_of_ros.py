@@ -1,6 +1,6 @@
 """Types of tfbus.messages that are on the bus as in ROS: each works wherever messages go.
 
-To add one, write its class in tfbus/messages.py, and a message of it in MESSAGES here.
+To add one, write its class in tfbus/messages, and a message of it in MESSAGES here.
 """
 
 import json

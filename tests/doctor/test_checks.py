@@ -20,7 +20,7 @@ from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import EdgeFlow
+from tfbus.monitor.report import EdgeFlow, StreamFlow
 from tfbus.monitor.windows import spread_of
 from tfbus.secure.folder import SecureFolder
 from tfbus.secure.rights import Identity, Rights
@@ -82,6 +82,7 @@ FLOW = EdgeFlow(
     delays_s=spread_of([0.001, 0.003]),
     longest_gap_s=0.11,
 )
+LOAD = StreamFlow(messages_hz=10.0, bytes_per_s=3_000.0, largest_bytes=300)
 
 
 def filled() -> Buffer:
@@ -117,6 +118,10 @@ def with_flow(**changes: object) -> Callable[[Examination], Examination]:
     return lambda seen: replace(seen, flows=(replace(FLOW, **changes),))
 
 
+def with_load(**changes: object) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, loads={"sim": replace(LOAD, **changes)})
+
+
 def with_nodes(*nodes: NodeDescription) -> Callable[[Examination], Examination]:
     return lambda seen: at_moment(seen, nodes=nodes)
 
@@ -138,9 +143,9 @@ def healthy() -> Examination:
         of_identity(),
         BusMoment(at_ns=NOW_NS, tree=frame_tree(filled(), (STREAM,), NOW_NS), nodes=(SIM,)),
         (FLOW,),
+        {"sim": LOAD},
         listened_s=3.0,
         host=HOST,
-        largest={"sim": 300},
         robots=(RobotStatus("robot7", "there"),),
         roster=("robot7",),
     )
@@ -307,7 +312,7 @@ TROUBLES = {
         "3 times: not finite",
     ),
     "messages": (
-        lambda seen: replace(seen, largest={"sim": 900_000}),
+        with_load(largest_bytes=900_000),
         "warn",
         "messages of stream 'sim' have up to 900 kB",
     ),
@@ -444,9 +449,7 @@ def test_on_an_empty_bus_nothing_is_well(healthy: Examination) -> None:
     """With no node but tools, checks of nodes and frames have nothing to look at."""
     tool = replace(SIM, name="/_view_1", streams=(), buffers=(), filters=())
     nothing = frame_tree(Buffer(), (), NOW_NS)
-    empty = replace(
-        at_moment(healthy, nodes=(tool,), tree=nothing), flows=(), largest={}, roster=()
-    )
+    empty = replace(at_moment(healthy, nodes=(tool,), tree=nothing), flows=(), loads={}, roster=())
     verdicts = {name: check(empty).verdict for name, check in CHECKS.items()}
     well = {name for name, verdict in verdicts.items() if verdict == "ok"}
     of_the_host = {"install", "kernel", "zenoh", "scouting", "alone", "routers"}

@@ -264,4 +264,4 @@ def test_a_bridge_of_another_name_is_named() -> None:
 
 def _examined(around: RosAround, *nodes: NodeDescription) -> Examination:
     moment = BusMoment(at_ns=0, tree=frame_tree(Buffer(), (), 0), nodes=nodes)
-    return Examination(NodeSettings("doctor"), moment, (), 3.0, ros=around)
+    return Examination(NodeSettings("doctor"), moment, (), {}, 3.0, ros=around)

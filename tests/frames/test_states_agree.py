@@ -178,7 +178,7 @@ def said_by_top(tree: FrameTree) -> Faults:
 
 def said_by_doctor(tree: FrameTree) -> Faults:
     """The checks of `tfbus doctor` that name the frame."""
-    seen = Examination(NodeSettings("doctor"), BusMoment(at_ns=NOW_NS, tree=tree), (), 3.0)
+    seen = Examination(NodeSettings("doctor"), BusMoment(at_ns=NOW_NS, tree=tree), (), {}, 3.0)
     checks = {"gone": "gone", "conflicts": "conflict", "stale": "stale", "stamps": "ahead"}
     return tuple(
         fault

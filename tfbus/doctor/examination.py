@@ -12,7 +12,7 @@ from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.meter import SpanMeter, measure
-from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples
+from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
@@ -125,20 +125,20 @@ class RecordedSpan:
 class Examination:
     """The bus in `listened_s` seconds: as seen from this host, or in a span of a recording.
 
-    `moment` is the bus at the end. Of a fleet, whose nodes and frames are those in all namespaces
+    `moment` is the bus at the end; `flows` are how samples of its edges came, and `loads` how
+    messages of its streams did. Of a fleet, whose nodes and frames are those in all namespaces
     below too: `robots`, worst first, and the `roster` of robots that are expected. Of a live bus:
-    `host` and `ros`; `largest` is the size of each stream's largest message, in bytes;
-    `out_of_reach` says of a bus here that this process gets no link to, if it sees no node. Of a
-    recording: `span`.
+    `host` and `ros`; `out_of_reach` says of a bus here that this process gets no link to, if it
+    sees no node. Of a recording: `span`.
     """
 
     settings: NodeSettings
     moment: BusMoment
     flows: tuple[EdgeFlow, ...]
+    loads: Mapping[str, StreamFlow]
     listened_s: float
     host: ExaminedHost = NO_HOST
     ros: RosAround = field(default_factory=RosAround)
-    largest: Mapping[str, int] = field(default_factory=dict)
     out_of_reach: str = ""
     span: RecordedSpan | None = None
     is_fleet: bool = False
@@ -324,6 +324,7 @@ def examine_recorded(
         replace(settings, sim_time=frames.is_simulated),
         moment,
         tuple(meter.edges()),
+        meter.streams(),
         listened_s=(to_ns - from_ns) / 1e9,
         span=span,
         is_fleet=fleet is not None,

@@ -336,12 +336,12 @@ def check_stamps(seen: Examination) -> Finding:
 @check("messages", needs="bus")
 def check_messages(seen: Examination) -> Finding:
     """Messages of transforms fit into one packet of Zenoh."""
-    if not seen.largest:
+    if not seen.loads:
         return skipped("no transform arrived while listening")
     large = [
-        f"messages of stream {stream!r} have up to {size / 1e3:.0f} kB"
-        for stream, size in seen.largest.items()
-        if size > _BATCH_BYTES
+        f"messages of stream {stream!r} have up to {load.largest_bytes / 1e3:.0f} kB"
+        for stream, load in seen.loads.items()
+        if load.largest_bytes and load.largest_bytes > _BATCH_BYTES
     ]
     return found(
         "warn",

@@ -86,7 +86,6 @@ class TransformMeter:
         recent_s: float = RECENT_S,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        self.largest: Counter[str] = Counter()  # message of each stream, in bytes
         self._node = node
         self._clock = clock
         self._recent_s = recent_s
@@ -94,6 +93,7 @@ class TransformMeter:
         self._lock = scheduler.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, MessageWindow] = {}
+        self._largest: Counter[str] = Counter()  # message of each stream, in bytes
         self._epochs: dict[str, tuple[int, int]] = {}  # the last of each stream, and how many
         self.samples = 0
         self._looked_s = -math.inf
@@ -133,9 +133,16 @@ class TransformMeter:
         with self._lock:
             window = self._streams.get(name)
             _, epochs = self._epochs.get(name, (0, 1))
+            largest = self._largest[name]
         arrivals_s, sizes = self._recent(window) if window else ([], [])
         over_s = max(min(self._elapsed_s() - self._since_s, self._recent_s), 1e-3)
-        return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s, epochs - 1)
+        return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s, epochs - 1, largest)
+
+    def streams(self) -> dict[str, StreamFlow]:
+        """How the messages of each stream came, by its name."""
+        with self._lock:
+            names = list(self._streams)
+        return {name: self.stream(name) for name in names}
 
     def _elapsed_s(self) -> float:
         return self._clock.elapsed_ns() / 1e9
@@ -165,7 +172,7 @@ class TransformMeter:
                 window = self._streams.setdefault(stream, MessageWindow(_MOST_SAMPLES))
                 grow = self.samples < _MOST_IN_ALL
                 self.samples += window.add(at_s, size, grow=grow)
-                self.largest[stream] = max(self.largest[stream], size)
+                self._largest[stream] = max(self._largest[stream], size)
                 last_ns, epochs = self._epochs.get(stream, (-1, 0))
                 if message.epoch_ns > last_ns:
                     self._epochs[stream] = message.epoch_ns, epochs + 1
@@ -205,7 +212,7 @@ class TransformMeter:
         for stream, window in list(self._streams.items()):
             if window.last_s < since_s:
                 self.samples -= len(window)
-                del self._streams[stream], self.largest[stream], self._epochs[stream]
+                del self._streams[stream], self._largest[stream], self._epochs[stream]
 
 
 # A pair is looked up as often as by `tfbus monitor` on a bus, and at most this often.
@@ -269,6 +276,10 @@ class SpanMeter:
         over_s = max(recorded_ns(self.pauses, self.from_ns, self.to_ns) / 1e9, 1e-3)
         restarts = max(len(self.epochs.get(name, ())) - 1, 0)
         return StreamFlow(self._messages.get(name, 0) / over_s, None, restarts)
+
+    def streams(self) -> dict[str, StreamFlow]:
+        """How the messages of each stream came, by its name."""
+        return {name: self.stream(name) for name in self._messages}
 
     def _flow(self, edge: Edge, samples: EdgeSamples) -> EdgeFlow:
         log_ns, stamps_ns = samples.log_ns, samples.stamps_ns

@@ -69,13 +69,15 @@ class EdgeFlow:
 
 @dataclass(frozen=True)
 class StreamFlow:
-    """The load of a stream in the last seconds, or a span: messages and bytes per second, None for
-    bytes that are not known; and how often it began a new epoch meanwhile.
+    """The load of a stream in the last seconds, or a span: messages and bytes per second, and how
+    often it began a new epoch meanwhile; since the meter was made, the size of its largest message.
+    In a span, bytes are not known: None.
     """
 
     messages_hz: float
     bytes_per_s: float | None
     restarts: int = 0
+    largest_bytes: int | None = None
 
 
 class Meter(Protocol):
@@ -86,6 +88,9 @@ class Meter(Protocol):
 
     def stream(self, name: str) -> StreamFlow:
         """How the messages of a stream came."""
+
+    def streams(self) -> dict[str, StreamFlow]:
+        """How the messages of each stream came, by its name."""
 
 
 _MOST_SAMPLES = 1_000

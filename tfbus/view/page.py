@@ -27,6 +27,7 @@ from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
+from tfbus.view.scene.texts import Texts
 from tfbus.view.server import Access, Guard, serve, stop
 from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
@@ -171,6 +172,7 @@ class Page:
         self.drawn = Drawn(self.server.scene)
         named = self.robots.mesh_named
         self.data = DataScenes(self.server, data, host.log, named) if data else None
+        self._texts = Texts(self.server)
         self._tools = None if serving.read_only else tools
         self.panel = Panel(
             self.server,
@@ -294,6 +296,8 @@ class Page:
                 )
         shown = [self.frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m, self.cameras.fixed)
+        if self.data:
+            self._texts.draw(self.data.texts(), self.cameras.fixed)
         # Without this the end of a movement would wait for the next one.
         self.server.flush()
         if is_due:

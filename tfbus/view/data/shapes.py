@@ -80,10 +80,18 @@ class MeshFromFile:
 
 @dataclass(frozen=True, eq=False)
 class Text:
-    """A text that faces the browser, `height_m` high."""
+    """A text that faces the browser, its capital letters `height_m` high."""
 
     text: str
     height_m: float
+    rgb: tuple[int, int, int] = (0, 0, 0)
+    opacity: float = 1.0
+
+    def is_like(self, other: "Text") -> bool:
+        """Whether both look the same."""
+        return (self.text, self.height_m, self.rgb, self.opacity) == (
+            *(other.text, other.height_m, other.rgb, other.opacity),
+        )
 
 
 @dataclass(frozen=True, eq=False)

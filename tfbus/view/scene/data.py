@@ -162,6 +162,17 @@ class DataScenes:
         ]
         return np.concatenate(found) if found else np.zeros((0, 3))
 
+    def texts(self) -> dict[object, tuple[Text, Transform]]:
+        """The texts that are shown, each at its pose in the fixed frame."""
+        settings = self._sight.settings if self._sight else ViewSettings()
+        return {
+            (topic, key, at): (shape, placed.pose)
+            for topic, layer in self.layers.copy().items()
+            for key, placed in layer.placed.copy().items()
+            for at, shape in enumerate(placed.item.shapes)
+            if isinstance(shape, Text) and _is_shown(key, settings.of_topic(topic))
+        }
+
     def met_by(self, ray: Ray) -> float:
         """The way in m along a ray of the fixed frame to what is drawn of messages; infinity for
         none.
@@ -333,7 +344,7 @@ class DataScenes:
             try:
                 settings = chosen[topic]
                 drawn = self._draw_item(at, placed, settings.size)
-                is_shown = not (isinstance(key, tuple) and key[0] in settings.hidden)
+                is_shown = _is_shown(key, settings)
                 if drawn.node.visible != is_shown:
                     drawn.node.visible = is_shown
             except _NotDrawnError as error:
@@ -404,6 +415,11 @@ class DataScenes:
         return self._server.scene
 
 
+def _is_shown(key: object, settings: TopicSettings) -> bool:
+    """Whether the item of this key is not of a hidden namespace."""
+    return not (isinstance(key, tuple) and key[0] in settings.hidden)
+
+
 _MOST_POINTS = 200
 
 
@@ -468,6 +484,9 @@ def _nearest_bodies(ray: Ray, bodies: Bodies) -> Iterator[tuple[Any, Any, Any]]:
 
 
 def _is_empty(shape: Shape) -> bool:
+    """Whether a shape adds nothing here; texts are drawn for each browser."""
+    if isinstance(shape, Text):
+        return True
     parts = {Points: "xyz", Lines: "ends", Bodies: "xyz", Triangles: "corners"}
     name = parts.get(type(shape))
     return bool(name) and not len(getattr(shape, name or ""))
@@ -552,16 +571,6 @@ def _mesh(scene: viser.SceneApi, path: str, shape: MeshFromFile, mesh: ReadMesh)
     return node
 
 
-def _text(scene: viser.SceneApi, path: str, text: Text, size_cm: float) -> Any:
-    return scene.add_label(
-        path,
-        text.text,
-        font_size_mode="scene",
-        font_scene_height=text.height_m,
-        anchor="center-center",
-    )
-
-
 # viser's images have y down.
 _UPRIGHT = Transform.from_rpy(np.pi, 0.0, 0.0)
 
@@ -601,7 +610,6 @@ _MAKERS: Mapping[type, Callable[[viser.SceneApi, str, Any, float], Any]] = {
     Lines: _lines,
     Bodies: _bodies,
     Triangles: _triangles,
-    Text: _text,
     Texture: _texture,
     Frustum: _frustum,
 }

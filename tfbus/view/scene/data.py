@@ -492,7 +492,30 @@ def _is_empty(shape: Shape) -> bool:
     return bool(name) and not len(getattr(shape, name or ""))
 
 
+# Browsers make colours of lines brighter, as if they were linear ones.
+_LINEAR = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
+
+# A line that is so long, or this part of how far away it begins, is as good as a point.
+_DOT_M = 1e-4
+_DOT_PART = 1e-6
+# Nobody looks along it.
+_DOT_ALONG = np.array((0.31, 0.47, 0.83), np.float32)
+
+
+def _dots(scene: viser.SceneApi, path: str, points: Points) -> Any:
+    """Points that are some pixels wide, as viser has lines only, which have round ends."""
+    far = np.abs(points.xyz).max(axis=1, keepdims=True)
+    ahead = points.xyz + np.maximum(_DOT_M, far * _DOT_PART) * _DOT_ALONG
+    ends = np.stack((points.xyz, ahead), axis=1).astype(np.float32)
+    colors = np.repeat(points.colors[:, None], 2, axis=1)
+    return scene.add_line_segments(
+        path, ends, _LINEAR[colors], thickness=points.size_px, thickness_units="screen"
+    )
+
+
 def _points(scene: viser.SceneApi, path: str, points: Points, size_cm: float) -> Any:
+    if points.size_px:
+        return _dots(scene, path, points)
     return scene.add_point_cloud(
         path,
         points.xyz,
@@ -507,7 +530,7 @@ def _lines(scene: viser.SceneApi, path: str, lines: Lines, size_cm: float) -> An
     thick: dict[str, Any] = {"thickness": lines.width_m}
     if not lines.width_m:
         thick = {"thickness": 2.5, "thickness_units": "screen"}
-    return scene.add_line_segments(path, lines.ends, lines.colors, **thick)
+    return scene.add_line_segments(path, lines.ends, _LINEAR[lines.colors], **thick)
 
 
 def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) -> Any:

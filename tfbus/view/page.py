@@ -22,7 +22,14 @@ from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.tools import Aim, sent_text
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
-from tfbus.view.scene.camera import Cameras, Ray, around, region_of, region_of_points
+from tfbus.view.scene.camera import (
+    Cameras,
+    Ray,
+    around,
+    region_of,
+    region_of_points,
+    with_points,
+)
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
 from tfbus.view.scene.robots import RobotScenes
@@ -74,6 +81,9 @@ _MARK = 2.0
 _MARK_SEEN = 0.08
 _LEAST_DRAG_PX = 5.0
 _NOTE_S = 4.0
+
+# Of messages with more shapes, such as markers, some are enough for the first look.
+_FIRST_ITEMS = 200
 
 # A recording is seen from where all of it is in sight, unless that is this many times as far away.
 _FARTHEST = 8.0
@@ -388,11 +398,13 @@ class Page:
             return
         region = self._guests_region()
         with_robots = self._region_with_robots(placed, whole)
-        if region or with_robots or len(placed.names) >= 2:
+        data = self.data.points(_FIRST_ITEMS) if self.data else np.zeros((0, 3))
+        if region or with_robots or len(placed.names) >= 2 or len(data):
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
-            shown = region or later or with_robots or region_of(placed)
-            built = self.robots.built(whole, self.frames)
+            shown = region or with_points(later or with_robots or region_of(placed), data)
+            topics = len(self.data.ever_drawn) if self.data else 0
+            built = (topics, *self.robots.built(whole, self.frames))
             self.cameras.aim(shown, has_more, len(whole.names), built)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,8 @@ class _NotDrawnError(ValueError):
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
-    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. Pictures
+    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted;
+    `ever_drawn` are those that had something in the scene. Pictures
     of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
     the mesh of a file of a robot, why there is none, or None while it is loaded.
     """
@@ -100,6 +101,7 @@ class DataScenes:
         self._log_once = LogOnce(log)
         self.topics: dict[str, TopicInfo] = {}
         self.layers: dict[str, TopicLayer] = {}
+        self.ever_drawn: set[str] = set()
         self.show_picture: dict[str, Callable[[Any], object]] = {}
         self._all: Mapping[str, TopicInfo] = {}
         self._camera_of: dict[str, str] = {}
@@ -152,12 +154,14 @@ class DataScenes:
             self._thread = threading.Thread(target=self._run, name="tfbus view data", daemon=True)
             self._thread.start()
 
-    def points(self) -> Floats:
-        """Some of the points of all that is drawn (N, 3), in the fixed frame."""
+    def points(self, most: int | None = None) -> Floats:
+        """Some of the points of all that is drawn (N, 3), in the fixed frame; of at most so many
+        items of a topic.
+        """
         found = [
             placed.pose.apply(_some_points(shape))
             for layer in self.layers.copy().values()
-            for placed in layer.placed.copy().values()
+            for placed in islice(layer.placed.copy().values(), most)
             for shape in placed.item.shapes
         ]
         return np.concatenate(found) if found else np.zeros((0, 3))
@@ -294,6 +298,7 @@ class DataScenes:
             except Exception as error:  # the other topics are drawn all the same
                 layer.fail(error)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
+        self.ever_drawn |= {topic for topic, layer in layers.items() if layer.placed}
         with self._server.atomic():
             self._draw(chosen)
         for topic, layer in layers.items():
@@ -423,12 +428,23 @@ def _is_shown(key: object, settings: TopicSettings) -> bool:
 _MOST_POINTS = 200
 
 
+# A letter is about so wide, in parts of the height of a capital one.
+_LETTER = 0.8
+
+
 def _some_points(shape: Shape) -> Floats:
     """Points of a shape (N, 3), at most 200."""
     xyz: Any
     match shape:
-        case Points() | Bodies():
+        case Points():
             xyz = shape.xyz
+        case Bodies():
+            half = shape.scales.max(axis=1, keepdims=True) / 2.0
+            xyz = np.concatenate((shape.xyz - half, shape.xyz + half))
+        case Text():
+            longest = max(map(len, shape.text.splitlines()), default=0)
+            half = _LETTER * longest * shape.height_m / 2.0
+            xyz = half * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)])
         case Lines():
             xyz = shape.ends.reshape(-1, 3)
         case Triangles():

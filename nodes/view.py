@@ -100,7 +100,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     multiple=True,
     metavar="DIR",
-    help="A folder with packages of meshes, of the URDF and of markers; repeatable.",
+    help="A folder with meshes of the URDF and of markers, in packages or by file://; repeatable.",
 )
 @click.option(
     "--mesh-up-axis",

@@ -15,7 +15,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.view import Region
 from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import unless_it_left
-from tfbus.view.scene.camera import Cameras, around, region_of
+from tfbus.view.scene.camera import Cameras, around, region_of, with_points
 from tfbus.view.settings import Selections
 
 ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)
@@ -79,6 +79,26 @@ def test_cameras_that_the_user_has_not_moved_follow_a_robot_that_is_being_built(
     cameras.aim(Region(np.zeros(3), 1.0), True, 5, (1, 2))
     assert left.look_at.tolist() == [0.0, 0.0, 0.0]
     assert moved.position.tolist() == [9.0, 9.0, 14.0]
+
+
+def test_the_first_look_has_the_messages_in_it_that_are_near_the_frames() -> None:
+    """One point that is very far away changes nothing."""
+    frames = Region(np.zeros(3), 1.0)
+    cloud = np.array([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (0.0, 1e9, 0.0)])
+    seen = with_points(frames, cloud)
+    assert seen.middle.tolist() == [2.0, 0.0, 0.0]
+    assert seen.radius_m == 3.0
+    assert with_points(frames, cloud[2:]) is with_points(frames, cloud[:0]) is frames
+
+
+def test_cameras_that_the_user_has_not_moved_take_in_a_topic_that_is_drawn_later() -> None:
+    """Once: where it goes then they stay."""
+    server = Server(camera((1.0, 0.0, 2.0), (0, 0, 0)))
+    cameras = Cameras(server)
+    looks = [(3, (0, 0, 0), 0.0), (3, (1, 0, 0), 8.0), (3, (1, 0, 0), 8.0)]
+    for (frames, built, expected), x in zip(looks, (0.0, 8.0, 12.0), strict=True):
+        cameras.aim(Region(np.array((x, 0.0, 0.0)), 1.0), False, frames, built)
+        assert server.clients[0].camera.look_at[0] == expected
 
 
 class Hidden(SimpleNamespace):

@@ -182,6 +182,40 @@ def test_points_have_the_colour_of_a_column(
     assert points.colors.tolist() == [list(expected)]
 
 
+def points_of(color: str, settings: TopicSettings, buffer: Buffer) -> Points:
+    """Points whose column has 0, 1, 2, and so on to 100, as they are drawn."""
+    layer = layer_of(PointCloud.from_xyz(2 * S, "base", np.zeros((101, 3)), heat=np.arange(101.0)))
+    layer.step(buffer, "map", 0.0, replace(settings, color=color))
+    assert layer.trouble == ""
+    [placed] = layer.placed.values()
+    [points] = placed.item.shapes
+    assert isinstance(points, Points)
+    assert layer.span == points.span
+    return points
+
+
+def test_the_bounds_of_colours_are_chosen_or_those_in_the_message(buffer: Buffer) -> None:
+    """Each by itself; numbers beyond them have the first and the last colour."""
+    auto = points_of("heat", SETTINGS, buffer)
+    chosen = points_of("heat", topic_named("t:color_min=20,color_max=40", ViewSettings()), buffer)
+    half = points_of("heat", topic_named("t:color_min=-7,color_max=auto", ViewSettings()), buffer)
+    assert (auto.span, chosen.span, half.span) == ((1.0, 99.0), (20.0, 40.0), (-7.0, 99.0))
+    first, last = auto.colors[0], auto.colors[-1]
+    assert (chosen.colors[:21] == first).all()
+    assert (chosen.colors[40:] == last).all()
+    assert (chosen.colors[21:40] != first).any(axis=1).all()
+    downwards = points_of("heat", replace(SETTINGS, color_min=40.0, color_max=20.0), buffer)
+    assert (downwards.colors[40:] == first).all()
+    assert (downwards.colors[:21] == last).all()
+    assert points_of("flat", SETTINGS, buffer).span is None
+
+
+def test_points_are_as_wide_as_the_settings_say_in_millimetres_or_pixels(buffer: Buffer) -> None:
+    """In the scene, or however far away they are."""
+    for text, size_px in (("t:size=0.1", 0.0), ("t:size=100,pixels=3", 3.0)):
+        assert points_of("heat", topic_named(text, ViewSettings()), buffer).size_px == size_px
+
+
 def test_many_points_are_thinned_and_others_than_numbers_left_out(buffer: Buffer) -> None:
     """Evenly."""
     xyz = np.zeros((3 * MOST_POINTS, 3), np.float32)
@@ -377,6 +411,7 @@ def test_a_topic_is_named_with_its_settings() -> None:
         ("scan:voxel=far", "voxel must be a number"),
         ("scan:quality=100", "quality must be from 5 to 95"),
         ("scan:voxel=0.05", r"0 or from 1 to 100 cm, got 0.05 \(0.05 m is voxel=5\)"),
+        ("scan:color_max=high", "color_max must be a number or auto, got 'high'"),
         ("scan:voxel", "'voxel' is not a setting such as"),
         ("scan:topic=points", "'topic=points' is not a setting such as"),
         ("scan:voxel=2001-13-45", "voxel must be a number"),
@@ -486,14 +521,14 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:
     """Wrong ones are refused by name."""
-    chosen = TopicSettings("scan", color="height", decay_s=2.0, locked=True)
+    chosen = TopicSettings("scan", color="height", color_max=2.0, decay_s=2.0, locked=True)
     save_settings(ViewSettings(topics=(chosen,)), tmp_path / "view.yaml")
     assert load_settings(tmp_path / "view.yaml").topics == (chosen,)
     for text, why in (
         ("topics: 3", "list of maps"),
         ("topics: [3]", "list of maps"),
         ("topics: [{topic: a, colour: x}]", "'color'"),
-        ("topics: [{topic: a, size: 1000}]", "from 1 to 20"),
+        ("topics: [{topic: a, size: 1000}]", "from 0.1 to 100 cm"),
     ):
         (tmp_path / "wrong.yaml").write_text(text)
         with pytest.raises(SettingsError, match=why):

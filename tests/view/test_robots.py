@@ -296,6 +296,45 @@ def test_markers_have_meshes_of_packages_without_a_robot(server: Any, tmp_path: 
         scenes.close()
 
 
+def test_markers_name_files_by_paths_below_the_folders_of_the_user(
+    tmp_path: Path, server: Any
+) -> None:
+    """No other file is opened, by whatever name or link, and none but meshes."""
+    mine = tmp_path / "my meshes"
+    (mine / "in").mkdir(parents=True)
+    for file in (mine / "in/cup.stl", tmp_path / "other.stl", mine / "notes.txt"):
+        file.write_bytes(TRIANGLE)
+    (mine / "link.stl").symlink_to(tmp_path / "other.stl")
+    (mine / "text.stl").symlink_to(mine / "notes.txt")
+    log = logging.getLogger("view")
+    allowing = RobotScenes(server.scene, GivenRobots(), log, package_path=[mine])
+    refusing = RobotScenes(server.scene, GivenRobots(), log)
+    try:
+        cup = mine / "in/cup.stl"
+        for name in (cup.as_uri(), f"file://{cup}", str(cup)):
+            found = eventually(lambda name=name: allowing.mesh_named(name))
+            assert not isinstance(found, str), found
+            assert "--package-path" in str(refusing.mesh_named(name))
+        for name in (
+            f"file://{mine}/../other.stl",
+            f"file://{mine}/%2e%2e/other.stl",
+            f"file://{mine}/link.stl",
+            f"file://{mine}/text.stl",
+            f"file://{mine}/notes.txt",
+            f"file://{mine}/no.stl",
+            f"file://{tmp_path}/other.stl",
+            f"file://{mine}",
+            f"file://{cup}\0",
+            "file://in/cup.stl",
+            "in/cup.stl",
+            f"http://{cup}",
+        ):
+            assert "no mesh" in str(allowing.mesh_named(name))
+    finally:
+        allowing.close()
+        refusing.close()
+
+
 def test_markers_have_the_meshes_of_robots_and_of_their_packages(
     tmp_path: Path, scenes_of: Callable[..., RobotScenes]
 ) -> None:

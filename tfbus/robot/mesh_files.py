@@ -9,6 +9,7 @@ import sys
 import sysconfig
 from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
+from urllib.parse import unquote
 
 # Gazebo's word for the same.
 _PACKAGE = ("package://", "model://")
@@ -82,6 +83,23 @@ def folder_of_source(source: str, package_path: Sequence[Path]) -> tuple[Path, P
     for given in map(os.path.realpath, package_path):
         if file.is_relative_to(given) and file.is_file():
             return file.parent, Path(given)
+    return None
+
+
+def file_below(name: str, folders: Sequence[Path]) -> tuple[Path, Path] | None:
+    """The file of a mesh that a stranger names by `file://` or an absolute path, and the one of
+    these folders that holds it, both without links; None if it is outside of all of them, or no
+    mesh.
+    """
+    _, path = parts_of(name)
+    if not os.path.isabs(path) or "\0" in path:
+        return None
+    # A path with spaces is written with %20 in an address.
+    for each in dict.fromkeys((path, unquote(path))):
+        file = Path(os.path.realpath(each))
+        for given in map(os.path.realpath, folders):
+            if file.is_relative_to(given) and _is_one_of(_FORMATS, file):
+                return file, Path(given)
     return None
 
 

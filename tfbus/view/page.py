@@ -22,11 +22,19 @@ from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.tools import Aim, sent_text
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
-from tfbus.view.scene.camera import Cameras, Ray, around, region_of, region_of_points
+from tfbus.view.scene.camera import (
+    Cameras,
+    Ray,
+    around,
+    region_of,
+    region_of_points,
+    with_points,
+)
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
+from tfbus.view.scene.texts import Texts
 from tfbus.view.server import Access, Guard, serve, stop
 from tfbus.view.settings import Selections, ViewSettings, ViewState
 from tfbus.wording import printable
@@ -73,6 +81,9 @@ _MARK = 2.0
 _MARK_SEEN = 0.08
 _LEAST_DRAG_PX = 5.0
 _NOTE_S = 4.0
+
+# Of messages with more shapes, such as markers, some are enough for the first look.
+_FIRST_ITEMS = 200
 
 # A recording is seen from where all of it is in sight, unless that is this many times as far away.
 _FARTHEST = 8.0
@@ -171,6 +182,7 @@ class Page:
         self.drawn = Drawn(self.server.scene)
         named = self.robots.mesh_named
         self.data = DataScenes(self.server, data, host.log, named) if data else None
+        self._texts = Texts(self.server)
         self._tools = None if serving.read_only else tools
         self.panel = Panel(
             self.server,
@@ -294,6 +306,8 @@ class Page:
                 )
         shown = [self.frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m, self.cameras.fixed)
+        if self.data:
+            self._texts.draw(self.data.texts(), self.cameras.fixed)
         # Without this the end of a movement would wait for the next one.
         self.server.flush()
         if is_due:
@@ -384,11 +398,13 @@ class Page:
             return
         region = self._guests_region()
         with_robots = self._region_with_robots(placed, whole)
-        if region or with_robots or len(placed.names) >= 2:
+        data = self.data.points(_FIRST_ITEMS) if self.data else np.zeros((0, 3))
+        if region or with_robots or len(placed.names) >= 2 or len(data):
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
-            shown = region or later or with_robots or region_of(placed)
-            built = self.robots.built(whole, self.frames)
+            shown = region or with_points(later or with_robots or region_of(placed), data)
+            topics = len(self.data.ever_drawn) if self.data else 0
+            built = (topics, *self.robots.built(whole, self.frames))
             self.cameras.aim(shown, has_more, len(whole.names), built)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:

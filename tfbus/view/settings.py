@@ -60,7 +60,8 @@ class TopicSettings:
     """How the messages of a topic are drawn, while it is `shown`.
 
     Points have the `color` of their "height" in the fixed frame, of a column, are all "flat", or by
-    "auto" of rgb, else intensity, else height; they are `size` cm wide, and stay for `decay_s`
+    "auto" of rgb, else intensity, else height: from `color_min` to `color_max`, or to those in the
+    message for None. They are `size` cm wide, or `pixels` unless that is 0, and stay for `decay_s`
     seconds, or with 0 until the next message. With `locked` a message moves with its frame, instead
     of staying where that was at its stamp. At most `rate_hz` messages are drawn a second.
 
@@ -71,7 +72,10 @@ class TopicSettings:
     topic: str
     shown: bool = True
     color: str = "auto"
+    color_min: float | None = None
+    color_max: float | None = None
     size: float = 3.0
+    pixels: float = 0.0
     decay_s: float = 0.0
     locked: bool = False
     rate_hz: float = 15.0
@@ -146,7 +150,8 @@ RANGES = {
     "opacity": (0.05, 1.0),
     "trail_s": (0.5, 60.0),
     "robot_opacity": (0.05, 1.0),
-    "size": (1.0, 20.0),
+    "size": (0.1, 100.0),
+    "pixels": (0.0, 20.0),
     "decay_s": (0.0, 60.0),
     "rate_hz": (0.1, 60.0),
     "voxel": (0.0, 100.0),
@@ -261,10 +266,12 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):
             return tuple(value)
         raise SettingsError(f"{name} must be a list of names, got {value!r}")
-    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+    if wanted is type(None) and value in (None, "auto"):
+        return None
+    if wanted in (float, type(None)) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     kind: type = type(value)
-    if kind is not wanted:
+    if kind is not (float if wanted is type(None) else wanted):
         raise SettingsError(f"{name} must be {_KINDS[wanted]}, got {value!r}")
     if name in RANGES:
         _check_range(name, value)
@@ -288,7 +295,12 @@ def _check_range(name: str, value: float) -> None:
     raise SettingsError(f"{name} must be {allowed}, got {value:g}{meant}")
 
 
-_KINDS = {bool: "true or false", float: "a number", str: "a string"}
+_KINDS = {
+    bool: "true or false",
+    float: "a number",
+    str: "a string",
+    type(None): "a number or auto",
+}
 
 
 @dataclass(frozen=True)

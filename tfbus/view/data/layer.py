@@ -19,6 +19,7 @@ from tfbus.view.data.markers import item_of
 from tfbus.view.data.shapes import (
     Frustum,
     Item,
+    Points,
     Shape,
     arrow_at,
     columns_of,
@@ -60,7 +61,8 @@ class TopicLayer:
     """The messages of one topic that are drawn: `placed` items by key, a `picture`, or log `lines`.
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
-    that points can be coloured by, `namespaces` those of markers. `age_s` is how old the message
+    that points can be coloured by, and `span` the numbers of the first and the last colour, if
+    numbers are coloured. `namespaces` are those of markers. `age_s` is how old the message
     drawn last was then. `waits_in` is the frame of messages that wait for a transform for some
     time, `waiting_count` of them; "" if none does.
     """
@@ -71,6 +73,7 @@ class TopicLayer:
         self.picture: Picture | None = None
         self.lines: deque[messages.Log] = deque(maxlen=_MOST_LINES)
         self.columns: tuple[str, ...] = ()
+        self.span: tuple[float, float] | None = None
         self.namespaces: dict[str, None] = {}
         self.age_s: float | None = None
         self._newest_ns = 0
@@ -222,6 +225,7 @@ class TopicLayer:
             self._add(item, now_s)
         if isinstance(message, POINTS):
             self.columns = columns_of(message)
+            [self.span] = [shape.span for shape in items[0].shapes if isinstance(shape, Points)]
             self._bound_points()
         return True
 

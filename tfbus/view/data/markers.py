@@ -63,7 +63,9 @@ def _shapes(marker: Marker) -> Iterator[Shape]:
         )
         return
     if kind == Marker.TEXT_VIEW_FACING:
-        yield Text(marker.text[:_LONGEST_TEXT], max(float(scale[2]), 0.01))
+        [(red, green, blue)] = _rgb(marker, 1).tolist()
+        height_m, opacity = max(float(scale[2]), 0.01), _opacity(marker)
+        yield Text(marker.text[:_LONGEST_TEXT], height_m, (red, green, blue), opacity)
         return
     if kind == Marker.ARROW and len(marker.points) < 2:
         yield _bodies("arrow", np.zeros((1, 3)), scale, _rgb(marker, 1), _opacity(marker))

@@ -30,11 +30,16 @@ _POINT_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for that of the settings."""
+    """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for that of the settings, or
+    `size_px` pixels unless that is 0. `span` has the numbers of the first and the last colour,
+    if numbers are coloured.
+    """
 
     xyz: Floats
     colors: Rgb
     size_m: float = 0.0
+    size_px: float = 0.0
+    span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +85,18 @@ class MeshFromFile:
 
 @dataclass(frozen=True, eq=False)
 class Text:
-    """A text that faces the browser, `height_m` high."""
+    """A text that faces the browser, its capital letters `height_m` high."""
 
     text: str
     height_m: float
+    rgb: tuple[int, int, int] = (0, 0, 0)
+    opacity: float = 1.0
+
+    def is_like(self, other: "Text") -> bool:
+        """Whether both look the same."""
+        return (self.text, self.height_m, self.rgb, self.opacity) == (
+            *(other.text, other.height_m, other.rgb, other.opacity),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +203,19 @@ def _points(
         choices = ("rgb", "rgba", "intensity")
         name = next((each for each in choices if column(each) is not None), "height")
     by = column(name)
+    span = None
     if name == "flat" or (by is None and name != "height"):
         colors = np.broadcast_to(FLAT, (len(kept), 3))
-    elif by is None:
-        up = into_fixed.as_matrix()[2]
-        colors = colored(kept @ up[:3].astype(np.float32) + np.float32(up[3]))
-    elif name in ("rgb", "rgba") and by.dtype.itemsize == 4:
+    elif by is not None and name in ("rgb", "rgba") and by.dtype.itemsize == 4:
         colors = unpacked(by[near])
     else:
-        colors = colored(by[near])
-    return (Points(kept, np.ascontiguousarray(colors)),), _HERE
+        up = into_fixed.as_matrix()[2]
+        heights = kept @ up[:3].astype(np.float32) + np.float32(up[3])
+        numbers = heights if by is None else by[near]
+        span = span_of(numbers, settings.color_min, settings.color_max)
+        colors = colored(numbers, span)
+    points = Points(kept, np.ascontiguousarray(colors), size_px=settings.pixels, span=span)
+    return (points,), _HERE
 
 
 def _step(count: int, settings: TopicSettings) -> int:
@@ -378,19 +394,33 @@ _TABLE = np.stack(
 FLAT = np.array((230, 120, 20), np.uint8)
 
 
-def colored(numbers: NDArray[Any]) -> Rgb:
-    """Colours (N, 3) of numbers (N,), from the lowest to the highest but for a hundredth of them.
+def span_of(
+    numbers: NDArray[Any], least: float | None = None, most: float | None = None
+) -> tuple[float, float]:
+    """The numbers of the first and the last colour: for None the lowest and the highest of those
+    (N,) that are finite, but for a hundredth of them.
+    """
+    if least is None or most is None:
+        values = numbers.astype(np.float64)
+        values = values[np.isfinite(values)]
+        low, high = np.percentile(values, (1.0, 99.0)) if len(values) else (0.0, 1.0)
+        least = float(low) if least is None else least
+        most = float(high) if most is None else most
+    return least, most
+
+
+def colored(numbers: NDArray[Any], span: tuple[float, float]) -> Rgb:
+    """Colours (N, 3) of numbers (N,), from the first to the last of a span, which may be downwards.
 
     Numbers that are not finite are grey.
     """
     values = numbers.astype(np.float64)
     finite = np.isfinite(values)
     colors = np.full((len(values), 3), 128, np.uint8)
-    if not finite.any():
-        return colors
-    low, high = np.percentile(values[finite], (1.0, 99.0))
+    low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        parts = (values[finite] - low) / max(high - low, 1e-9)
+        wide = high - low
+        parts = (values[finite] - low) / (wide if abs(wide) > 1e-9 else 1e-9)
     steps = np.nan_to_num(np.clip(parts, 0.0, 1.0) * 255.0).astype(np.uint8)
     colors[finite] = _TABLE[steps]
     return colors

@@ -1,6 +1,7 @@
 """The tab of messages: a box for each topic that can be drawn, and its settings."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import Any
 
@@ -86,15 +87,21 @@ class _TopicRow:
         )
         self._controls: dict[str, Control] = {}
         self._color: Any = None
+        self._bounds: dict[str, NumberOrAuto] = {}
         with self._folder:
             if message_type in POINTS:
                 options = tuple(dict.fromkeys((*_COLORS, settings.color)))
                 self._color = gui.add_dropdown("Colour", options, initial_value=settings.color)
                 self._controls["color"] = Control(self._color, self._setter("color"))
-                self._slider("size", "Size (cm)", 0.5)
+                for name, label in (("color_min", "Colours from"), ("color_max", "Colours to")):
+                    self._bounds[name] = NumberOrAuto(gui, label, self._setter(name))
+                self._number("size", "Size (cm)", 0.1)
+                self._slider(
+                    "pixels", "Size (pixels)", 0.5, "0: so wide as Size (cm) says, in the scene."
+                )
                 self._slider("decay_s", "Decay (s)", 0.5)
                 self._slider("voxel", "Voxel (cm)", 1.0)
-                self._slider("most_points", "Points at most", 1000.0)
+                self._number("most_points", "Points at most", 1000.0)
             if message_type in _IMAGES:
                 self._slider("quality", "JPEG quality", 5.0)
             if message_type not in _WITHOUT_LOCK:
@@ -120,6 +127,8 @@ class _TopicRow:
             self._folder.visible = settings.shown
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
+        for name, bound in self._bounds.items():
+            bound.show(getattr(settings, name))
         if layer is None:
             self._state.show("")
             return
@@ -128,7 +137,8 @@ class _TopicRow:
             options = tuple(dict.fromkeys((*_COLORS, *columns, settings.color)))
             if self._color.options != options:
                 self._color.options = options
-        self._state.show(state_of(layer, self._scenes.rejected(self._topic)))
+        mistakes = [each.mistake for each in self._bounds.values() if each.mistake]
+        self._state.show(state_of(layer, self._scenes.rejected(self._topic), mistakes))
         for name in list(layer.namespaces):
             if name not in self._namespaces:
                 with self._folder:
@@ -151,10 +161,17 @@ class _TopicRow:
         self._box_handle.remove()
         self._folder.remove()
 
-    def _slider(self, name: str, label: str, step: float) -> None:
+    def _slider(self, name: str, label: str, step: float, hint: str | None = None) -> None:
         least, most = RANGES[name]
         value = getattr(self._view.settings.of_topic(self._topic), name)
-        handle = self._gui.add_slider(label, least, most, step, value)
+        handle = self._gui.add_slider(label, least, most, step, value, hint=hint)
+        self._controls[name] = Control(handle, self._setter(name))
+
+    def _number(self, name: str, label: str, step: float) -> None:
+        """A field for numbers that a slider shows too roughly, or without room for their digits."""
+        least, most = RANGES[name]
+        value = getattr(self._view.settings.of_topic(self._topic), name)
+        handle = self._gui.add_number(label, value, min=least, max=most, step=step)
         self._controls[name] = Control(handle, self._setter(name))
 
     def _setter(self, name: str) -> Callable[[Any], None]:
@@ -172,17 +189,62 @@ class _TopicRow:
             self._picture = self._gui.add_image(picture, format="jpeg", jpeg_quality=quality)
 
 
-def state_of(layer: TopicLayer, rejected: int = 0) -> str:
-    """How many messages were drawn and dropped, and the lines of a log, as HTML."""
+class NumberOrAuto:
+    """A field for a number, or for "auto", which is None."""
+
+    def __init__(
+        self, gui: viser.GuiApi, label: str, on_choice: Callable[[float | None], object]
+    ) -> None:
+        self._label = label
+        self._on_choice = on_choice
+        self._handle: Any = gui.add_text(label, _AUTO, hint="A number, or auto: by the message.")
+        Control(self._handle, self._typed)
+
+    def show(self, value: float | None) -> None:
+        """Show the value that holds, but let what is half typed stay."""
+        if not self.mistake and _number_or_auto(self._handle.value) != value:
+            self._handle.value = _AUTO if value is None else f"{value:g}"
+
+    @property
+    def mistake(self) -> str:
+        """What is wrong with the text; "" if nothing is."""
+        try:
+            _number_or_auto(self._handle.value)
+        except ValueError:
+            text = printable(self._handle.value, 40)
+            return f"{self._label}: {text!r} is neither a number nor auto; the colours stay"
+        return ""
+
+    def _typed(self, text: str) -> None:
+        if not self.mistake:
+            self._on_choice(_number_or_auto(text))
+
+
+_AUTO = "auto"
+
+
+def _number_or_auto(text: str) -> float | None:
+    """The number in a text; None for "auto" or nothing. Raises ValueError."""
+    if text.strip() in ("", _AUTO):
+        return None
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError("not finite")
+    return number
+
+
+def state_of(layer: TopicLayer, rejected: int = 0, mistakes: Sequence[str] = ()) -> str:
+    """How many messages were drawn and dropped, mistakes, and the lines of a log, as HTML."""
     facts = [f"{layer.drawn} drawn"]
     facts += [f"{layer.age_s * 1e3:.0f} ms old"] if layer.age_s is not None else []
+    facts += [f"coloured from {layer.span[0]:.4g} to {layer.span[1]:.4g}"] if layer.span else []
     facts += [f"{count} dropped, {reason}" for reason, count in sorted(layer.dropped.items())]
     overtaken = layer.waiting.dropped
     facts += [f"{overtaken} overtaken by newer ones"] if overtaken else []
     facts += [f"{rejected} unreadable"] if rejected else []
     text = f'<div class="tf tf-dim">{escape(" · ".join(facts))}</div>'
-    if layer.trouble:
-        text += f'<div class="tf tf-alarm" role="alert">{escape(layer.trouble)}</div>'
+    for mistake in (*mistakes, *([layer.trouble] if layer.trouble else [])):
+        text += f'<div class="tf tf-alarm" role="alert">{escape(mistake)}</div>'
     lines = [
         f"[{line.level_name.upper()}] [{printable(line.name, 60)}] {printable(line.msg, 300)}"
         for line in layer.lines

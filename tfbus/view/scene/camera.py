@@ -3,7 +3,7 @@
 import math
 import time
 from collections import defaultdict, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -200,6 +200,21 @@ def around(one: Region, other: Region) -> Region:
     return Region(one.middle + part * (other.middle - one.middle), radius_m)
 
 
+# Farther from the middle of frames than so many radii they would be lost in what is seen.
+_LOST = 8.0
+
+
+def with_points(frames: Region, xyz: Floats) -> Region:
+    """The ball around frames and the points (N, 3) of messages; those that are very far away from
+    the frames, as a single wrong one may be, are left out.
+    """
+    apart_m = np.linalg.norm(xyz - frames.middle, axis=1)
+    near = xyz[apart_m <= _LOST * frames.radius_m]
+    if not len(near):
+        return frames
+    return replace(around(frames, region_of_points(near)), toward=frames.toward)
+
+
 class Cameras:
     """The cameras of all browsers.
 
@@ -215,7 +230,7 @@ class Cameras:
         self._held = _NO_MOTION
         self._heading_rad = 0.0
         self._seen = (False, 0)
-        self._built = (0, 0)
+        self._built: tuple[int, ...] = (0, 0, 0)
         self._settled_at_s = 0.0
         self._placed: set[int] = set()
         self._put_at: defaultdict[int, deque[Floats]] = defaultdict(_last_positions)
@@ -225,14 +240,14 @@ class Cameras:
         self._start_at(Region(np.zeros(3), 1.0))
 
     def aim(
-        self, region: Region, has_guest: bool, frames: int, built: tuple[int, int] = (0, 0)
+        self, region: Region, has_guest: bool, frames: int, built: tuple[int, ...] = (0, 0, 0)
     ) -> None:
         """Take the ball around all that is shown now.
 
         Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
         Browsers whose camera is where it was left also follow it later, each time that `built` has
-        grown: how many robots have frames, and how many of their parts are there. Cameras that
-        follow a frame stay.
+        grown: of how many topics messages are drawn, how many robots have frames, and how many of
+        their parts are there. Cameras that follow a frame stay.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,8 @@ class _NotDrawnError(ValueError):
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
-    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted. Pictures
+    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted;
+    `ever_drawn` are those that had something in the scene. Pictures
     of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
     the mesh of a file of a robot, why there is none, or None while it is loaded.
     """
@@ -100,6 +101,7 @@ class DataScenes:
         self._log_once = LogOnce(log)
         self.topics: dict[str, TopicInfo] = {}
         self.layers: dict[str, TopicLayer] = {}
+        self.ever_drawn: set[str] = set()
         self.show_picture: dict[str, Callable[[Any], object]] = {}
         self._all: Mapping[str, TopicInfo] = {}
         self._camera_of: dict[str, str] = {}
@@ -152,15 +154,28 @@ class DataScenes:
             self._thread = threading.Thread(target=self._run, name="tfbus view data", daemon=True)
             self._thread.start()
 
-    def points(self) -> Floats:
-        """Some of the points of all that is drawn (N, 3), in the fixed frame."""
+    def points(self, most: int | None = None) -> Floats:
+        """Some of the points of all that is drawn (N, 3), in the fixed frame; of at most so many
+        items of a topic.
+        """
         found = [
             placed.pose.apply(_some_points(shape))
             for layer in self.layers.copy().values()
-            for placed in layer.placed.copy().values()
+            for placed in islice(layer.placed.copy().values(), most)
             for shape in placed.item.shapes
         ]
         return np.concatenate(found) if found else np.zeros((0, 3))
+
+    def texts(self) -> dict[object, tuple[Text, Transform]]:
+        """The texts that are shown, each at its pose in the fixed frame."""
+        settings = self._sight.settings if self._sight else ViewSettings()
+        return {
+            (topic, key, at): (shape, placed.pose)
+            for topic, layer in self.layers.copy().items()
+            for key, placed in layer.placed.copy().items()
+            for at, shape in enumerate(placed.item.shapes)
+            if isinstance(shape, Text) and _is_shown(key, settings.of_topic(topic))
+        }
 
     def met_by(self, ray: Ray) -> float:
         """The way in m along a ray of the fixed frame to what is drawn of messages; infinity for
@@ -283,6 +298,7 @@ class DataScenes:
             except Exception as error:  # the other topics are drawn all the same
                 layer.fail(error)
                 self._log_once.exception((topic, type(error)), "Could not draw topic %r", topic)
+        self.ever_drawn |= {topic for topic, layer in layers.items() if layer.placed}
         with self._server.atomic():
             self._draw(chosen)
         for topic, layer in layers.items():
@@ -333,7 +349,7 @@ class DataScenes:
             try:
                 settings = chosen[topic]
                 drawn = self._draw_item(at, placed, settings.size)
-                is_shown = not (isinstance(key, tuple) and key[0] in settings.hidden)
+                is_shown = _is_shown(key, settings)
                 if drawn.node.visible != is_shown:
                     drawn.node.visible = is_shown
             except _NotDrawnError as error:
@@ -404,15 +420,31 @@ class DataScenes:
         return self._server.scene
 
 
+def _is_shown(key: object, settings: TopicSettings) -> bool:
+    """Whether the item of this key is not of a hidden namespace."""
+    return not (isinstance(key, tuple) and key[0] in settings.hidden)
+
+
 _MOST_POINTS = 200
+
+
+# A letter is about so wide, in parts of the height of a capital one.
+_LETTER = 0.8
 
 
 def _some_points(shape: Shape) -> Floats:
     """Points of a shape (N, 3), at most 200."""
     xyz: Any
     match shape:
-        case Points() | Bodies():
+        case Points():
             xyz = shape.xyz
+        case Bodies():
+            half = shape.scales.max(axis=1, keepdims=True) / 2.0
+            xyz = np.concatenate((shape.xyz - half, shape.xyz + half))
+        case Text():
+            longest = max(map(len, shape.text.splitlines()), default=0)
+            half = _LETTER * longest * shape.height_m / 2.0
+            xyz = half * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)])
         case Lines():
             xyz = shape.ends.reshape(-1, 3)
         case Triangles():
@@ -468,12 +500,38 @@ def _nearest_bodies(ray: Ray, bodies: Bodies) -> Iterator[tuple[Any, Any, Any]]:
 
 
 def _is_empty(shape: Shape) -> bool:
+    """Whether a shape adds nothing here; texts are drawn for each browser."""
+    if isinstance(shape, Text):
+        return True
     parts = {Points: "xyz", Lines: "ends", Bodies: "xyz", Triangles: "corners"}
     name = parts.get(type(shape))
     return bool(name) and not len(getattr(shape, name or ""))
 
 
+# Browsers make colours of lines brighter, as if they were linear ones.
+_LINEAR = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
+
+# A line that is so long, or this part of how far away it begins, is as good as a point.
+_DOT_M = 1e-4
+_DOT_PART = 1e-6
+# Nobody looks along it.
+_DOT_ALONG = np.array((0.31, 0.47, 0.83), np.float32)
+
+
+def _dots(scene: viser.SceneApi, path: str, points: Points) -> Any:
+    """Points that are some pixels wide, as viser has lines only, which have round ends."""
+    far = np.abs(points.xyz).max(axis=1, keepdims=True)
+    ahead = points.xyz + np.maximum(_DOT_M, far * _DOT_PART) * _DOT_ALONG
+    ends = np.stack((points.xyz, ahead), axis=1).astype(np.float32)
+    colors = np.repeat(points.colors[:, None], 2, axis=1)
+    return scene.add_line_segments(
+        path, ends, _LINEAR[colors], thickness=points.size_px, thickness_units="screen"
+    )
+
+
 def _points(scene: viser.SceneApi, path: str, points: Points, size_cm: float) -> Any:
+    if points.size_px:
+        return _dots(scene, path, points)
     return scene.add_point_cloud(
         path,
         points.xyz,
@@ -488,7 +546,7 @@ def _lines(scene: viser.SceneApi, path: str, lines: Lines, size_cm: float) -> An
     thick: dict[str, Any] = {"thickness": lines.width_m}
     if not lines.width_m:
         thick = {"thickness": 2.5, "thickness_units": "screen"}
-    return scene.add_line_segments(path, lines.ends, lines.colors, **thick)
+    return scene.add_line_segments(path, lines.ends, _LINEAR[lines.colors], **thick)
 
 
 def _bodies(scene: viser.SceneApi, path: str, bodies: Bodies, size_cm: float) -> Any:
@@ -552,16 +610,6 @@ def _mesh(scene: viser.SceneApi, path: str, shape: MeshFromFile, mesh: ReadMesh)
     return node
 
 
-def _text(scene: viser.SceneApi, path: str, text: Text, size_cm: float) -> Any:
-    return scene.add_label(
-        path,
-        text.text,
-        font_size_mode="scene",
-        font_scene_height=text.height_m,
-        anchor="center-center",
-    )
-
-
 # viser's images have y down.
 _UPRIGHT = Transform.from_rpy(np.pi, 0.0, 0.0)
 
@@ -601,7 +649,6 @@ _MAKERS: Mapping[type, Callable[[viser.SceneApi, str, Any, float], Any]] = {
     Lines: _lines,
     Bodies: _bodies,
     Triangles: _triangles,
-    Text: _text,
     Texture: _texture,
     Frustum: _frustum,
 }

@@ -13,7 +13,7 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.robot.mesh_files import MeshFiles, package_folder, parts_of
+from tfbus.robot.mesh_files import MeshFiles, file_below, package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
 from tfbus.view.meshes.loader import MeshLoader, MeshSource, ReadMesh
@@ -436,7 +436,8 @@ class RobotScenes:
 
     def mesh_named(self, name: str) -> ReadMesh | str | None:
         """The mesh of a file that a marker names, why there is none, or None while it is loaded:
-        one that a robot in the scene has, or that lies in a package on this machine.
+        one that a robot in the scene has, or that lies in a package on this machine, or whose path
+        is below a folder of the package path.
         """
         source = self._foreign.get(name)
         if source is None:
@@ -458,7 +459,8 @@ class RobotScenes:
             if mesh.name == name:
                 return robot.source_of(mesh)
         package, inside = parts_of(name)
-        # Anyone on the bus names files: none outside of a package is opened.
+        # Anyone on the bus names files: none is opened but those in packages, and below the folders
+        # that the user has named.
         with suppress(OSError, ValueError):  # no file can have such a name
             for robot, mesh in meshes:
                 folder = None if mesh.file is None else package_folder(mesh.name, mesh.file)
@@ -471,9 +473,11 @@ class RobotScenes:
             within = package_folder(name, known) if known else None
             if known and within and known.resolve().is_relative_to(within.resolve()):
                 return source_at(name, known)
+            if below := file_below(name, self._package_path):
+                return replace(source_at(name, below[0]), root=below[1])
         return (
             "it is no mesh of a robot in the view, nor in a package here; --package-path names a "
-            "folder with packages"
+            "folder with packages, in which paths of files may lead, too"
         )
 
     def _log_mistakes(self) -> None:

@@ -1,0 +1,158 @@
+"""Texts of messages: letters in their colour that face each browser, as RViz draws them.
+
+viser's own labels are black on white, and follow a frame that moves one picture later: only letters
+that no font of this machine has are drawn by them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from tfbus.geometry.transform import Transform
+from tfbus.view.data.shapes import Text
+
+# Each is an object of its own in a browser, and so many are made in one step.
+_MOST_TEXTS = 300
+_MOST_NEW = 20
+
+# In pixels of the picture: of the font, of the line around letters, and the widest picture.
+_FONT_PX = 48
+_STROKE_PX = 3
+_MOST_PX = 2048
+
+# Fonts that have more letters than the one that Pillow brings.
+_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "Arial.ttf")
+
+# Darker colours have a light line around them.
+_DARK = 110.0
+
+
+class Texts:
+    """The texts in the scenes of all browsers."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._faces: dict[int, dict[object, _Face]] = {}
+        self._count = 0
+
+    def draw(self, texts: Mapping[object, tuple[Text, Transform]], fixed: Transform) -> None:
+        """Show these texts, each at a pose in the fixed frame, and no others; `fixed` is the pose
+        of the fixed frame in the scene of viser.
+        """
+        clients = self._server.get_clients()
+        self._faces = {number: self._faces.get(number, {}) for number in clients}
+        for number, faces in self._faces.items():
+            self._draw_in(clients[number], faces, texts, fixed)
+
+    def _draw_in(
+        self,
+        client: Any,
+        faces: "dict[object, _Face]",
+        texts: Mapping[object, tuple[Text, Transform]],
+        fixed: Transform,
+    ) -> None:
+        for gone in faces.keys() - texts.keys():
+            faces.pop(gone).handle.remove()
+        new = 0
+        wxyz = client.camera.wxyz
+        for key, (text, pose) in texts.items():
+            face = faces.get(key)
+            if face is None or not face.text.is_like(text):
+                if new == _MOST_NEW or (face is None and len(faces) >= _MOST_TEXTS):
+                    continue
+                new += 1
+                face = faces[key] = self._made(client.scene, text, face)
+            face.handle.position = fixed.apply(pose.xyz)
+            face.handle.wxyz = wxyz
+
+    def _made(self, scene: viser.SceneApi, text: Text, former: "_Face | None") -> "_Face":
+        if former is None:
+            self._count += 1
+        # At the place of the former, which viser replaces without a flicker.
+        path = f"/texts/{self._count}" if former is None else former.handle.name
+        picture = picture_of_text(text.text, text.rgb)
+        if picture is None:
+            handle: Any = scene.add_label(
+                path,
+                text.text,
+                font_size_mode="scene",
+                font_scene_height=text.height_m,
+                depth_test=True,
+                anchor="center-center",
+            )
+            return _Face(text, handle)
+        rgba = picture.rgba.copy()
+        rgba[..., 3] = (rgba[..., 3] * text.opacity).astype(np.uint8)
+        pixel_m = text.height_m / picture.letter_px
+        handle = scene.add_image(
+            path,
+            rgba,
+            render_width=rgba.shape[1] * pixel_m,
+            render_height=rgba.shape[0] * pixel_m,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        return _Face(text, handle)
+
+
+@dataclass
+class _Face:
+    text: Text
+    handle: Any
+
+
+@dataclass(frozen=True, eq=False)
+class TextPicture:
+    """Letters with a line around them (H, W, 4); a capital letter is `letter_px` pixels high."""
+
+    rgba: NDArray[np.uint8]
+    letter_px: float
+
+
+@lru_cache(maxsize=512)
+def picture_of_text(text: str, rgb: tuple[int, int, int]) -> TextPicture | None:
+    """The picture of a text, its lines centred; None if a letter is in no font."""
+    font = _font()
+    if any(_is_unknown(letter) for letter in set(text) if not letter.isspace()):
+        return None
+    measured = ImageDraw.Draw(Image.new("L", (1, 1)))
+    layout: Any = {"font": font, "stroke_width": _STROKE_PX, "align": "center"}
+    left, top, right, bottom = measured.multiline_textbbox((0, 0), text, **layout)
+    size = max(1, int(right - left) + 2), max(1, int(bottom - top) + 2)
+    shown = Image.new("RGBA", size, (*rgb, 0))
+    is_dark = float(np.dot(rgb, (0.3, 0.59, 0.11))) < _DARK
+    ImageDraw.Draw(shown).multiline_text(
+        (1 - left, 1 - top),
+        text,
+        fill=(*rgb, 255),
+        stroke_fill=(255, 255, 255, 255) if is_dark else (0, 0, 0, 255),
+        **layout,
+    )
+    _, above, _, below = font.getbbox("A")
+    whole_px = shown.width
+    shown.thumbnail((_MOST_PX, _MOST_PX))
+    return TextPicture(np.asarray(shown), float(below - above) * shown.width / whole_px)
+
+
+@lru_cache(maxsize=1)
+def _font() -> Any:
+    for name in _FONTS:
+        try:
+            return ImageFont.truetype(name, _FONT_PX)
+        except OSError:
+            continue
+    return ImageFont.load_default(_FONT_PX)
+
+
+@lru_cache(maxsize=2048)
+def _is_unknown(letter: str) -> bool:
+    """Whether the font draws a letter as one that it does not have."""
+    font = _font()
+    return bytes(font.getmask(letter)) == bytes(font.getmask("\U0010ffff"))

@@ -21,7 +21,7 @@ _DIFFERS = [
     (re.compile(r"\b\d{4}-\d\d-\d\d \d\d:\d\d(?=:\d\d\.\d{3}\b)"), "WALL"),
     (re.compile(r"(Up: )\d+ s"), r"\1TIME"),
     # The next free one, if another program has it.
-    (re.compile(r"(\bhttps?://[\w.]+:)\d+"), r"\1PORT"),
+    (re.compile(r"(\b(?:https?|ws)(?:://|%3A%2F%2F)[\w.]+(?::|%3A))\d+"), r"\1PORT"),
     (re.compile(r"\b[0-9a-f]{32}\b|(?<=_)[0-9a-f]{8}\b"), "ID"),
 ]
 

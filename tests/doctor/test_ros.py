@@ -14,6 +14,7 @@ from tests.live_bus import Bus, free_port
 from tests.ros2_on_zenoh import Ros2
 from tfbus import Buffer, NodeSettings
 from tfbus.bus.session import Session
+from tfbus.doctor import examine
 from tfbus.doctor.examination import Examination, Participant, RosAround
 from tfbus.doctor.examine import RosWatch, RtpsWatch, nodes_of_master, participant_of, read_tokens
 from tfbus.doctor.host_checks import check_ros
@@ -116,6 +117,16 @@ class TestZenoh:
 
         eventually(lambda: found(node.session))
         ros2.close()
+
+    @pytest.mark.real
+    def test_nothing_is_within_zenoh_once_it_has_ended(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A thread that waits there for a stranger's answer would abort Python's end."""
+        with socket.create_server(("127.0.0.1", 0)) as silent:
+            monkeypatch.setattr(examine, "ROS_ROUTER", silent.getsockname())
+            RosWatch(NodeSettings("doctor")).close()
+        assert "ros router" not in {thread.name for thread in threading.enumerate()}
 
 
 @pytest.mark.real

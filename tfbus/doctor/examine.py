@@ -332,8 +332,7 @@ _TOKENS = "/@ros2_lv/**"
 _TOKENS_OF_BRIDGES = "/@/*/@ros2_lv/**"
 
 # Where rmw_zenoh has its router, and `tfbus ros2 --via zenoh` looks for it.
-_ROUTER_HOST, _ROUTER_PORT = "localhost", 7447
-_ROUTER = f"tcp/{_ROUTER_HOST}:{_ROUTER_PORT}"
+ROS_ROUTER = ("localhost", 7447)
 
 _ANSWER_WITHIN_S = 1.0
 # A router or master that does not answer is not waited for any longer.
@@ -350,11 +349,10 @@ class RosWatch:
         self._tokens: list[str] = []
         self._master = os.environ.get("ROS_MASTER_URI", "")
         self._master_nodes: int | None = None
-        self._threads = [
-            threading.Thread(target=look, name="ros", daemon=True)
-            for look in (self.look_at_router, self._look_at_master)
-        ]
-        for thread in self._threads:
+        # A thread within Zenoh at Python's end would abort the process, so `close` waits for it.
+        self._at_router = threading.Thread(target=self.look_at_router, name="ros router")
+        self._at_master = threading.Thread(target=self._look_at_master, name="ros", daemon=True)
+        for thread in (self._at_router, self._at_master):
             thread.start()
 
     def __enter__(self) -> "RosWatch":
@@ -367,10 +365,11 @@ class RosWatch:
         """End it. Twice is fine."""
         if self._rtps is not None:
             self._rtps.close()
+        self._at_router.join()
 
     def around(self, session: Session) -> RosAround:
         """The findings so far; `session` is that of the bus."""
-        for thread in self._threads:
+        for thread in (self._at_router, self._at_master):
             thread.join(_LATER_S)
         on_bus = [] if self._settings.closed else _tokens_of(session)
         nodes, bridges = read_tokens([*on_bus, *self._tokens])
@@ -393,15 +392,16 @@ class RosWatch:
     def look_at_router(self) -> None:
         """The tokens at rmw_zenoh's router, which this bus need not be connected to."""
         with suppress(OSError):
-            socket.create_connection((_ROUTER_HOST, _ROUTER_PORT), _ANSWER_WITHIN_S).close()
+            socket.create_connection(ROS_ROUTER, _ANSWER_WITHIN_S).close()
             settings = NodeSettings(
                 self._settings.name,
                 namespace="",
                 mode="client",
-                connect=(_ROUTER,),
+                connect=("tcp/{}:{}".format(*ROS_ROUTER),),
                 listen=(),
                 config="",
                 secure="",
+                network="wifi",  # a stranger that does not answer is given up after 1 s
             )
             log = logging.getLogger(__name__)
             with suppress(BusError), Session(settings, log, is_second=True) as session:

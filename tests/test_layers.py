@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -270,25 +271,59 @@ def test_only_the_bus_imports_zenoh() -> None:
     assert unstable == {"retained.py"}
 
 
-# What runs in a simulation too, and what of it has to do with the real machine.
-SIMULATED = ["runtime", "buffer", "bus", "discover", "node", "broadcast", "listen", "frames", "bag"]
+# Python's own of these are in runtime/scheduler.py alone. Programs, bridges and windows have them,
+# too, for which a simulation has stand-ins (testing/of_python.py), and files that have to do with
+# the real machine.
+WAITING = {"_thread", "queue", "sched", "select", "selectors", "threading", "time"}
+PROGRAMS = {
+    *("__main__", "cli", "command", "compat", "doctor", "foxglove", "launch", "ros", "ros.bridge"),
+    *("secure", "testing", "top", "view"),
+}
 REAL = {
     "runtime/scheduler.py": "it is the one place",
     "runtime/signals.py": "signals come to the main thread of a real process",
     "runtime/callbacks.py": "what belongs to a thread of Python's",
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
-    "buffer/formats.py": "dates as texts",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
+    "bus/neighbours.py": "the sockets of the real network",
     "bus/network_session.py": "the end of a process",
 }
 
 
-@pytest.mark.parametrize("package", SIMULATED)
-def test_time_threads_and_waiting_come_from_the_scheduler(package: str) -> None:
-    """Code that runs in a simulation takes time, threads and queues from runtime/scheduler.py."""
-    for path in sources(f"tfbus/{package}"):
-        if str(path.relative_to(ROOT / "tfbus")) not in REAL:
-            assert not libraries(path) & {"time", "threading", "queue"}, path
+def test_time_threads_and_waiting_come_from_the_scheduler() -> None:
+    """The core takes time, threads and queues from runtime/scheduler.py."""
+    core = [path for path in LIBRARY if package_of(path) not in PROGRAMS]
+    users = {str(path.relative_to(ROOT / "tfbus")) for path in core if libraries(path) & WAITING}
+    assert users == REAL.keys()
+
+
+def _at_import(tree: ast.AST) -> Iterator[ast.AST]:
+    """What of a file runs when it is imported: all but the bodies of functions, and annotations."""
+    for name, value in ast.iter_fields(tree):
+        is_body = name == "body" and isinstance(tree, FUNCTIONS)
+        if not is_body and name not in ("annotation", "returns"):
+            for each in value if isinstance(value, list) else [value]:
+                if isinstance(each, ast.AST):
+                    yield each
+                    yield from _at_import(each)
+
+
+FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda
+
+
+def test_names_of_the_scheduler_are_looked_up_when_they_are_used() -> None:
+    """A simulation replaces them: no file binds one at its import, as a default of an argument."""
+    for path in LIBRARY:
+        assert not [name for name in imports(path) if name.startswith(f"{SCHEDULER}.")], path
+        if SCHEDULER in imports(path):
+            tree = ast.parse(path.read_text())
+            bound = [
+                ast.unparse(each) for each in _at_import(tree) if isinstance(each, ast.Attribute)
+            ]
+            assert not [text for text in bound if text.startswith("scheduler.")], path
+
+
+SCHEDULER = "tfbus.runtime.scheduler"
 
 
 @pytest.mark.parametrize("package", ["core", "geometry", "buffer", "robot"])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulation.histories import Part, Run, violation
+from tests.simulation.histories import Part, Run, shrunk, violation
 from tests.simulation.injected import injected
 from tests.simulation.model import Publisher
 from tests.simulation.plans import LARGE, SMALL, Plan, Size
@@ -100,6 +100,18 @@ def test_a_defect_that_is_put_back_is_found() -> None:
     """A timer that is not cancelled violates a law."""
     with injected("a timer is not cancelled"):
         assert any("a cancelled timer ticks" in (violation(Plan.drawn(n)) or "") for n in range(5))
+
+
+def test_a_history_that_fails_is_made_smaller() -> None:
+    """Of its actions those are left without which it holds all laws."""
+    plan = Plan.drawn(0)
+    with injected("a timer is not cancelled"):
+        smallest = shrunk(plan)
+        assert violation(smallest)
+        actions = smallest.actions
+        assert len(actions) < len(plan.actions)
+        for left_out in actions:
+            assert not violation(smallest.only(each for each in actions if each is not left_out))
 
 
 def _turns(plan: Plan) -> tuple[int, int]:

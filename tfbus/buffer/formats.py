@@ -6,7 +6,6 @@ All but `show` take the frames as `buffer.all_frames()` returns them.
 import math
 import re
 import sys
-import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.geometry.transform import TransformStamped
+from tfbus.runtime import scheduler
 from tfbus.wording import counted, printable, stamp_text
 
 # The rate that tf2 writes for static edges, which have none.
@@ -56,7 +56,7 @@ def as_yaml(frames: Iterable[FrameInfo]) -> str:
 
 def as_dot(frames: Iterable[FrameInfo], recorded_ns: int | None = None) -> str:
     """A Graphviz graph in the form of tf2's view_frames; the legend says when it was recorded."""
-    recorded_ns = time.time_ns() if recorded_ns is None else recorded_ns
+    recorded_ns = scheduler.time_ns() if recorded_ns is None else recorded_ns
     edges = [frame for frame in frames if frame.parent is not None]
     if not edges:
         return 'digraph G { "no tf data received" }'

@@ -19,7 +19,7 @@ from tfbus.bus import zenoh_library
 from tfbus.runtime import scheduler
 from tfbus.testing.fabric import Fabric, Faults
 from tfbus.testing.links import Paths
-from tfbus.testing.of_python import standing_in
+from tfbus.testing.of_python import random_numbers_of, standing_in
 from tfbus.testing.primitives import scheduler_names
 from tfbus.testing.processes import START_NS, Host, Process, ProcessTable
 from tfbus.testing.programs import Program, module_of
@@ -43,8 +43,8 @@ class Network:
 
     The seed decides all that is left to chance. `interleaving` is the mean number of steps after
     which a task gives its turn away without need. `faults` says how often Zenoh fails. Hosts and
-    processes are given as what `host` and `process` hand out, or by their names. Settings in the
-    environment (TFBUS_MODE and others) have no effect.
+    processes are given themselves, or by their names. Settings in the environment (TFBUS_MODE and
+    others) have no effect.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:
@@ -70,6 +70,7 @@ class Network:
         names = scheduler_names(self.tasks)
         with ExitStack() as stack:
             stack.enter_context(without_settings())
+            stack.enter_context(random_numbers_of(self.seed))
             stack.enter_context(scheduler.replaced_by(names))
             stack.enter_context(standing_in(self._table, names))
             stack.enter_context(zenoh_library.replaced_by(self._fabric))
@@ -98,8 +99,8 @@ class Network:
         """The host of this name, made the first time.
 
         Its clock is `offset_s` ahead of the others and gains `drift_ppm` microseconds a second;
-        `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`. Raises SimulationError if it
-        is there with another clock.
+        `host.step_clock` sets it. Endpoints name it: `tcp/NAME:7447`. Raises SimulationError for
+        another clock than it has.
         """
         return self._table.host_with_clock(name, offset_s, drift_ppm)
 
@@ -112,7 +113,7 @@ class Network:
 
     @contextmanager
     def within(self, process: Process | str) -> Iterator[None]:
-        """Enter a process that runs: all calls until the end of the `with` happen in it."""
+        """Enter a process: all calls until the end of the `with` happen in it."""
         entered = self._process(process)
         if not entered.is_running:
             raise SimulationError(f"process {entered.name!r} does not run: nothing happens in it")
@@ -241,8 +242,8 @@ class Network:
         unless an endpoint says `udp`, both only delay those behind; on links of UDP a lost packet
         is lost, and so is one that another overtakes. More than `bytes_a_second` (0: no bound)
         waits, and is dropped where too much does. Without `multicast` peers meet only at the
-        endpoints of `connect`, or introduced by others. Raises SimulationError for a negative
-        number, and for a share of 1 or more: `cut` lets nothing pass.
+        endpoints of `connect`, or introduced by others. Shares are below 1: `cut` lets nothing
+        pass.
         """
         for name, share in (("loss", loss), ("reordering", reordering)):
             if not 0.0 <= share < 1.0:
@@ -290,7 +291,7 @@ class Network:
         """Give a host another address, as another access point does: its links are lost.
 
         The host notices at once, the others after the lease. `path` says how it is reached then.
-        Endpoints that name it by `address` lead to it from now on.
+        Endpoints may name it by `address`.
         """
         moved = self._host(host)
         moved.address = address or moved.name
@@ -317,10 +318,10 @@ class Network:
         until: Callable[[], object] | None = None,
         timeout_s: float = 60.0,
     ) -> float:
-        """Let the network run for this many of its seconds, or until a condition holds.
+        """Let the network run for so many seconds, or until a condition holds.
 
         Returns the seconds that have passed. Raises SimulationError if the condition does not
-        hold after `timeout_s`, and if neither is given.
+        hold after `timeout_s`.
         """
         if self.tasks.is_over:
             raise SimulationError(_IN_FORCE)

@@ -1,7 +1,8 @@
 """Python's own clocks, threads and signals, as the code of a simulated process finds them.
 
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
-in a simulated process these are the simulation's, also if a module has `from time import sleep`.
+in a simulated process these are the simulation's, also where they were bound before
+(`from time import sleep`).
 Outside of its tasks, and for locks and programs of a module that is being imported, they stay
 Python's own: matplotlib asks a program for the fonts. Any other call that cannot be simulated is
 refused.
@@ -13,6 +14,7 @@ import asyncio
 import atexit
 import os
 import queue
+import random
 import shlex
 import signal
 import socket
@@ -20,14 +22,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import zenoh
 
 from tfbus.testing import primitives
+from tfbus.testing.bound_names import rebind
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 if TYPE_CHECKING:
@@ -114,19 +118,6 @@ def _session(*_: object, **__: object) -> NoReturn:
     )
 
 
-# Modules that measure or wait in real time, whoever is running.
-_REAL = frozenset(sys.stdlib_module_names) | {
-    "_pytest",
-    "execnet",
-    "hypothesis",
-    "pluggy",
-    "pytest",
-    "tfbus",
-    "xdist",
-    "zenoh",
-}
-
-
 @contextmanager
 def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
     """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
@@ -139,57 +130,11 @@ def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
             replaced[id(real)] = real, stand_in
             setattr(owner, name, stand_in)
             stack.callback(setattr, owner, name, real)
-        _rebind(replaced)
+        rebind(replaced)
         try:
             yield
         finally:
-            _rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
-
-
-class _Searched:
-    """Modules that were searched for names that a simulation replaces."""
-
-    def __init__(self) -> None:
-        # There are thousands: beside each its names, and how many these were.
-        self._modules: list[Any] = []
-        self._namespaces: list[dict[str, Any]] = []
-        self._sizes: list[int] = []
-        # Those that have some of the names, and which.
-        self._bound: list[tuple[Any, tuple[str, ...]]] = []
-
-    def bound(self, replaced: Container[int]) -> list[tuple[Any, tuple[str, ...]]]:
-        """The modules that have some of the names, and which; all are searched if one is new, or
-        has new names.
-        """
-        modules = list(sys.modules.values())
-        if modules != self._modules or list(map(len, self._namespaces)) != self._sizes:
-            former = dict(zip(map(id, self._modules), self._sizes, strict=True))
-            bound = {id(module): attributes for module, attributes in self._bound}
-            self._modules, self._namespaces, self._bound = modules, [], []
-            for name, module in list(sys.modules.items()):
-                is_real = name.partition(".")[0] in _REAL
-                namespace = {} if is_real else getattr(module, "__dict__", {})
-                self._namespaces.append(namespace)
-                if former.get(id(module)) == len(namespace):
-                    found = bound.get(id(module), ())
-                else:
-                    found = tuple(n for n, value in namespace.items() if id(value) in replaced)
-                if found:
-                    self._bound.append((module, found))
-            self._sizes = list(map(len, self._namespaces))
-        return self._bound
-
-
-_searched = _Searched()
-
-
-def _rebind(replaced: dict[int, tuple[Any, Any]]) -> None:
-    """Replace names in modules that have bound them, as `from time import sleep` does."""
-    for module, attributes in _searched.bound(replaced):
-        namespace = module.__dict__
-        for attribute in attributes:
-            if id(namespace.get(attribute)) in replaced:
-                setattr(module, attribute, replaced[id(namespace[attribute])][1])
+            rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
 
 
 def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
@@ -219,6 +164,9 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
 
     for name in ("Lock", "RLock"):
         yield threading, name, made(getattr(threading, name), names[name])
+    # Conditions of Python's own wait by it: of an event that a module has made, say.
+    own = threading._allocate_lock  # type: ignore[attr-defined]
+    yield threading, "_allocate_lock", made(own, partial(primitives.WaiterLock, tasks))
     yield threading, "Event", _class_of(threading.Event, names["Event"], is_task)
     yield (
         threading,
@@ -246,6 +194,10 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
         chosen(signal.raise_signal, lambda number: table.signal(process(), number)),
     )
     yield os, "urandom", chosen(os.urandom, names["urandom"])
+    # A module that is imported, in the first simulation alone, draws nothing of it.
+    own = random._urandom  # type: ignore[attr-defined]
+    yield random, "_urandom", made(own, names["urandom"])
+    yield random.Random, "seed", _seed
     yield socket, "gethostname", chosen(socket.gethostname, lambda: process().host.name)
     yield os, "getpid", chosen(os.getpid, names["getpid"])
     yield os, "kill", chosen(os.kill, table.signal_pid)
@@ -254,6 +206,30 @@ def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[A
     yield atexit, "unregister", chosen(atexit.unregister, table.forget_at_exit)
     for owner, name, refusal in refusals():
         yield owner, name, made(getattr(owner, name), refusal)
+
+
+def _seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
+    """As `Random.seed`: without a seed of its own a generator has one of `random._urandom`."""
+    drawn = random._urandom(16) if a is None else a  # type: ignore[attr-defined]
+    _real_seed(generator, drawn, version)
+
+
+_real_seed = random.Random.seed
+
+
+@contextmanager
+def random_numbers_of(seed: int) -> Iterator[None]:
+    """Until the end of the `with` the generator of `random` has this seed, and numpy's."""
+    import numpy.random as arrays  # slow: only where there is a network
+
+    former, former_arrays = random.getstate(), arrays.get_state()
+    random.seed(seed)
+    arrays.seed(seed % 2**32)
+    try:
+        yield
+    finally:
+        random.setstate(former)
+        arrays.set_state(former_arrays)
 
 
 def is_importing() -> bool:

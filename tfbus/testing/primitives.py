@@ -5,15 +5,19 @@ Each has the methods of Python's own that tfbus uses, with the same meaning.
 
 import asyncio
 import queue
+import signal
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVarTuple
 
-from tfbus.testing.tasks import Task, Tasks
+from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 if TYPE_CHECKING:
     from tfbus.testing.processes import Process
+
+
+Given = TypeVarTuple("Given")
 
 
 class Waiting:
@@ -98,6 +102,8 @@ class Lock:
             if tasks.is_over:
                 return
             raise RuntimeError("release unlocked lock")
+        if self._is_reentrant and not (self._is_owned() or tasks.is_over):
+            raise RuntimeError("cannot release un-acquired lock")
         self._depth -= 1
         if self._depth and self._is_reentrant:
             return
@@ -163,6 +169,7 @@ class Condition:
 
     def wait(self, timeout: float | None = None) -> bool:
         lock = self._lock
+        self._check_owned("wait on")
         depth, lock._depth = lock._depth, 1
         lock.holder, me = None, lock.holder
         lock._waiting.wake_one()
@@ -185,10 +192,38 @@ class Condition:
         return result
 
     def notify(self, n: int = 1) -> None:
+        self._check_owned("notify on")
         for _ in range(n):
             self._waiting.wake_one()
 
     def notify_all(self) -> None:
+        self._check_owned("notify on")
+        self._waiting.wake_all()
+
+    def _check_owned(self, what: str) -> None:
+        if not (self._lock._is_owned() or self._tasks.is_over):
+            raise RuntimeError(f"cannot {what} un-acquired lock")
+
+
+class WaiterLock:
+    """The lock by which a condition of Python's own waits, such as that of an event which was made
+    before the simulation: its second `acquire` waits for the `release`.
+
+    It never gives the turn away: the condition holds a real lock.
+    """
+
+    def __init__(self, tasks: Tasks) -> None:
+        self._waiting = Waiting(tasks)
+        self._is_held = False
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        if not self._is_held:
+            self._is_held = True
+            return True
+        return blocking and self._waiting.wait("a condition", None if timeout < 0 else timeout)
+
+    def release(self) -> None:
+        self._is_held = False
         self._waiting.wake_all()
 
 
@@ -257,11 +292,52 @@ class SimulatedEventLoop(asyncio.BaseEventLoop):
         """The virtual time, in seconds."""
         return self._tasks.now_ns / 1e9
 
+    def add_signal_handler(
+        self, sig: int, callback: Callable[[*Given], object], *args: *Given
+    ) -> None:
+        """Call this in the loop at a signal to its process."""
+
+        def handle(*_: object) -> None:
+            self.call_soon_threadsafe(callback, *args)
+
+        self._process.set_handler(sig, handle)
+
+    def remove_signal_handler(self, sig: int) -> bool:
+        """Whether there was a handler, which is called no more."""
+        default = signal.default_int_handler if sig == signal.SIGINT else signal.SIG_DFL
+        return bool(self._process.set_handler(sig, default) != default)
+
+    @property
+    def _process(self) -> "Process":
+        return self._tasks.current.place  # type: ignore[return-value]
+
     def _process_events(self, event_list: list[Any]) -> None:
         pass
 
     def _write_to_self(self) -> None:
         self._selector.event.set()
+
+
+def _refusal(name: str) -> Callable[..., NoReturn]:
+    def refuse(*_: object, **__: object) -> NoReturn:
+        raise SimulationError(
+            f"{name} of asyncio cannot be simulated: files, pipes, sockets and programs are in "
+            "real time. Use a topic or a service, or give the node an object in its place"
+        )
+
+    return refuse
+
+
+for _name, _internal in {
+    "subprocess": "_make_subprocess_transport",
+    "connect_read_pipe": "_make_read_pipe_transport",
+    "connect_write_pipe": "_make_write_pipe_transport",
+    "add_reader": "add_reader",
+    "add_writer": "add_writer",
+    "create_unix_connection": "create_unix_connection",
+    "create_unix_server": "create_unix_server",
+}.items():
+    setattr(SimulatedEventLoop, _internal, _refusal(_name))
 
 
 def scheduler_names(tasks: Tasks) -> dict[str, Any]:

@@ -10,7 +10,6 @@ Compiled if there is a C compiler (`numbered.pxd` has the C types).
 """
 
 import math
-import threading
 from array import array
 from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
@@ -19,6 +18,7 @@ from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE, Pose
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns, rows_of
+from tfbus.runtime import scheduler
 
 # How a stream can send its poses; the first is the default, as version 1 has them.
 FLOAT64, FLOAT32, COMPACT = POSES = ("float64", "float32", "compact")
@@ -133,7 +133,7 @@ class FrameNumbers:
         self._ascending = sorted(self._named)
         self._kinds: dict[bytes, NumberedRows] = {}
         self._bytes = 0
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
 
     def get(self, runs: bytes) -> NumberedRows | None:
         """The rows that were found before for these runs, as they stand in a message."""

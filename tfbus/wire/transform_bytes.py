@@ -5,13 +5,13 @@ Compiled if there is a C compiler (`transform_bytes.pxd` has the C types).
 """
 
 import sys
-import threading
 
 from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped, child_name
+from tfbus.runtime import scheduler
 from tfbus.wire.numbered import FrameNumbers
 
 try:
@@ -87,7 +87,7 @@ class NameTables:
         self.names: dict[bytes, tuple[str, ...]] = {}
         self._count = 0
         self._bytes = 0
-        self._lock = threading.Lock()
+        self._lock = scheduler.Lock()
 
     def keep(self, table: bytes, names: tuple[str, ...]) -> None:
         """Keep a list of names; if there are too many, the oldest lists are forgotten."""

@@ -141,32 +141,6 @@ def test_a_publisher_that_is_closed_is_gone_at_once(legs: tuple[Any, Any]) -> No
         sender.send(HI)
 
 
-def test_no_call_goes_on_after_its_subscription_is_closed(legs: tuple[Leg, Leg]) -> None:
-    """What closes it waits for the call, except the call itself."""
-    one, two = legs
-    closed = threading.Event()
-    was_closed: list[bool] = []
-
-    def close() -> None:
-        subscription.close()
-        closed.set()
-
-    def hear(*_: object) -> None:
-        closing.start()
-        was_closed.append(closed.wait(0.2))
-
-    def end(*_: object) -> None:
-        itself.close()
-        ended.append(True)
-
-    closing = threading.Thread(target=close, daemon=True)
-    ended: list[bool] = []
-    subscription, itself = one.subscribe(CHATTER, hear), one.subscribe(CHATTER, end)
-    sender = two.publisher(CHATTER)
-    send_until(lambda: sender.send(HI), lambda: closed.is_set() and bool(ended))
-    assert was_closed == [False] and ended == [True]
-
-
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:
     """The last message of a retained topic is there for who comes later."""
     one, two = legs

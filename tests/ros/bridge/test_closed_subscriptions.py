@@ -13,9 +13,7 @@ import pytest
 
 from tests import needs
 from tests.buses import send_until
-from tests.ros.bridge.test_dds_leg import HI as HI_IN_CDR
-from tests.ros.bridge.test_dds_leg import claim_domain
-from tests.ros.bridge.test_rospy_leg import FakeSubscriber
+from tests.ros.bridge.dds_domain import claim_domain
 from tfbus.ros.bridge.legs import Endable, LegSettings, OnMessage, RosTopic
 from tfbus.ros.bridge.legs.rospy import RospySubscription
 from tfbus.ros.bridge.legs.zenoh import ZenohSubscription
@@ -24,6 +22,9 @@ from tfbus.runtime.log import LogOnce
 
 CHATTER = RosTopic("/chatter", STRING)
 LOG = logging.getLogger("leg")
+
+# "hi" as ROS 2 has it, and as ROS 1.
+HI, HI_OF_ROS1 = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00", b"\x02\x00\x00\x00hi"
 
 Subscribe = Callable[[OnMessage], Endable]
 # Subscriptions of a leg, and a call by which a message comes to all of them.
@@ -47,14 +48,20 @@ def on_rospy() -> Iterator[Subscriptions]:
     """Subscriptions of the leg to ROS 1, with a rospy in memory."""
     nothing = lambda *_: None  # noqa: E731
     leg: Any = SimpleNamespace(began=nothing, ended=nothing, heard=nothing)
-    rospy = SimpleNamespace(Subscriber=FakeSubscriber)
-    FakeSubscriber.made = []
+    message = SimpleNamespace(_connection_header={"callerid": "/talker"}, payload=HI_OF_ROS1)
+    made: list[Callable[[object], None]] = []
+
+    def subscriber(name: str, data_class: type, callback: Any, **_: object) -> Any:
+        made.append(callback)
+        return SimpleNamespace(unregister=lambda: None)
+
+    rospy = SimpleNamespace(Subscriber=subscriber)
 
     def subscribe(on_message: OnMessage) -> RospySubscription:
         return RospySubscription(leg, rospy, CHATTER, on_message, "/own", LogOnce(LOG))
 
     with patch.dict(sys.modules, genpy=cast(Any, SimpleNamespace(Message=object))):
-        yield subscribe, lambda: [each.hear("/talker") for each in FakeSubscriber.made] and None
+        yield subscribe, lambda: [each(message) for each in made] and None
 
 
 @contextmanager
@@ -73,7 +80,7 @@ def on_dds() -> Iterator[Subscriptions]:
         opened.callback(one.close)
         opened.callback(two.close)
         sender = two.publisher(CHATTER)
-        yield lambda on_message: one.subscribe(CHATTER, on_message), lambda: sender.send(HI_IN_CDR)
+        yield lambda on_message: one.subscribe(CHATTER, on_message), lambda: sender.send(HI)
 
 
 @pytest.mark.parametrize(

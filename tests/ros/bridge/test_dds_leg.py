@@ -10,6 +10,7 @@ import pytest
 
 from tests import needs
 from tests.buses import DEADLINE_S, eventually, send_until
+from tests.ros.bridge.dds_domain import claim_domain
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.ros.bridge.legs import open_leg as open_by_name
@@ -20,8 +21,6 @@ from tfbus.ros.rmw import NodeEntities, ParticipantNodes, domain_of, encode_node
 pytestmark = pytest.mark.real
 
 LOG = logging.getLogger("leg")
-# Their ports are below those that systems give out, so that each has its own.
-DOMAINS = range(50, 100)
 # "hi", in CDR.
 HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
 CHATTER = RosTopic("/chatter", STRING)
@@ -32,20 +31,6 @@ KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
 
 
 OpenLeg = Callable[..., Any]
-
-
-def claim_domain() -> tuple[int, socket.socket]:
-    """A domain that no other process with these tests has, until the socket is closed."""
-    for domain in DOMAINS:
-        claim = socket.socket()
-        try:
-            # That of its multicast, by UDP; nothing else is at the same port by TCP.
-            claim.bind(("127.0.0.1", 7400 + 250 * domain))
-        except OSError:
-            claim.close()
-        else:
-            return domain, claim
-    raise OSError("all domains of DDS are in use")
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,6 @@
 """Presence: nodes start, are listed and described, and end."""
 
 import logging
-from collections.abc import Callable
-from functools import partial
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 
@@ -15,16 +11,12 @@ from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.discover.presence import (
     Described,
-    GraphWatch,
-    NodeRoster,
     NodeWatch,
     ask_nodes,
     describe_nodes,
     key_beside,
     list_nodes,
 )
-from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
 
@@ -192,39 +184,6 @@ def attempt(session: Session) -> list[NodeDescription]:
         return []
 
 
-def test_a_watch_tells_of_the_nodes_of_other_sessions(bus: Bus) -> None:
-    """It asks again and again, so that a node which comes later is there too."""
-    session = look(bus)
-    executor = Executor("graph", logging.getLogger("test"))
-    seen: list[list[str]] = []
-    watch = GraphWatch(session, logging.getLogger("test"), answer_within_s=0.8)
-    watch.start(executor, lambda nodes: seen.append(sorted(node.name for node in nodes)))
-    eventually(lambda: [] in seen)
-    bus.node("sim")
-    bus.node("sim", namespace="robot7")
-    eventually(lambda: bool(seen) and seen[-1] == ["/robot7/sim", "/sim"])
-    executor.close()
-
-
-def test_a_watch_passes_over_a_node_that_it_cannot_read(
-    bus: Bus, caplog: pytest.LogCaptureFixture
-) -> None:
-    """That is logged once, however often it asks."""
-    session = look(bus)
-
-    def answer(query: Query) -> None:
-        with query.answering("description"):
-            query.answer(node_key("odd"), b"odd")
-
-    other = bus.node("sim").session
-    declared = other.queryable(node_key("odd"), answer)
-    watch = GraphWatch(session, logging.getLogger("test"), answer_within_s=0.8)
-    eventually(lambda: bool(watch.nodes() and caplog.messages))
-    assert [node.name for node in watch.nodes()] == ["/sim"]
-    assert sum("odd" in line for line in caplog.messages) == 1
-    declared.close()
-
-
 def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
     """The node it comes from is not said to be silent as well, whatever others are called."""
 
@@ -243,53 +202,3 @@ def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
     assert "'/odd'" in str(ask().unreadable[0])
     for each in (declared, *tokens):
         each.close()
-
-
-class NoNodes:
-    """A session without answers, and whose tokens come as the test says."""
-
-    id = "own"
-    settings = SimpleNamespace(namespace="")
-
-    def __init__(self) -> None:
-        self.asked = 0
-        self.on_token: Callable[[str, bool], None]
-
-    def has_asked_since(self, before: int) -> bool:
-        """Whether a further question was asked."""
-        return self.asked > before
-
-    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
-        """Keep what tokens are given to."""
-        self.on_token = callback
-        return SimpleNamespace(close=lambda: None)
-
-    def ask(self, key: str, timeout_s: float) -> list[Any]:
-        """No node answers."""
-        self.asked += 1
-        return []
-
-
-@pytest.mark.usefixtures("network")
-def test_tokens_that_come_and_go_make_one_look_of_a_roster_wait() -> None:
-    """However often, the looks do not pile up, and the last state counts."""
-    session = NoNodes()
-    roster = NodeRoster(cast(Session, session), lambda *_: None, log=logging.getLogger("test"))
-    for number in range(300):
-        asked = session.asked
-        session.on_token("@tfbus/node/sim", True)
-        if number < 5:
-            eventually(partial(session.has_asked_since, asked))
-        scheduler.sleep(1e-3)
-        session.on_token("@tfbus/node/sim", False)
-        scheduler.sleep(1e-3)
-    session.on_token("@tfbus/node/sim", True)
-    asked = session.asked
-    scheduler.sleep(3.0)
-    assert asked < session.asked <= asked + 10
-    session.on_token("@tfbus/node/sim", False)
-    scheduler.sleep(1.0)
-    asked = session.asked
-    scheduler.sleep(30.0)
-    assert session.asked == asked
-    roster.close()

@@ -13,6 +13,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from tests.buses import DEADLINE_S, eventually
+from tfbus import TransformStamped
+from tfbus.ros.tf_message import TFMessageReader
 
 T = TypeVar("T")
 
@@ -149,6 +151,13 @@ class Client:
     def of(self, topic: str) -> list[bytes]:
         """The messages of a topic."""
         return [data for name, _, data in list(self.messages) if name == topic]
+
+    def transforms_at(self, topic: str, log_ns: int) -> list[TransformStamped]:
+        """The transforms that came on a topic with this log time."""
+        found = [
+            data for name, at_ns, data in list(self.messages) if (name, at_ns) == (topic, log_ns)
+        ]
+        return [each for data in found for each in TFMessageReader().read(data)]
 
     def texts_of(self, op: str) -> list[dict[str, Any]]:
         """The messages in JSON of one kind."""

@@ -1,6 +1,5 @@
 """A recording as Foxglove's bar plays it."""
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +11,9 @@ pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 
 from tests.builders import S, moved
-from tests.buses import DEADLINE_S, eventually
+from tests.buses import eventually
 from tests.foxglove.client import Client
+from tests.foxglove.playing import watching_transforms
 from tfbus import Fleet, TransformStamped
 from tfbus.foxglove.front import Serving
 from tfbus.foxglove.playback import PlaybackBridge
@@ -91,19 +91,10 @@ def client(recording: Path) -> Iterator[Client]:
 
 @contextmanager
 def watching(bridge: PlaybackBridge) -> Iterator[Client]:
-    """A client that watches all transforms of a bridge."""
-    player = threading.Thread(target=bridge.run, daemon=True)
-    player.start()
-    try:
-        with Client(bridge.front.port) as client:
-            client.subscribe("/tf")
-            client.subscribe("/tf_static")
-            eventually(lambda: client.of("/tf_static"))
-            yield client
-    finally:
-        bridge.stop()
-        player.join(DEADLINE_S)
-        bridge.close()
+    """A client that watches all transforms of a bridge, and has the static ones."""
+    with watching_transforms(bridge) as client:
+        eventually(lambda: client.of("/tf_static"))
+        yield client
 
 
 def x_of(client: Client, topic: str = "/tf") -> list[float]:
@@ -152,7 +143,7 @@ def test_a_seek_shows_where_everything_was(client: Client) -> None:
     client.messages.clear()
     state = client.control(play=False, seek_ns=START + 5 * S, request="seek")
     assert (state.status, state.did_seek, state.time_ns) == (PAUSED, True, START + 5 * S)
-    eventually(lambda: x_of(client)[-1:] == [4.9])
+    eventually(lambda: x_of(client)[-1:] == [5.0])
     eventually(lambda: x_of(client, "/tf_static")[-1:] == [0.25])
     eventually(lambda: "/battery" in client.channels)
 

@@ -14,6 +14,7 @@ from tests.recordings import at, described, gone, node, publisher, statics, stea
 from tests.simulated_bus import Bus
 from tfbus import FileError, InvalidArgumentException, MissingFileError, Node
 from tfbus.inspect import BusChange, BusMoment, Recorded, Watch
+from tfbus.messages import Vector3
 from tfbus.runtime import scheduler
 
 S = 1_000_000_000
@@ -23,7 +24,11 @@ def contents(moment: BusMoment) -> dict[str, Any]:
     """All of a moment that does not depend on when a message was on its way."""
     return {
         "frames": {
-            name: (each.parent, each.state, each.faults, each.publishers, each.node, each.host)
+            name: (
+                *(each.parent, each.state, each.faults, each.publishers, each.host),
+                # Of publishers that are in conflict the last to send.
+                "" if "conflict" in each.faults else each.node,
+            )
             for name, each in moment.frames.items()
         },
         "streams": {name: each.frames for name, each in moment.streams.items() if each.alive},
@@ -83,6 +88,19 @@ def test_a_moment_is_the_same_live_and_recorded(bus: Bus, tmp_path: Path, seed: 
     with Recorded(path) as recorded:
         for moment in live:
             assert contents(recorded.at(moment.at_ns)) == contents(moment)
+
+
+def test_a_topic_is_in_the_moment_a_second_after_it_began(bus: Bus) -> None:
+    """Also of a node that has been there for long, and of a namespace below; nothing waits."""
+    robot = bus.node("sim", namespace="robot7")
+    with Watch(bus.node("watching")) as watch:
+        scheduler.sleep(33.3)
+        robot.create_publisher(Vector3, "flag")
+        keep_sending(robot, "map", "base")
+        scheduler.sleep(1.3)
+        before_s = scheduler.monotonic()
+        assert {"robot7/flag", "robot7/tf/sim"} <= watch.now().topics.keys()
+        assert scheduler.monotonic() == before_s
 
 
 def kinds(changes: list[BusChange]) -> list[tuple[str, str]]:

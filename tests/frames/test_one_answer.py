@@ -229,8 +229,40 @@ def test_a_path_has_one_answer(drawn: tuple[Drawn, BagChoice]) -> None:
             assert [each.stamp_ns for each in found] == path.stamps_ns.tolist()
 
 
+@pytest.mark.real
+def test_foxglove_shows_the_same_moment(drawn: tuple[Drawn, BagChoice]) -> None:
+    """A client that seeks while it stands gets the latest transforms, those of the buffer."""
+    pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
+    from tests.foxglove.playing import watching_transforms
+    from tfbus.foxglove.front import Serving
+    from tfbus.foxglove.playback import PlaybackBridge
+    from tfbus.foxglove.topics import present
+
+    robot, bag = drawn
+    with Recording(*bag.paths) as recording, RecordingReader(*bag.paths) as reader:
+        span = reader.start_ns, reader.end_ns
+        stamps = [each for each in robot.stamps(6) if span[0] <= each <= span[1]]
+        sent = [each.log_ns for each in robot.items if isinstance(each, TransformItem)]
+        stamps += robot.random.sample(sent, 4)  # exactly when a message came
+        with watching_transforms(PlaybackBridge(bag.paths, span, Serving(port=0))) as client:
+            for number, stamp_ns in enumerate([*stamps, span[1]]):
+                client.control(play=False, seek_ns=stamp_ns, request=str(number))
+        for stamp_ns in stamps:
+            whole = recording.buffer(None, stamp_ns)
+            for topic, static in (("/tf", False), ("/tf_static", True)):
+                wanted = {shown(each) for each in present(whole, static=static)}
+                found = client.transforms_at(topic, stamp_ns)
+                assert {shown(each) for each in found} == wanted, (topic, stamp_ns - T0)
+
+
+def shown(transform: TransformStamped) -> tuple[Any, ...]:
+    """A transform as a value."""
+    frames = transform.frame_id, transform.child_frame_id
+    return (*frames, transform.stamp_ns, transform.transform.as_pose())
+
+
 def test_a_moment_has_one_answer(drawn: tuple[Drawn, BagChoice]) -> None:
-    """`frames` and Foxglove, which seek, `monitor` and `doctor`, which play, `view` and
+    """`frames`, which seeks, `monitor` and `doctor`, which play, `view` and
     `Recording.buffer` have the same latest transforms, which are those of the stamp.
     """
     robot, bag = drawn

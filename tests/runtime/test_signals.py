@@ -117,7 +117,7 @@ def test_ctrl_c_counts_though_an_import_swallows_it(
     (tmp_path / "swallowing.py").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        exported("tfbus", {"name": "swallowing"})("name")
+        exported("tfbus", {"name": "swallowing"})[0]("name")
     assert sys.modules.pop("swallowing").name == 1
     assert signals.stopped
 

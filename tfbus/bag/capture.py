@@ -11,7 +11,7 @@ from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, Transf
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.graph import TopicInfo, graph_of
-from tfbus.discover.presence import NodeRoster
+from tfbus.discover.graph_watch import GraphWatch
 from tfbus.discover.ros_types import RosTypes
 from tfbus.errors import InvalidNameError
 from tfbus.listen.info import MOST_GONE, StreamState
@@ -110,12 +110,14 @@ class Capture:
         self._streams = StreamWatch(
             node.session, self._on_state, everywhere=everywhere, log=node.log
         )
-        self._roster = NodeRoster(node.session, self._on_node, everywhere=everywhere, log=node.log)
+        self._graph = GraphWatch(
+            node.session, node.log, everywhere=everywhere, on_change=self._on_node
+        )
 
     def close(self) -> None:
         """Take nothing further. Twice is fine."""
         self._streams.close()
-        self._roster.close()
+        self._graph.close()
         for declaration in chain(self._declarations, *self._subscribed.values()):
             declaration.close()
         for topic in self._topics.values():

@@ -35,9 +35,10 @@ from tfbus.wording import counted, duration, printable
 # the same is left out.
 _BEFORE_NS = 30_000_000_000
 
-# First comes what is sent now; and what is sent last has to be on the disk there.
-_AFTER_S = 4.0
-_OVERLAP_NS = 2_000_000_000
+# The processes of a robot have their links back one after the other, within this time. What they
+# send last has to be on the disk there before it is asked for.
+_OVERLAP_NS = 6_000_000_000
+_AFTER_S = 8.0
 
 # All that is lost with a link is noticed within this time.
 _NOTICED_WITHIN_NS = 5_000_000_000

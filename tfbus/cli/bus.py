@@ -21,7 +21,6 @@ from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
-    from tfbus.discover.presence import NodeWatch
     from tfbus.frames.command_listener import Listening
     from tfbus.frames.recorded import RecordedFrames
 
@@ -45,13 +44,6 @@ def listening(
     from tfbus.frames.command_listener import listening as listening_to_all
 
     return listening_to_all(settings, fleet, **given)
-
-
-def watch_nodes(session: "Session") -> "NodeWatch":
-    """The names of the nodes that are there, from now on."""
-    from tfbus.discover.presence import NodeWatch
-
-    return NodeWatch(session)
 
 
 def look(session: "Session", *, warns: bool = True) -> Graph:

@@ -4,13 +4,13 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, watch_nodes
+from tfbus.cli.bus import frames_at, is_running, listening, moment_lines
 from tfbus.cli.output import (
     first_lines,
     is_terminal,
@@ -27,16 +27,12 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NOT_NEGATIVE, own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
-    from tfbus.discover.presence import NodeWatch
     from tfbus.frames.command_listener import Listening
-
-# Nodes describe themselves once; a restarted one may do so with another version.
-_ASK_NEW_EVERY_S, _ASK_EVERY_S = 2.0, 10.0
 
 # A watch looks at all frames as often as takes this share of the time, and at least so often; at
 # the robots' streams and nodes for each page.
@@ -113,26 +109,17 @@ def command(
         _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
         return
     with listening(settings, fleet, goes_on=watch, history_s=0.0) as heard:
-        heard.ask_nodes()
-        present = watch_nodes(heard.node.session)
+        heard.watch_nodes()
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
                 lost = _Lost(on_gone, on_back, grace_s)
-                _watch(heard, present, robots, period_s, show_all, lost, as_json)
+                _watch(heard, robots, period_s, show_all, lost, as_json)
             return
-        robots.robots(_moment(heard, present))
+        robots.robots(heard.moment())
         if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
             raise KeyboardInterrupt
-        moment = _moment(heard, present)
+        moment = heard.moment()
         _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
-
-
-def _moment(heard: "Listening", present: "NodeWatch", *, has_frames: bool = True) -> BusMoment:
-    """The bus now, with the nodes that are there now, described or not."""
-    moment, names = heard.moment(has_frames=has_frames), present.names()
-    nodes = tuple(each for each in moment.nodes if each.name in names)
-    others = names.difference(each.name for each in nodes)
-    return replace(moment, nodes=nodes, unanswered=tuple(sorted(others)))
 
 
 def _show(
@@ -157,22 +144,19 @@ def _show(
 
 def _watch(
     heard: "Listening",
-    present: "NodeWatch",
     watch: FleetWatch,
     period_s: float,
     show_all: bool,
     lost: "_Lost",
     as_json: bool,
 ) -> None:
-    pace = Pace(_ASK_EVERY_S, _ASK_NEW_EVERY_S)
-    pace.is_due()  # they were asked when the command began
     frames_due_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
     with suppress(KeyboardInterrupt), ExitStack() as stack:
         show = None if as_json else stack.enter_context(screen())
         while True:
             began_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
             has_frames = began_s >= frames_due_s
-            moment = _moment(heard, present, has_frames=has_frames)
+            moment = heard.moment(has_frames=has_frames)
             robots = watch.robots(moment, has_frames=has_frames)
             if has_frames:
                 took_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 - began_s
@@ -188,9 +172,6 @@ def _watch(
             lost.update(robots)
             if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
                 return
-            is_new = any(each.state == "there" and not each.versions for each in robots)
-            if pace.is_due(is_new=is_new):
-                heard.ask_nodes()
 
 
 class _Lost:

@@ -175,9 +175,9 @@ def _nothing(heard: "Listening") -> list[str]:
 
 
 def _watch(heard: "Listening", page: FleetPage, long: bool) -> None:
+    heard.watch_nodes()
     with screen() as show:
         while True:
-            heard.ask_about_clocks()
             moment = heard.moment()
             show(_lines(moment, page, long) if moment.tree.frames else _nothing(heard))
             if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):

@@ -98,7 +98,7 @@ def command(
     pair = PairWatch(target, source) if target is not None and source is not None else None
     page = FleetPage(None if pair else fleet)
     with listening(settings, fleet, goes_on=not once) as heard:
-        heard.ask_nodes()
+        heard.watch_nodes()
         warn_of_unanswered(heard.moment().unanswered)
         _fitting(page, heard.moment())  # the rates of robots begin here
         reports = _reports(heard, pair, period_s)
@@ -172,9 +172,6 @@ def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Ite
 
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
-        tree = heard.tree()
-        if any(map(tree.is_ahead, tree.frames.values())):
-            heard.ask_about_clocks()
         yield make_report(heard, meter, pair)
 
 

@@ -1,6 +1,5 @@
 """The nodes and streams on the bus, how each describes itself, and why none is there."""
 
-import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -14,13 +13,9 @@ from tfbus.bus.zenoh_config import has_scouting
 from tfbus.discover.graph import Graph, graph_of
 from tfbus.errors import BusError, DecodeError
 from tfbus.runtime import scheduler
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
 from tfbus.wire.keys import (
-    ALL_NODES,
     ALL_NODES_EVERYWHERE,
     ALL_STREAMS_EVERYWHERE,
     full_name,
@@ -36,20 +31,6 @@ PATIENCE_S = 5.0
 # A link may be open before its far end has said on it who is there.
 _SAID_WITHIN_S = 1.0
 _AGAIN_AFTER_S = 0.1
-# A watch asks again after this time.
-_POLL_EVERY_S = 1.0
-
-# A node that was just started has its topics soon: all are asked after these times, one after the
-# other, and then now and then.
-_PAUSES_S = (0.02, 0.2, 0.5, 1.3)
-_EVERY_S = 5.0
-_ANSWER_WITHIN_S = 1.0
-
-# However often nodes come and go.
-_APART_S = 0.2
-
-# Names come from the bus: at most as many are known.
-_MOST_NODES = 10_000
 
 
 def list_nodes(session: Session) -> list[str]:
@@ -108,7 +89,7 @@ def ask_nodes(
         if answer.refusal is None:
             answered.add(answer.key)
             try:
-                described.append(_read(session, answer))
+                described.append(read_node(session, answer))
             except DecodeError as error:
                 unreadable.append(error)
     lost = {*alive} - answered
@@ -159,7 +140,7 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     """
     key = key_beside(name, node_key, session.settings.namespace)
     answers = [*session.ask(key, timeout_s=PATIENCE_S)]
-    described = [_read(session, answer) for answer in answers if answer.refusal is None]
+    described = [read_node(session, answer) for answer in answers if answer.refusal is None]
     if not described:
         raise BusError(
             f"node {name!r} did not answer in time" if answers else _absent(name, session)
@@ -167,7 +148,10 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     return described
 
 
-def _read(session: Session, answer: Answer) -> NodeDescription:
+def read_node(session: Session, answer: Answer) -> NodeDescription:
+    """The description of a node in its answer. Raises DecodeError, with its name, if it cannot be
+    read.
+    """
     try:
         return decode_message(NodeDescription, answer.payload)
     except DecodeError as error:
@@ -215,149 +199,6 @@ class NodeWatch:
         with self._changed:
             (self._present.add if alive else self._present.discard)(name)
             self._changed.notify_all()
-
-
-class GraphWatch:
-    """Asks the nodes of other processes for their descriptions, all by one query.
-
-    Descriptions that it cannot read are logged, each once.
-    """
-
-    def __init__(self, session: Session, log: logging.Logger, *, answer_within_s: float) -> None:
-        self._session = session
-        self._once = LogOnce(log)
-        self._answer_within_s = answer_within_s
-
-    def start(self, executor: Executor, on_nodes: Callable[[list[NodeDescription]], None]) -> None:
-        """Ask now, and then every second; `on_nodes(descriptions)` is called after each, on the
-        executor's thread, and no more once that is closed.
-        """
-
-        def poll() -> None:
-            on_nodes(self.nodes())
-
-        executor.submit("graph", poll)
-        executor.every(_POLL_EVERY_S, poll)
-
-    def nodes(self) -> list[NodeDescription]:
-        """The descriptions of the nodes of other sessions, now."""
-        found = self._read(ask_nodes(self._session, timeout_s=self._answer_within_s))
-        return [each for each in found.nodes if each.session != self._session.id]
-
-    def streams(self) -> Mapping[str, StreamDescription]:
-        """The descriptions of all streams by their keys, now."""
-        return self._read(ask_streams(self._session, timeout_s=self._answer_within_s)).streams
-
-    def _read(self, found: Described) -> Described:
-        for error in found.unreadable:
-            self._once.warning(str(error), "%s", error)
-        return found
-
-
-class NodeRoster:
-    """Knows the nodes of this namespace, or `everywhere` below it; closed by `close()`.
-
-    `on_change(name, description)` is called for each node and for each change of its description,
-    with None if it is gone, one call at a time on a thread of its own. What a node counts of its
-    buffers and delays, and which of its streams have no listener, is no change.
-
-    It asks as `GraphWatch` when tokens come, and every 5 s. A `GraphWatch` that was started asks
-    every second, so that a new topic of a node is noticed sooner, and has no state.
-    """
-
-    def __init__(
-        self,
-        session: Session,
-        on_change: Callable[[str, NodeDescription | None], None],
-        *,
-        everywhere: bool = False,
-        log: logging.Logger,
-    ) -> None:
-        self._session = session
-        self._on_change = on_change
-        self._once = LogOnce(log)
-        self._graph = GraphWatch(session, log, answer_within_s=_ANSWER_WITHIN_S)
-        # Tokens that came or were lost, by their nodes.
-        self._news: dict[str, bool] = {}
-        self._living: set[str] = set()
-        self._nodes: dict[str, NodeDescription] = {}
-        self._looks = 0
-        self._looked_s = -_APART_S
-        self._next_look: tuple[float, Timer] | None = None
-        self._closed = False
-        self._executor = Executor("nodes", log)
-        key = ALL_NODES_EVERYWHERE if everywhere else ALL_NODES
-        self._tokens = session.watch_living(key, self._on_token)
-
-    def close(self) -> None:
-        """Stop watching. Twice is fine."""
-        self._closed = True
-        self._tokens.close()
-        self._executor.close()
-
-    def _on_token(self, key: str, alive: bool) -> None:
-        name = full_name(key, self._session.settings.namespace)
-        if name in self._news or len(self._news) < _MOST_NODES:
-            self._news[name] = alive
-            self._executor.submit("nodes", self._take_tokens, limit=1)
-
-    def _take_tokens(self) -> None:
-        while self._news:
-            self._take_token(*self._news.popitem())
-
-    def _take_token(self, name: str, alive: bool) -> None:
-        if alive:
-            if len(self._living) >= _MOST_NODES:
-                self._once.warning(
-                    "nodes", "Did not record node %r: there are more than %d", name, _MOST_NODES
-                )
-                return
-            self._living.add(name)
-            self._looks = 0
-            # Those that come together are asked together.
-            self._look_after(max(_PAUSES_S[0], self._looked_s + _APART_S - scheduler.monotonic()))
-            return
-        self._living.discard(name)
-        if self._nodes.pop(name, None) is not None:
-            self._on_change(name, None)
-
-    def _look_after(self, delay_s: float) -> None:
-        """Look after this time, or earlier if that is due: one look waits at a time."""
-        due_s = scheduler.monotonic() + delay_s
-        if self._next_look is not None:
-            if self._next_look[0] <= due_s:
-                return
-            self._next_look[1].cancel()
-        self._next_look = due_s, self._executor.after(delay_s, self._look)
-
-    def _look(self) -> None:
-        self._next_look = None
-        self._looks += 1
-        self._ask()
-        self._looked_s = scheduler.monotonic()
-        self._look_after(_PAUSES_S[self._looks] if self._looks < len(_PAUSES_S) else _EVERY_S)
-
-    def _ask(self) -> None:
-        if self._closed or not self._living:
-            return
-        try:
-            described = self._graph.nodes()
-        except BusError:
-            return  # the session is closed
-        # Of several nodes of one name always the same counts.
-        for node in sorted(described, key=lambda node: (node.name, node.started_ns, node.session)):
-            if node.name in self._living:
-                self._take(node)
-
-    def _take(self, node: NodeDescription) -> None:
-        former = self._nodes.get(node.name)
-        if former is None or _lasting(former) != _lasting(node):
-            self._nodes[node.name] = node
-            self._on_change(node.name, node)
-
-
-def _lasting(node: NodeDescription) -> NodeDescription:
-    return replace(node, unread=(), buffers=(), delays=())
 
 
 def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:

@@ -20,8 +20,4 @@ _MODULE_OF = {
 }
 
 __all__ = sorted(_MODULE_OF)
-__getattr__ = exported(__name__, _MODULE_OF)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = exported(__name__, _MODULE_OF)

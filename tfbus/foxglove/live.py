@@ -13,8 +13,8 @@ from typing import Any
 from tfbus import messages
 from tfbus.bus.session import Session
 from tfbus.discover.graph import Graph, ServiceInfo, graph_of
+from tfbus.discover.graph_watch import GraphWatch
 from tfbus.discover.parameters import set_parameter
-from tfbus.discover.presence import GraphWatch
 from tfbus.errors import DecodeError, ParameterError, ServiceError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front, Serving
@@ -35,7 +35,7 @@ from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wire.fleet import Fleet
-from tfbus.wire.keys import namespace_of, relative_name
+from tfbus.wire.keys import relative_name
 from tfbus.wording import listed, printable
 
 # A service answers at once; an action may take long, and the panel waits for its result.
@@ -206,9 +206,6 @@ def _read_map(linear: Mapping[str, Any], angular: Mapping[str, Any]) -> Twist:
     return from_map(Twist, {"linear": linear, "angular": angular})
 
 
-# Nodes that take longer to describe themselves are left out until the next time.
-_ASK_WITHIN_S = 0.8
-
 _TIME_HZ = 20.0
 
 # How far back Foxglove's clients could look up is their own affair; here only the last counts.
@@ -261,8 +258,10 @@ class LiveBridge(Requests):
         # With history, so that frames which seldom move are known at once, too.
         self._listener = TransformListener(self._buffer, node, history_s=_CACHE_S, fleet=fleet)
         node.clock.add_jump_callback(self._on_jump_back)
-        self._graph = GraphWatch(node.session, node.log, answer_within_s=_ASK_WITHIN_S)
-        self._graph.start(self._executor, self._adapt)
+        self._nodes: Sequence[NodeDescription] = ()
+        self._graph = GraphWatch(
+            node.session, node.log, everywhere=fleet is not None, on_nodes=self._on_nodes
+        )
         if node.clock.is_simulated:
             self._executor.every(1.0 / _TIME_HZ, self._tell_time)
         self.front = Front(serving, self._server, self._on_refused)
@@ -272,6 +271,7 @@ class LiveBridge(Requests):
         self.front.close()
         self._node.clock.remove_jump_callback(self._on_jump_back)
         self._listener.close()
+        self._graph.close()
         self._executor.close()
         self._server.close()
         self._topics.close()
@@ -338,14 +338,14 @@ class LiveBridge(Requests):
 
     # What changes, on the executor's thread
 
-    def _adapt(self, described: list[NodeDescription]) -> None:
+    def _on_nodes(self, nodes: Sequence[NodeDescription]) -> None:
+        self._nodes = nodes
+        self._executor.submit("nodes", self._adapt, limit=1)
+
+    def _adapt(self) -> None:
         """Offer what the nodes have now."""
-        nodes = [each for each in described if self._sees(each)]
-        streams = [
-            each
-            for key, each in self._graph.streams().items()
-            if self._fleet or not namespace_of(key)
-        ]
+        nodes = self._nodes
+        streams = [each for each in self._listener.streams() if each.alive]
         graph = graph_of(nodes, {})
         self._parameters.update(nodes)
         self._topics.update(graph)
@@ -355,10 +355,6 @@ class LiveBridge(Requests):
         if found != self._connections:
             self._connections = found
             self._server.publish_graph(found)
-
-    def _sees(self, node: NodeDescription) -> bool:
-        name = relative_name(node.name, self._node.namespace)
-        return not name.startswith("/") and (self._fleet is not None or "/" not in name)
 
     def _send_present(self) -> None:
         self._transforms.send_present(self._buffer)

@@ -11,6 +11,7 @@ from typing import Any
 from tfbus.discover.graph import graph_of
 from tfbus.errors import TfbusError
 from tfbus.foxglove.protocol import ShownParameter, text
+from tfbus.listen.info import StreamInfo
 from tfbus.runtime.callbacks import Workers
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wording import printable
@@ -28,7 +29,7 @@ class Connections:
 
 
 def connections(
-    nodes: Collection[NodeDescription], streams: Iterable[StreamDescription]
+    nodes: Collection[NodeDescription], streams: Iterable[StreamDescription | StreamInfo]
 ) -> Connections:
     """The graph of these nodes and streams, with the names of Foxglove's topics.
 

@@ -285,8 +285,10 @@ class PlaybackBridge(Requests):
             )
 
     def _send_past(self, at_ns: int) -> None:
-        """Send what was just before a time: it may stand still there."""
-        self._frames.seek(at_ns - 1)
+        """Send where all frames are at a time, and the messages before it: it may stand still
+        there, or play those of this time next.
+        """
+        self._frames.seek(at_ns)
         self._transforms.send_present(self._frames.buffer, at_ns)
         if not self._topics:
             return

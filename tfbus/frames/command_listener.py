@@ -10,7 +10,8 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.presence import Described, ask_graph
+from tfbus.discover.graph_watch import GraphWatch
+from tfbus.discover.presence import Described, ask_graph, ask_streams
 from tfbus.errors import TimeoutException
 from tfbus.frames.clocks import simulated_time
 from tfbus.frames.moment import BusMoment
@@ -20,6 +21,7 @@ from tfbus.node.node import Node
 from tfbus.runtime import scheduler
 from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
 from tfbus.runtime.stamps import MOST_AHEAD_NS
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
 # This much of what publishers sent before gives their rates at once.
@@ -31,6 +33,9 @@ _CLOCK_WITHIN_S = 5.0
 _QUIET_S = 0.3
 
 _ASK_EVERY_S = 3.0
+# Streams begin and end with a change of their nodes; later they may list other frames.
+_ASK_STREAMS_EVERY_S = 5.0
+_ANSWER_WITHIN_S = 1.0
 
 _NO_FRAMES = Buffer()
 
@@ -61,46 +66,71 @@ class Listening:
     def tree(self, *, has_frames: bool = True) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
-        simulated = simulated_time(self._asked.answers.nodes)
+        simulated = simulated_time(self._answers.nodes)
         buffer = self.buffer if has_frames else _NO_FRAMES
         return frame_tree(buffer, streams, self.now_ns(), simulated)
 
     def ask_about_clocks(self) -> None:
-        """Query the nodes, of which some follow a simulated time, if ages of frames look as if.
-
-        It does so at most every 3 s, which takes up to 1 s.
-        """
+        """Ask the nodes, of which some follow a simulated time, if ages of frames look as if."""
         tree = self.tree()
         ages_s = map(tree.age_s, tree.frames.values())
-        if (
-            not self.node.clock.is_simulated
-            and any(map(_is_odd, ages_s))
-            and self._asked.pace.is_due()
-        ):
+        if not self.node.clock.is_simulated and any(map(_is_odd, ages_s)):
             self.ask_nodes()
 
-    def ask_nodes(self, timeout_s: float = 1.0) -> None:
+    def ask_nodes(self) -> None:
         """Ask the nodes of other processes for their descriptions, from which `moment` is made; it
-        takes up to twice this time. Unreadable ones are left out.
+        takes up to 2 s. Unreadable ones are left out.
         """
-        self.note(ask_others(self.node.session, timeout_s))
+        self.note(ask_others(self.node.session))
+
+    def watch_nodes(self) -> None:
+        """From now on `moment` has the nodes and streams as they are then. Waits until the nodes
+        have described themselves, 1 s at the most.
+        """
+        self._asked.graph = GraphWatch(
+            self.node.session,
+            self.node.log,
+            everywhere=True,
+            on_change=lambda name, node: self._asked.streams_pace.hurry(),
+            on_nodes=self._on_nodes,
+        )
+        self._asked.graph.wait(_ANSWER_WITHIN_S)
+
+    def close(self) -> None:
+        """Watch the nodes no longer, and stop listening. Twice is fine."""
+        if self._asked.graph is not None:
+            self._asked.graph.close()
+        self.listener.close()
+
+    def _on_nodes(self, nodes: list[NodeDescription]) -> None:
+        # Of a fleet the listener has all streams.
+        if self.fleet is None and self._asked.streams_pace.is_due():
+            self.note(ask_streams(self.node.session, timeout_s=_ANSWER_WITHIN_S))
+
+    @property
+    def _answers(self) -> Described:
+        if (graph := self._asked.graph) is None:
+            return self._asked.answers
+        nodes, silent = tuple(graph.nodes()), tuple(graph.silent())
+        return replace(self._asked.answers, nodes=nodes, silent_nodes=silent)
 
     def note(self, answers: Described) -> None:
         """Take answers of nodes that were asked for."""
         self._asked.answers = answers
 
     def moment(self, *, has_frames: bool = True) -> BusMoment:
-        """The bus now, with the nodes as they were when they were asked last. Of many frames it
-        takes long: without them it has the streams and nodes.
+        """The bus now, with the nodes as they were when they were asked last, unless they are
+        watched. Of many frames it takes long: without them it has the streams and nodes.
         """
+        answers = self._answers
         return BusMoment(
             at_ns=SYSTEM_CLOCK.now_ns(),
             tree=self.tree(has_frames=has_frames),
-            nodes=self._asked.answers.nodes,
-            unanswered=self._asked.answers.silent_nodes,
+            nodes=answers.nodes,
+            unanswered=answers.silent_nodes,
             rejected=dict(self.buffer.rejected),
             dropped=self.dropped,
-            elsewhere=self._asked.answers.streams,
+            elsewhere=answers.streams,
             namespace=self.node.session.settings.namespace,
         )
 
@@ -110,24 +140,26 @@ class Listening:
 
     def hint_while_empty(self) -> str:
         """`hint()` for a screen that shows nothing yet: asked again every 3 s at most."""
-        if self._asked.pace.is_due():
+        if self._asked.hint_pace.is_due():
             self._asked.hint = self.hint()
         return self._asked.hint
 
 
-def ask_others(session: Session, timeout_s: float = 1.0) -> Described:
+def ask_others(session: Session) -> Described:
     """All streams, and the nodes of other processes."""
-    found = ask_graph(session, timeout_s=timeout_s)
+    found = ask_graph(session, timeout_s=_ANSWER_WITHIN_S)
     return replace(found, nodes=tuple(each for each in found.nodes if each.session != session.id))
 
 
 @dataclass
 class _Asked:
-    """The last words of other processes, and when."""
+    """What is known of other processes by asking them, and when they were asked."""
 
     answers: Described = field(default_factory=Described)
     hint: str = ""
-    pace: Pace = field(default_factory=lambda: Pace(_ASK_EVERY_S))
+    graph: GraphWatch | None = None
+    hint_pace: Pace = field(default_factory=lambda: Pace(_ASK_EVERY_S))
+    streams_pace: Pace = field(default_factory=lambda: Pace(_ASK_STREAMS_EVERY_S))
 
 
 def _is_odd(age_s: float | None) -> bool:
@@ -161,7 +193,10 @@ def listening(
         heard = Listening(node, buffer, listener, fleet)
         meet_publishers(heard, within_s)
         if node.ok:
-            yield heard
+            try:
+                yield heard
+            finally:
+                heard.close()
             return
     raise KeyboardInterrupt  # the node's `with` has ended quietly
 

@@ -255,6 +255,8 @@ class NodeInfo:
         self._endpoints: dict[str, list[NodeEndpoint]] = {
             kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
+        # What the description was at the last query, and when it was noticed that it had changed.
+        self._lasting, self._changed_s = b"", 0.0
         session.queryable(node_key(name), self._on_info_query)
         session.queryable(clock_key(name), self._on_clock_query)
 
@@ -306,10 +308,24 @@ class NodeInfo:
 
     def _on_info_query(self, query: Query) -> None:
         described = self.describe()
-        if query.parameter("definitions"):
-            described["definitions"] = self._definitions()
-        query.answer(node_key(self._name), encode_map(described))
+        if self._has_changed(described, query.parameter("changed")):
+            if query.parameter("definitions"):
+                described["definitions"] = self._definitions()
+            query.answer(node_key(self._name), encode_map(described))
         query.close()
+
+    def _has_changed(self, described: dict[str, Any], within: str | None) -> bool:
+        """Whether the description has changed in the last seconds, by more than the counts of
+        filters; True if no number is given.
+        """
+        lasting, now_s = encode_map({**described, "filters": ()}), scheduler.monotonic()
+        with self._lock:
+            if lasting != self._lasting:
+                self._lasting, self._changed_s = lasting, now_s
+            try:
+                return now_s - self._changed_s <= float(within or "inf")
+            except ValueError:
+                return True
 
     def _on_clock_query(self, query: Query) -> None:
         received_ns = scheduler.time_ns()

@@ -408,11 +408,13 @@ class McapFile:
             end += PREFIX.size + length
         return end - at
 
-    def _messages(self, chunk: Chunk) -> list[Message]:
+    def _records(self, chunk: Chunk) -> bytes:
         if chunk.is_bare:
-            data = self._read(chunk.offset, chunk.length)
-        else:
-            data = chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
+            return self._read(chunk.offset, chunk.length)
+        return chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
+
+    def _messages(self, chunk: Chunk) -> list[Message]:
+        data = self._records(chunk)
         messages = []
         for number, (opcode, start, end) in enumerate(records_in(data)):
             if number > MOST_CHUNK_MESSAGES:

@@ -308,10 +308,7 @@ class _DamagedFile(McapFile):
         return name in _COMPRESSIONS and head + 4 + size + 8 + length == end
 
     def _messages(self, chunk: Chunk) -> list[Message]:
-        if chunk.is_bare:
-            data = self._read(chunk.offset, chunk.length)
-        else:
-            data = chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
+        data = self._records(chunk)
         messages = []
         orphans = 0
         for opcode, start, end in records_in(data):

@@ -320,25 +320,20 @@ def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> L
 
 
 class Pace:
-    """Says when nodes are due to be asked again: every `every_s` real seconds; after news at once,
-    and every `soon_s` while these are fresh, as a node describes its topics soon after it came.
-    """
+    """Says when others are due to be asked again: every `every_s` real seconds."""
 
-    def __init__(self, every_s: float, soon_s: float | None = None) -> None:
+    def __init__(self, every_s: float) -> None:
         self._every_s = every_s
-        self._soon_s = every_s if soon_s is None else soon_s
-        self._asked_s = self._news_s = -float("inf")
+        self._asked_s = -float("inf")
 
-    def note_news(self) -> None:
-        """A node came or left; from any thread."""
-        self._news_s = scheduler.monotonic()
+    def hurry(self) -> None:
+        """It is due at once."""
+        self._asked_s = -float("inf")
 
-    def is_due(self, *, is_new: bool = False) -> bool:
-        """Whether it is time to ask again, which is noted; `is_new` if news are still fresh."""
+    def is_due(self) -> bool:
+        """Whether it is time to ask again, which is noted."""
         now_s = scheduler.monotonic()
-        is_new = is_new or now_s - self._news_s < self._every_s
-        every_s = self._soon_s if is_new else self._every_s
-        if self._asked_s >= self._news_s and now_s - self._asked_s < every_s:
+        if now_s - self._asked_s < self._every_s:
             return False
         self._asked_s = now_s
         return True

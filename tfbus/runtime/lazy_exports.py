@@ -23,8 +23,10 @@ def imported(module: str) -> "ModuleType":
         return import_module(module)
 
 
-def exported(package: str, module_of: "Mapping[str, str]") -> "Callable[[str], Any]":
-    """The `__getattr__` of a package whose names are in these modules."""
+def exported(
+    package: str, module_of: "Mapping[str, str]"
+) -> "tuple[Callable[[str], Any], Callable[[], list[str]]]":
+    """The `__getattr__` and `__dir__` of a package whose names are in these modules."""
 
     def find(name: str) -> "Any":
         if name not in module_of:
@@ -33,4 +35,4 @@ def exported(package: str, module_of: "Mapping[str, str]") -> "Callable[[str], A
         setattr(sys.modules[package], name, value)
         return value
 
-    return find
+    return find, lambda: sorted(module_of)

@@ -30,4 +30,4 @@ __all__ = [
     "SimulationError",
 ]  # imported when used
 
-__getattr__ = exported(__name__, _MODULES)
+__getattr__, __dir__ = exported(__name__, _MODULES)

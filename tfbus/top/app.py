@@ -28,7 +28,7 @@ from tfbus.top.rows import Row, ScreenTable, TopSource, chosen, fitting, is_serv
 from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
-_ASK_EVERY_S = 2.0
+_HINT_EVERY_S = 2.0
 # A screen shows some fifty rows, and each costs time and memory: filter to see others.
 _MOST_ROWS = 500
 _NAMES = ("frames", "streams", "nodes", "topics")
@@ -191,9 +191,9 @@ class TopApp(App[None]):
     def on_mount(self) -> None:
         asyncio.get_running_loop().add_reader(self._signals.readable, self._end)
         self._look()
-        self._ask()
+        self._find_hint()
         self.set_interval(_LOOK_EVERY_S, self._look)
-        self.set_interval(_ASK_EVERY_S, self._ask)
+        self.set_interval(_HINT_EVERY_S, self._find_hint)
         self.set_focus(self._table_of("frames"))
 
     def _end(self) -> None:
@@ -282,8 +282,8 @@ class TopApp(App[None]):
     # Tables
 
     @work(thread=True, exclusive=True)
-    def _ask(self) -> None:
-        self._source.ask()
+    def _find_hint(self) -> None:
+        self._source.find_hint()
 
     def _look(self) -> None:
         tables = self._source.look()

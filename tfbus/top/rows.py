@@ -1,6 +1,5 @@
 """The tables of `tfbus top` as values, without a screen, and their source on the bus."""
 
-import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -249,7 +248,6 @@ def _last(value: float | None) -> float:
 _LOOKS = 120
 # Each history takes 15 kB: further frames have none.
 _MOST_PASTS = 2000
-_ASK_WITHIN_S = 0.8
 
 # A topic's rate is the mean of this time, over at most `_MOST_MESSAGES`.
 _MEAN_OF_S = 10.0
@@ -265,14 +263,14 @@ class FramePast:
 
 
 class TopSource:
-    """The content of the tables; `look` is quick, `ask` takes up to 0.8 s."""
+    """The content of the tables; `look` is quick, `find_hint` may take a moment."""
 
     def __init__(self, heard: Listening):
         self._heard = heard
+        heard.watch_nodes()
         self._meter = TransformMeter(heard.node, heard.fleet)
         self._past: dict[str, deque[tuple[float, float]]] = {}
         self._report: Report | None = None
-        self._asking = threading.Lock()
         self.hint = ""  # where to look while there is no frame
         self._measured: dict[str, _Rate] = {}
 
@@ -308,14 +306,9 @@ class TopSource:
         }
         return streams | {name: rate.hz for name, rate in self._measured.items()}
 
-    def ask(self) -> None:
-        """Ask all nodes for their descriptions, unless another call is doing so."""
-        if self._asking.acquire(blocking=False):
-            try:
-                self._heard.ask_nodes(_ASK_WITHIN_S)
-                self.hint = "" if self._heard.buffer.frames() else self._heard.hint()
-            finally:
-                self._asking.release()
+    def find_hint(self) -> None:
+        """Look where frames are, while there is none here; every 3 s at most."""
+        self.hint = "" if self._heard.buffer.frames() else self._heard.hint_while_empty()
 
     def past(self, frame: str) -> FramePast:
         """The rates and delays of a frame in the last two minutes."""

@@ -120,6 +120,11 @@ def definitions_selector(key: str) -> str:
     return f"{key}?definitions=1"
 
 
+def changed_selector(key: str, within_s: float) -> str:
+    """The selector of the nodes at a key whose descriptions have changed in the last seconds."""
+    return f"{key}?changed={within_s:.1f}"
+
+
 def clock_key(node: str) -> str:
     """The key under which a node answers with the time of its system's clock."""
     return f"@tfbus/clock/{escape(node)}"

@@ -10,6 +10,7 @@ import pytest
 
 from tests import needs
 from tests.buses import DEADLINE_S, eventually, send_until
+from tests.ros.bridge.dds_domain import claim_domain
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.ros.bridge.legs import open_leg as open_by_name
@@ -20,8 +21,6 @@ from tfbus.ros.rmw import NodeEntities, ParticipantNodes, domain_of, encode_node
 pytestmark = pytest.mark.real
 
 LOG = logging.getLogger("leg")
-# Their ports are below those that systems give out, so that each has its own.
-DOMAINS = range(50, 100)
 # "hi", in CDR.
 HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
 CHATTER = RosTopic("/chatter", STRING)
@@ -32,20 +31,6 @@ KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
 
 
 OpenLeg = Callable[..., Any]
-
-
-def claim_domain() -> tuple[int, socket.socket]:
-    """A domain that no other process with these tests has, until the socket is closed."""
-    for domain in DOMAINS:
-        claim = socket.socket()
-        try:
-            # That of its multicast, by UDP; nothing else is at the same port by TCP.
-            claim.bind(("127.0.0.1", 7400 + 250 * domain))
-        except OSError:
-            claim.close()
-        else:
-            return domain, claim
-    raise OSError("all domains of DDS are in use")
 
 
 @pytest.fixture(scope="module")
@@ -139,32 +124,6 @@ def test_a_publisher_that_is_closed_is_gone_at_once(legs: tuple[Any, Any]) -> No
     assert writer is not None and not sender.heard
     with pytest.raises(TfbusError, match="/chatter is closed"):
         sender.send(HI)
-
-
-def test_no_call_goes_on_after_its_subscription_is_closed(legs: tuple[Leg, Leg]) -> None:
-    """What closes it waits for the call, except the call itself."""
-    one, two = legs
-    closed = threading.Event()
-    was_closed: list[bool] = []
-
-    def close() -> None:
-        subscription.close()
-        closed.set()
-
-    def hear(*_: object) -> None:
-        closing.start()
-        was_closed.append(closed.wait(0.2))
-
-    def end(*_: object) -> None:
-        itself.close()
-        ended.append(True)
-
-    closing = threading.Thread(target=close, daemon=True)
-    ended: list[bool] = []
-    subscription, itself = one.subscribe(CHATTER, hear), one.subscribe(CHATTER, end)
-    sender = two.publisher(CHATTER)
-    send_until(lambda: sender.send(HI), lambda: closed.is_set() and bool(ended))
-    assert was_closed == [False] and ended == [True]
 
 
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:

@@ -181,31 +181,6 @@ def test_a_topic_is_registered_again_while_one_of_its_ends_is_there(
     assert master.calls.count("registerSubscriber") == calls
 
 
-def test_no_call_goes_on_after_its_subscription_is_closed(leg: RospyLeg) -> None:
-    """What closes it waits for the call, except the call itself."""
-    closed = threading.Event()
-    was_closed: list[bool] = []
-
-    def close() -> None:
-        subscription.close()
-        closed.set()
-
-    def hear(*_: object) -> None:
-        closing.start()
-        was_closed.append(closed.wait(0.2))
-
-    def end(*_: object) -> None:
-        itself.close()
-
-    closing = threading.Thread(target=close, daemon=True)
-    subscription, itself = leg.subscribe(CHATTER, hear), leg.subscribe(CHATTER, end)
-    for each in FakeSubscriber.made:
-        each.hear("/talker")
-    eventually(closed.is_set)
-    FakeSubscriber.made[0].hear("/talker")
-    assert was_closed == [False]
-
-
 def test_rospy_drops_nothing_that_it_has_read(leg: RospyLeg) -> None:
     """A burst of small messages, of which it reads thousands at once, comes whole."""
     leg.subscribe(CHATTER, lambda *_: None)

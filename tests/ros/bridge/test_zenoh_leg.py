@@ -14,7 +14,7 @@ from tests.buses import DEADLINE_S, eventually, send_until
 from tests.ros.bridge.ros_router import RosRouter
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.ros.bridge.legs import LegSettings, RosPublisher, RosTopic, open_leg
-from tfbus.ros.bridge.legs.zenoh import ZenohLeg, ZenohSubscription
+from tfbus.ros.bridge.legs.zenoh import ZenohLeg
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
@@ -436,27 +436,3 @@ def test_it_is_configured_as_ros_where_no_endpoint_is_given(
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", "nonsense")
     with pytest.raises(SettingsError, match=r"ZENOH_CONFIG_OVERRIDE .*'nonsense'"):
         ZenohLeg(LegSettings(domain=0), logging.getLogger("test"))
-
-
-def test_no_call_goes_on_after_its_subscription_is_closed() -> None:
-    """What closes it waits for the call, except the call itself."""
-    closed = threading.Event()
-    was_closed: list[bool] = []
-
-    def close() -> None:
-        subscription.close()
-        closed.set()
-
-    def hear(*_: object) -> None:
-        threading.Thread(target=close, daemon=True).start()
-        was_closed.append(closed.wait(0.2))
-
-    def end(*_: object) -> None:
-        itself.close()
-
-    subscription, itself = ZenohSubscription(hear), ZenohSubscription(end)
-    for each in (subscription, itself):
-        each.call(b"", "")
-    eventually(closed.is_set)
-    subscription.call(b"", "")
-    assert was_closed == [False]

@@ -9,7 +9,7 @@ from typing import Any
 
 from tfbus import messages
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
-from tfbus.discover.presence import GraphWatch
+from tfbus.discover.graph_watch import GraphWatch
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
@@ -23,11 +23,10 @@ from tfbus.ros.message_type import MessageType, Sequence, Text, Type, message_of
 from tfbus.ros.rmw import is_bridge
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
-from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import CLOCK_TOPIC, relative_name
+from tfbus.wire.keys import CLOCK_TOPIC
 from tfbus.wording import listed, printable
 
 # Fields of ROS that name frames.
@@ -250,10 +249,7 @@ def _supplied_type(name: str) -> type | None:
     return found if is_message else None
 
 
-# Nodes that take longer to describe themselves are left out until the next time.
-_ASK_WITHIN_S = 0.8
-
-# A busy node may not answer for a while; its topics stay that long.
+# The link to a node may be lost for a while; its topics stay that long.
 _GONE_AFTER_S = 10.0
 
 # Names come from the bus, and each topic takes memory here and in ROS.
@@ -303,13 +299,11 @@ class TopicBridge:
         self._lock = threading.Lock()
         self._topics: dict[str, _Topic] = {}
         self._is_closed = False
-        self._executor = Executor(f"{node.full_name} topics", log)
-        graph = GraphWatch(node.session, log, answer_within_s=_ASK_WITHIN_S)
-        graph.start(self._executor, self._look)
+        self._graph = GraphWatch(node.session, log, on_nodes=self._look)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
-        self._executor.close()
+        self._graph.close()
         # A look may still be under way, where ROS answers late.
         with self._lock:
             self._is_closed = True
@@ -327,8 +321,7 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _look(self, described: list[NodeDescription]) -> None:
-        nodes = [each for each in described if self._sees(each)]
+    def _look(self, nodes: list[NodeDescription]) -> None:
         bridges = {each.name for each in nodes if _is_bridge(each)}
         graph = graph_of(nodes, {}, self._node.namespace)
         for name in sorted({*graph.topics, *self._table.names, *self._topics}):
@@ -347,10 +340,6 @@ class TopicBridge:
         is_known = name in graph.topics or name in self._table.names
         if topic is not None and not is_known and not topic.goes and not topic.comes:
             del self._topics[name]
-
-    def _sees(self, node: NodeDescription) -> bool:
-        name = relative_name(node.name, self._node.namespace)
-        return not name.startswith("/") and "/" not in name
 
     def _adapt(self, name: str, graph: Graph, bridges: set[str]) -> None:
         """Have a topic cross as both sides have it now."""

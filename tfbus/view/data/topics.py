@@ -11,7 +11,7 @@ import numpy as np
 from tfbus import messages
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.graph import TopicInfo, graph_of
-from tfbus.discover.presence import GraphWatch
+from tfbus.discover.graph_watch import GraphWatch
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher, Subscription
@@ -19,6 +19,7 @@ from tfbus.runtime import scheduler
 from tfbus.runtime.log import LogOnce
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wire.codec import type_name
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of_node, relative
 from tfbus.wording import printable
@@ -50,8 +51,8 @@ _MOST_KEPT = 1000
 # All that waits of a topic; and a message without its arrays and texts.
 MOST_BYTES = 32_000_000
 _EMPTY_BYTES = 100
-_ASK_EVERY_S = 2.0
-_ANSWER_WITHIN_S = 1.0
+# Nobody has asked for the topics for so long: the nodes need not be watched.
+_UNASKED_S = 10.0
 # Those among which the newest is chosen that has a transform.
 MOST_CHOICES = 5
 
@@ -71,7 +72,7 @@ class DataSource(Protocol):
     is_recorded: bool
 
     def topics(self) -> Mapping[str, TopicInfo]:
-        """All topics as they were known last; it asks for news, and does not wait."""
+        """All topics as they were known last; it does not wait."""
 
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
@@ -198,35 +199,23 @@ class DataOnBus:
         self._node = node
         self._fleet = fleet
         self._log_once = LogOnce(node.log)
-        self._graph = GraphWatch(node.session, node.log, answer_within_s=_ANSWER_WITHIN_S)
         self._lock = scheduler.Lock()
         self._subscriptions: dict[str, tuple[Subscription[Any], Waiting]] = {}
         self._topics: Mapping[str, TopicInfo] = {}
-        self._is_asking = False
-        self._asked_s = -_ASK_EVERY_S
+        self._graph: GraphWatch | None = None
+        self._asked_s = 0.0
 
     def topics(self) -> Mapping[str, TopicInfo]:
-        """All topics as they were known last; it asks for news, and does not wait."""
-        now_s = scheduler.monotonic()
-        with self._lock:
-            is_due = not self._is_asking and now_s - self._asked_s >= _ASK_EVERY_S
-            if is_due:
-                self._is_asking = True
-        if is_due:
-            # An answer takes a second if a node is silent; messages must not wait for it.
-            scheduler.Thread(target=self._ask, name="tfbus view topics", daemon=True).start()
+        """All topics as they were known last; it does not wait."""
+        self._asked_s = scheduler.monotonic()
+        if self._graph is None:
+            self._graph = GraphWatch(
+                self._node.session, self._node.log, everywhere=True, on_nodes=self._take
+            )
         return self._topics
 
-    def _ask(self) -> None:
-        try:
-            nodes = self._graph.nodes()
-            self._topics = graph_of(nodes, {}, self._node.session.settings.namespace).topics
-        except TfbusError as error:
-            self._log_once.warning("graph", "The topics are not known: %s", error)
-        finally:
-            with self._lock:
-                self._is_asking = False
-                self._asked_s = scheduler.monotonic()
+    def _take(self, nodes: list[NodeDescription]) -> None:
+        self._topics = graph_of(nodes, {}, self._node.session.settings.namespace).topics
 
     def now_ns(self) -> int:
         """The time by which messages are stamped."""
@@ -235,9 +224,17 @@ class DataOnBus:
     def close(self) -> None:
         """End the subscriptions."""
         self.want({})
+        self._end_watch()
+
+    def _end_watch(self) -> None:
+        if self._graph is not None:
+            self._graph.close()
+            self._graph = None
 
     def want(self, topics: Mapping[str, TopicInfo]) -> None:
         """Subscribe to these, and to no others."""
+        if scheduler.monotonic() - self._asked_s > _UNASKED_S:
+            self._end_watch()
         types = {name: message_type_of(info) for name, info in topics.items()}
         with self._lock:
             for name, (subscription, waiting) in list(self._subscriptions.items()):

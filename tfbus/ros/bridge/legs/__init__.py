@@ -137,6 +137,30 @@ class Leg(Protocol):
         """Leave ROS. Twice is fine."""
 
 
+class Calls:
+    """The calls of a subscription: one after the other, from any thread, until `close()`."""
+
+    def __init__(self, on_message: OnMessage) -> None:
+        self._on_message: OnMessage | None = on_message
+        # A call may close it.
+        self._lock = threading.RLock()
+
+    def call(self, payload: bytes, gid: str) -> None:
+        """A message has come."""
+        with self._lock:
+            on_message = self._on_message
+            if on_message is not None:
+                on_message(payload, gid)
+
+    def close(self) -> bool:
+        """End it: no call begins after this, and a call under way has ended, if it is not that
+        which closes it. Whether it was open.
+        """
+        on_message, self._on_message = self._on_message, None
+        with self._lock:
+            return on_message is not None
+
+
 # Publishers come from ROS: of at most as many the last number is known.
 _MOST_PUBLISHERS = 10_000
 

@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.bridge.legs import (
     LEAST_READER_DEPTH,
+    Calls,
     Endable,
     LegSettings,
     LostMessages,
@@ -171,23 +172,25 @@ class DdsSubscription:
         self._depth = max(topic.depth, LEAST_READER_DEPTH)
         self._leg = leg
         self._reader: DataReader[RawSample] | None = reader
-        self._on_message = on_message
-        # Held while it calls; a call may close it.
-        self._lock = threading.RLock()
+        self._calls = Calls(on_message)
+        # Held while it takes messages from the reader.
+        self._lock = threading.Lock()
 
     def receive(self, watch: "DdsWatch") -> None:
         """Hand on all that is there."""
         while taken := self._taken():
             for sample in taken:
                 if sample.sample_info.valid_data:
-                    self._call(sample, watch)
+                    gid = watch.gid_of(sample.sample_info.publication_handle)
+                    self._calls.call(sample.data, gid)
 
     def close(self) -> None:
         """It takes no message after this."""
         reader, self._reader = self._reader, None
         if reader is not None:
             with self._lock:
-                pass  # a call under way has ended
+                pass  # none is being taken
+            self._calls.close()
             self._leg.drop_subscription(self, reader)
 
     def _taken(self) -> Sequence[RawSample]:
@@ -202,12 +205,6 @@ class DdsSubscription:
             # Cyclone does not count what gives way in a full history.
             self._leg.lost_messages.was_full(self.topic.name)
         return taken
-
-    def _call(self, sample: RawSample, watch: "DdsWatch") -> None:
-        with self._lock:
-            if self._reader is not None:
-                gid = watch.gid_of(sample.sample_info.publication_handle)
-                self._on_message(sample.data, gid)
 
 
 class DdsLeg:

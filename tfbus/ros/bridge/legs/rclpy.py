@@ -12,6 +12,7 @@ from typing import Any
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.bridge.legs import (
     LEAST_READER_DEPTH,
+    Calls,
     Endable,
     LegSettings,
     LostMessages,
@@ -133,9 +134,7 @@ class RclpySubscription:
         self.made: Any = None
         self.own = _OwnMessages()
         self._leg = leg
-        self._on_message: OnMessage | None = on_message
-        # Held while it calls; a call may close it.
-        self._lock = threading.RLock()
+        self._calls = Calls(on_message)
 
     def receive(self, payload: bytes, info: dict[str, Any]) -> None:
         """A message for it."""
@@ -146,17 +145,11 @@ class RclpySubscription:
         number = info.get("publication_sequence_number", _UNNUMBERED)
         if gid and number != _UNNUMBERED:
             self._leg.lost_messages.came(self.topic.name, gid, number)
-        with self._lock:
-            on_message = self._on_message
-            if on_message is not None:
-                self._leg.safely(on_message, payload, gid)
+        self._leg.safely(self._calls.call, payload, gid)
 
     def close(self) -> None:
         """It takes no message after this."""
-        on_message, self._on_message = self._on_message, None
-        if on_message is not None:
-            with self._lock:
-                pass  # a call under way has ended
+        if self._calls.close():
             self._leg.drop_subscription(self)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.errors import DecodeError, SettingsError, TfbusError
-from tfbus.ros.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.ros.bridge.legs import Calls, LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State, Ros1Type, ros1_type
 from tfbus.runtime.log import LogOnce
 
@@ -351,12 +351,11 @@ class RospySubscription:
         self._leg = leg
         self._name = topic.name
         self._own_name = own_name
-        self._on_message: OnMessage | None = on_message
+        # Each connection has a thread of its own.
+        self._calls = Calls(on_message)
         self._once = once
         self._type = ros1_type(topic.definition)
         self.type_name = self._type.name
-        # Each connection has a thread of its own. A call may close it.
-        self._lock = threading.RLock()
         self._subscriber = rospy.Subscriber(
             topic.name,
             _message_class(self._type),
@@ -370,9 +369,7 @@ class RospySubscription:
 
     def close(self) -> None:
         """End it. Twice is fine."""
-        self._on_message = None
-        with self._lock:
-            pass  # a call under way has ended
+        self._calls.close()
         self._leg.ended("sub", self._name, self)
         self._subscriber.unregister()
 
@@ -381,23 +378,19 @@ class RospySubscription:
         if node == self._own_name:
             return
         self._leg.heard(self._name, node)
-        with self._lock:
-            on_message = self._on_message
-            if on_message is None:
-                return
-            try:
-                on_message(self._type.to_cdr(message.payload), _gid(node))
-            except DecodeError as error:
-                self._once.warning(
-                    ("decode", self._name, node),
-                    "Dropped a message of %s on %s: %s",
-                    node,
-                    self._name,
-                    error,
-                )
-            except Exception as error:
-                # rospy says so in a file of its own only.
-                self._once.warning("taking", "A message from ROS was not taken: %s", error)
+        try:
+            self._calls.call(self._type.to_cdr(message.payload), _gid(node))
+        except DecodeError as error:
+            self._once.warning(
+                ("decode", self._name, node),
+                "Dropped a message of %s on %s: %s",
+                node,
+                self._name,
+                error,
+            )
+        except Exception as error:
+            # rospy says so in a file of its own only.
+            self._once.warning("taking", "A message from ROS was not taken: %s", error)
 
 
 def _gid(node: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.errors import TfbusError
 from tfbus.ros.bridge.legs import (
+    Calls,
     Endable,
     LegSettings,
     LostMessages,
@@ -413,24 +414,14 @@ class ZenohSender:
 
 
 class ZenohSubscription:
-    """Calls back for one message after the other, until it ends."""
+    """Calls back for each message, which come on as many threads as there are links."""
 
     def __init__(self, on_message: OnMessage) -> None:
-        self._on_message: OnMessage | None = on_message
-        # Messages of several links come on as many threads. A call may close it.
-        self._lock = threading.RLock()
+        self._calls = Calls(on_message)
+        self.call = self._calls.call
         self.undeclare: Callable[[], None] = lambda: None
 
-    def call(self, payload: bytes, gid: str) -> None:
-        """A message has come."""
-        with self._lock:
-            on_message = self._on_message
-            if on_message is not None:
-                on_message(payload, gid)
-
     def close(self) -> None:
-        """End it: no call begins after that. Twice is fine."""
-        self._on_message = None
-        with self._lock:
-            pass  # a call under way has ended
+        """End it. Twice is fine."""
+        self._calls.close()
         self.undeclare()

@@ -83,10 +83,10 @@ class Listening:
         """Ask the nodes of other processes for their descriptions, from which `moment` is made; it
         takes up to twice this time. Unreadable ones are left out.
         """
-        self.note(ask_others(self.node.session, timeout_s))
+        self.set_answers(ask_others(self.node.session, timeout_s))
 
-    def note(self, answers: Described) -> None:
-        """Take answers of nodes that were asked for."""
+    def set_answers(self, answers: Described) -> None:
+        """Set the answers of nodes that were asked for."""
         self._asked.answers = answers
 
     def moment(self, *, has_frames: bool = True) -> BusMoment:

@@ -189,7 +189,7 @@ class TopicFromRos:
         self._publisher: RawPublisher | None = None
         definition = line.counterpart.definition
         topic = RosTopic(ros_name, definition, line.retained, max(line.depth, LEAST_READER_DEPTH))
-        self._subscription = leg.subscribe(topic, self._take)
+        self._subscription = leg.subscribe(topic, self._publish)
 
     def silence(self) -> None:
         """Publish it no longer in the bus, until there is another message."""
@@ -205,7 +205,7 @@ class TopicFromRos:
             self._closed = True
         self.silence()
 
-    def _take(self, payload: bytes, gid: str) -> None:
+    def _publish(self, payload: bytes, gid: str) -> None:
         try:
             if not self._accepts(gid):
                 return
@@ -305,7 +305,7 @@ class TopicBridge:
         self._is_closed = False
         self._executor = Executor(f"{node.full_name} topics", log)
         graph = GraphWatch(node.session, log, answer_within_s=_ASK_WITHIN_S)
-        graph.start(self._executor, self._look)
+        graph.start(self._executor, self._adapt_all)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
@@ -327,7 +327,7 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _look(self, described: list[NodeDescription]) -> None:
+    def _adapt_all(self, described: list[NodeDescription]) -> None:
         nodes = [each for each in described if self._sees(each)]
         bridges = {each.name for each in nodes if _is_bridge(each)}
         graph = graph_of(nodes, {}, self._node.namespace)
@@ -336,9 +336,9 @@ class TopicBridge:
                 with self._lock:
                     if self._is_closed:
                         return
-                    self._look_at(name, graph, bridges)
+                    self._try_to_adapt(name, graph, bridges)
 
-    def _look_at(self, name: str, graph: Graph, bridges: set[str]) -> None:
+    def _try_to_adapt(self, name: str, graph: Graph, bridges: set[str]) -> None:
         try:
             self._adapt(name, graph, bridges)
         except TfbusError as error:

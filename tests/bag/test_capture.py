@@ -101,7 +101,7 @@ class TestBesideRos2:
             ros2.send()
             broadcaster.send_transform(at(1))
             publisher.publish(Clock(7))
-            for raw in queue.take(0):
+            for raw in queue.drain(0):
                 if raw.source is not EVENTS:
                     came[raw.source.kind, raw.payload[:1]] += 1
                     names.add(raw.source.name)
@@ -131,11 +131,11 @@ class TestStatics:
             pass
         publisher.put(b"x")
         eventually(lambda: queue.dropped["statics"] > 1)
-        queue.take(0)
+        queue.drain(0)
         for _ in range(2):
             publisher.put(b"x")
         publisher.put(b"y")
         came: list[bytes] = []
-        eventually(lambda: came.extend(raw.payload for raw in queue.take(0)) or b"y" in came)
+        eventually(lambda: came.extend(raw.payload for raw in queue.drain(0)) or b"y" in came)
         assert came == [b"x", b"y"]
         capture.close()

@@ -41,11 +41,11 @@ class TestQueue:
         queue.put(EVENTS, EventItem(0, "paused"))
         clock.now_ns = 7
         queue.put(TopicSource("pose", {}), b"x")
-        assert [(raw.log_ns, raw.source.kind) for raw in queue.take(0)] == [
+        assert [(raw.log_ns, raw.source.kind) for raw in queue.drain(0)] == [
             (5, "events"),
             (7, "topics"),
         ]
-        assert queue.take(0) == []
+        assert queue.drain(0) == []
 
     def test_beyond_its_room_messages_are_dropped_and_counted_by_kind(self) -> None:
         """A full queue drops what comes; what was taken out counts until the next is taken."""
@@ -53,12 +53,12 @@ class TestQueue:
         for _ in range(3):
             queue.put(source(), bytes(100))
         assert queue.dropped == {"transforms": 1}
-        assert len(queue.take(0)) == 2
+        assert len(queue.drain(0)) == 2
         queue.put(TopicSource("pose", {}), bytes(100))
         assert queue.dropped == {"transforms": 1, "topics": 1}
-        queue.take(0)
+        queue.drain(0)
         queue.put(source(), bytes(100))
-        assert len(queue.take(0)) == 1
+        assert len(queue.drain(0)) == 1
 
     def test_what_is_essential_finds_room_where_transforms_do_not(self) -> None:
         """Events and statics have as much room again."""
@@ -74,20 +74,20 @@ class TestQueue:
         queue.put(EVENTS, streams("small", "turtle1"))
         queue.put(EVENTS, streams("large", *(f"frame{number}" for number in range(1_000))))
         assert queue.dropped == {"events": 1}
-        assert [raw.payload.name for raw in queue.take(0)] == ["small"]
+        assert [raw.payload.name for raw in queue.drain(0)] == ["small"]
 
     def test_what_its_taker_still_holds_counts(self) -> None:
         """Until it says that less of it waits."""
         size = OVERHEAD_BYTES + 100
         queue = RawQueue(2 * size)
         queue.put(source(), bytes(100))
-        queue.take(0)
-        queue.take(0, held_bytes=size)
+        queue.drain(0)
+        queue.drain(0, held_bytes=size)
         for _ in range(2):
             queue.put(source(), bytes(100))
         assert queue.dropped == {"transforms": 1}
-        queue.take(0)
-        queue.take(0)
+        queue.drain(0)
+        queue.drain(0)
         queue.put(source(), bytes(100))
         assert queue.dropped == {"transforms": 1}
 
@@ -97,7 +97,7 @@ class TestQueue:
         queue.is_paused = True
         for each in (source(), source(static=True), TopicSource("pose", {})):
             queue.put(each, b"")
-        assert [raw.source.kind for raw in queue.take(0)] == ["statics"]
+        assert [raw.source.kind for raw in queue.drain(0)] == ["statics"]
         assert not queue.dropped
 
 

@@ -407,7 +407,7 @@ def test_reading_ahead_stops_where_memory_is_used() -> None:
             assert changed.wait_for(lambda: ahead.first() is not None, DEADLINE_S)
         eventually(lambda: len(read) >= 4)
         with changed:
-            assert ahead.take().log_ns == 0
+            assert ahead.pop().log_ns == 0
         assert len(read) <= 6
 
 
@@ -425,10 +425,10 @@ def test_reading_ahead_goes_on_when_half_is_played() -> None:
         eventually(lambda: ahead._waits_for_room)
         so_far = len(read)
         with changed:
-            assert [ahead.take().log_ns for _ in range(900)] == [*range(900)]
+            assert [ahead.pop().log_ns for _ in range(900)] == [*range(900)]
         assert len(read) == so_far
         with changed:
-            assert [ahead.take().log_ns for _ in range(200)] == [*range(900, 1100)]
+            assert [ahead.pop().log_ns for _ in range(200)] == [*range(900, 1100)]
         eventually(lambda: len(read) >= 3000)
 
 
@@ -448,7 +448,7 @@ def test_what_was_read_before_a_mistake_is_played() -> None:
             if ahead.first() is None:
                 assert changed.wait(DEADLINE_S)
             else:
-                taken.append(ahead.take().log_ns)
+                taken.append(ahead.pop().log_ns)
     assert taken == [*range(1000)]
 
 

@@ -46,7 +46,7 @@ class Recorded:
 
     def items(self, topic: str) -> list[TopicItem]:
         """The messages of a topic that came once its type was known."""
-        for raw in self.queue.take(0.0):
+        for raw in self.queue.drain(0.0):
             if raw.source.is_described(raw.payload):
                 item = raw.item()
                 if isinstance(item, TopicItem):

@@ -230,9 +230,9 @@ def test_tools_show_a_message_once_all_its_frames_have_names(bus: Bus) -> None:
     came: list[int] = []
     named = NamedMessages(viewer, lambda key, message, size: came.append(len(message.rows)))
     epoch_ns = epoch_of(arm, viewer, broadcaster)
-    named.take("tf/arm", numbered(1, epoch_ns))
+    named.decode("tf/arm", numbered(1, epoch_ns))
     eventually(lambda: came == [1])
-    named.take("tf/arm", numbered(2, epoch_ns))
+    named.decode("tf/arm", numbered(2, epoch_ns))
     broadcaster.send_transform(TransformStamped(arm.now_ns(), "base", "link1", Transform()))
     eventually(lambda: came == [1, 2])
     named.close()
@@ -244,13 +244,13 @@ def test_tools_show_what_came_before_a_restart_was_described(bus: Bus) -> None:
     came: list[int] = []
     named = NamedMessages(viewer, lambda key, message, size: came.append(message.epoch_ns))
     epoch_ns = epoch_of(former, viewer, TransformBroadcaster(former, poses="compact"))
-    named.take("tf/arm", numbered(1, epoch_ns))
+    named.decode("tf/arm", numbered(1, epoch_ns))
     eventually(lambda: came == [epoch_ns])
     states: list[StreamState] = []
     watch = StreamWatch(viewer.session, states.append)
     eventually(lambda: states and states[-1].alive)
     arm = bus.node("arm")
-    named.take("tf/arm", numbered(1, arm.started_ns))
+    named.decode("tf/arm", numbered(1, arm.started_ns))
     former.close()
     eventually(lambda: states[-1].alive is False)
     watch.close()
@@ -284,8 +284,8 @@ def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFi
         send(broadcaster, arm, 0.1, next(sent))
         return len(came) == 2
 
-    named.take("tf/arm", numbered(1000, epoch_ns))
-    named.take("tf/arm", numbered(1000, epoch_ns))
+    named.decode("tf/arm", numbered(1000, epoch_ns))
+    named.decode("tf/arm", numbered(1000, epoch_ns))
     eventually(describe_again)
     assert capsys.readouterr().err.count("has no names") == 1
     named.close()

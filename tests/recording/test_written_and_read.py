@@ -145,7 +145,7 @@ def test_the_state_at_a_moment(tmp_path: Path, seconds: float) -> None:
     expected = BusState()
     for item in run():
         if item.log_ns <= moment:
-            expected.take(item)
+            expected.apply(item)
     with RecordingReader(path) as reader:
         found = reader.state_at(moment)
     values = [as_values(item) for item in found.items(0)]
@@ -179,7 +179,7 @@ def test_parts_are_one_recording(tmp_path: Path) -> None:
     half = len(items) // 2
     state = BusState()
     for item in items[:half]:
-        state.take(item)
+        state.apply(item)
     written(tmp_path / "a.mcap", items[:half])
     written(tmp_path / "b.mcap", [*state.items(items[half].log_ns), *items[half:]])
     assert read(tmp_path) == read(tmp_path / "b.mcap", tmp_path / "a.mcap")
@@ -196,7 +196,7 @@ def test_a_heartbeat_that_a_further_file_begins_with_comes_once(tmp_path: Path) 
     """What the recorder repeats there is left out; what was sent after it is not."""
     beats = [TopicItem(T0 + n * S, "beat", "Beat", {"ok": True}, retained=True) for n in range(4)]
     state = BusState()
-    state.take(beats[1])
+    state.apply(beats[1])
     first = written(tmp_path / "a.mcap", beats[:2])
     second = written(tmp_path / "b.mcap", [*state.items(T0 + 2 * S - 1), *beats[2:]])
     assert read(first, second) == [as_values(beat) for beat in beats]

@@ -221,13 +221,13 @@ def test_numbers_of_a_frame_are_those_of_the_monitor() -> None:
 _INTERRUPTED = """
 import signal, sys
 from tfbus.top.app import TopApp
-look, looks = TopApp._look, []
+look, looks = TopApp._update_tables, []
 def interrupted(self):
     looks.append(1)
     if len(looks) == 2:
         signal.raise_signal(signal.SIGINT)
     look(self)
-TopApp._look = interrupted
+TopApp._update_tables = interrupted
 from tfbus.__main__ import main
 main()
 """

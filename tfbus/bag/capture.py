@@ -252,9 +252,9 @@ class Capture:
             self._subscribe_stream(name, state.key)
         if state.alive and state.description is not None:
             if not former.alive or former.description != state.description:
-                self._note("stream", name, state.description)
+                self._enqueue_event("stream", name, state.description)
         elif former.alive and former.description is not None:
-            self._note("stream gone", name)
+            self._enqueue_event("stream gone", name)
             self.on_lost(name, former.description.host == socket.gethostname())
         self._on_stream(state)
 
@@ -282,7 +282,7 @@ class Capture:
                 self._sources.pop(key, None)
                 self._last_statics.pop(key, None)
 
-    def _note(
+    def _enqueue_event(
         self,
         kind: EventKind,
         name: str,
@@ -298,12 +298,12 @@ class Capture:
 
     def _on_node(self, name: str, description: NodeDescription | None) -> None:
         if description is None:
-            self._note("node gone", name)
+            self._enqueue_event("node gone", name)
             self._nodes.discard(name)
             self.on_lost(name, False)
             return
         self._nodes.add(name)
-        self._note("node", name, description)
+        self._enqueue_event("node", name, description)
         graph = graph_of([description], {}, self._node.namespace)
         self._ros_types.forget(name)
         taken = [

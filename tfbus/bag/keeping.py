@@ -536,8 +536,8 @@ UNSPLIT = Splits()
 class Keeping(Protocol):
     """Takes messages in the order in which they came."""
 
-    def take(self, raw: Raw) -> EventItem | None:
-        """Take a message; the event that it is."""
+    def keep(self, raw: Raw) -> EventItem | None:
+        """Keep a message; the event that it is."""
 
     def split(self, log_ns: int) -> Path:
         """Go on in a new file, or write a snapshot; its path. Raises TfbusError."""
@@ -557,8 +557,8 @@ class InFiles:
         # None as long as no recorder elsewhere fills gaps.
         self.received: Received | None = None
 
-    def take(self, raw: Raw) -> EventItem | None:
-        """Take a message; the event that it is."""
+    def keep(self, raw: Raw) -> EventItem | None:
+        """Keep a message; the event that it is."""
         whole = self._items.read(raw)
         if whole is None:
             return None
@@ -572,7 +572,7 @@ class InFiles:
         # What a file has refused the next one would refuse too.
         if self._items.write(item):
             if raw.source.is_essential:
-                self._state.take(item)
+                self._state.apply(item)
             if self.received is not None and not isinstance(item, EventItem):
                 self.received.add(item, self._parts.last_data)
         return item if isinstance(item, EventItem) else None
@@ -581,7 +581,7 @@ class InFiles:
         """A fill that begins with the state in force."""
         state = BusState()
         for item in self._state.items(0):
-            state.take(item)
+            state.apply(item)
         return Fill(state)
 
     def fill(self, raws: Iterable[Raw], fill: Fill, again_ns: int) -> list[Item]:
@@ -596,7 +596,7 @@ class InFiles:
                 continue
             if self._has_come(item, fill, again_ns):
                 continue
-            fill.state.take(item)
+            fill.state.apply(item)
             self.missed.fill(raw.source, whole)
             items.append(item)
         for error in self._parts.write_late(items):
@@ -659,8 +659,8 @@ class LastSeconds:
         """How many seconds are kept now."""
         return (self._kept[-1].log_ns - self._kept[0].log_ns) / 1e9 if self._kept else 0.0
 
-    def take(self, raw: Raw) -> EventItem | None:
-        """Take a message; the event that it is."""
+    def keep(self, raw: Raw) -> EventItem | None:
+        """Keep a message; the event that it is."""
         self._kept.append(raw)
         self.bytes += raw.size
         while self._kept[0].log_ns < raw.log_ns - self._last_ns:
@@ -680,7 +680,7 @@ class LastSeconds:
         for raw in self._kept:
             item = self._item(raw)
             if item is not None and self._items.write(item):
-                self._note(raw, item)
+                self._apply_essential(raw, item)
         self._kept.clear()
         self.bytes = 0
         self._parts.close()
@@ -692,12 +692,12 @@ class LastSeconds:
         if raw.source.is_essential:
             item = self._item(raw)
             if item is not None:
-                self._note(raw, item)
+                self._apply_essential(raw, item)
 
     def _item(self, raw: Raw) -> Item | None:
         whole = self._items.read(raw)
         return None if whole is None else self._items.select(whole)
 
-    def _note(self, raw: Raw, item: Item) -> None:
+    def _apply_essential(self, raw: Raw, item: Item) -> None:
         if raw.source.is_essential:
-            self._state.take(item)
+            self._state.apply(item)

@@ -160,7 +160,7 @@ class KeptFiles:
                 for item in reader.items(begin_ns, end_ns, selection):
                     # Each file begins with what is in force.
                     if not state.says(item):
-                        state.take(item)
+                        state.apply(item)
                         yield item
 
     def _in_turn(self, begin_ns: int, end_ns: int) -> Iterator[list[Path]]:

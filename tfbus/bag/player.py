@@ -191,7 +191,7 @@ class Player(Playhead):
             return None
         self._sent += is_message
         self._last_ns = self._reached_ns if is_message else self._last_ns
-        return ahead.take()
+        return ahead.pop()
 
     def _is_due(self, log_ns: int) -> bool:
         if self._is_paused:
@@ -285,8 +285,8 @@ class ReadAhead:
         """The next item, which stays; None if none is ready."""
         return self._ready[0] if self._ready else None
 
-    def take(self) -> Item:
-        """The next item; `first` must have returned one."""
+    def pop(self) -> Item:
+        """Remove and return the next item; `first` must have returned one."""
         item = self._ready.popleft()
         with self._has_room:
             self._bytes -= _size(item)

@@ -136,7 +136,7 @@ class RawQueue:
         """End the wait of `take`."""
         self._wakes.set()
 
-    def take(self, wait_s: float, held_bytes: int = 0) -> list[Raw]:
+    def drain(self, wait_s: float, held_bytes: int = 0) -> list[Raw]:
         """All that waits, in the order in which it came, after at most `wait_s` seconds.
 
         `held_bytes` is the size of those taken before that are still to be written.
@@ -401,7 +401,7 @@ class Past:
         keys = f"{transforms_key_beside(stream_key)}/**"
         namespace = stream_key.partition("@tfbus/")[0]
 
-        def take(page: Page, _: str) -> None:
+        def keep_page(page: Page, _: str) -> None:
             for message in page.messages:
                 self._keep(f"{namespace}{message.key}", message.payload)
 
@@ -414,7 +414,7 @@ class Past:
             self._session,
             self._executor,
             lambda: keys,
-            on_page=take,
+            on_page=keep_page,
             on_message=lambda answer: self._keep(answer.key, answer.payload),
             on_over=on_over,
             turns=self._turns,

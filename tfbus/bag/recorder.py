@@ -346,7 +346,7 @@ class Recorder:
         held_bytes = 0
         while not is_closing:
             is_closing = self._closing.is_set()
-            came = self._queue.take(0.0 if is_closing else _LOOK_EVERY_S, held_bytes)
+            came = self._queue.drain(0.0 if is_closing else _LOOK_EVERY_S, held_bytes)
             self._pending.extend(came)
             if self._past is not None:
                 if not is_closing and not self._past.is_complete():
@@ -356,7 +356,7 @@ class Recorder:
                 self._note_history(self._past.dropped)
                 self._past = None
             while self._pending and (is_closing or not self._waits(self._pending[0])):
-                self._take(self._pending.popleft())
+                self._keep(self._pending.popleft())
             held_bytes = sum(raw.size for raw in self._pending)
             while self._asked:
                 self._answer(*self._asked.popleft())
@@ -380,9 +380,9 @@ class Recorder:
         self._undescribed.add(raw.source)
         return False
 
-    def _take(self, raw: Raw) -> None:
+    def _keep(self, raw: Raw) -> None:
         self.received += raw.source is not EVENTS
-        event = self._keeping.take(raw)
+        event = self._keeping.keep(raw)
         if event is None or self._triggers is None:
             return
         if why := self._triggers.fulfilled_by(event):
@@ -428,7 +428,7 @@ class Recorder:
         )
         facts = {"messages": news.total(), **news}
         log_ns = max(scheduler.time_ns(), self._queue.last_ns)
-        self._take(Raw(log_ns, EVENTS, EventItem(0, "dropped", "", facts)))
+        self._keep(Raw(log_ns, EVENTS, EventItem(0, "dropped", "", facts)))
 
     def _fail(self, error: Exception) -> None:
         self.failure = str(getattr(error, "strerror", None) or error)

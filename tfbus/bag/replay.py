@@ -292,7 +292,7 @@ class Republisher:
     def _publish(self, item: TopicItem, pace: Pace) -> None:
         if self._is_time(item.topic, item.type_name):
             if self._clock is not None:
-                self._clock.take(item)
+                self._clock.set_by(item)
             return
         if item.topic not in self._topics:
             definition = None if item.encoded is None else item.encoded[0]

@@ -67,8 +67,8 @@ class ReplayedClock:
         with self._lock:
             self._publish(self._playhead.progress)
 
-    def take(self, item: TopicItem) -> None:
-        """Take a message of the recorded clock."""
+    def set_by(self, item: TopicItem) -> None:
+        """Set it by a message of the recorded clock."""
         said = self._clock_of(item)
         if said is None:
             return

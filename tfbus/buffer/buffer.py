@@ -447,19 +447,15 @@ class Buffer:
             check_seconds(timeout_s, "timeout_s", least=-math.inf)
         # Nearly every lookup is one of these: nothing is made for it but its answer.
         if (
-            type(target_frame) is str
+            cython.compiled
+            and type(target_frame) is str
             and type(source_frame) is str
             and (stamp_ns is None or type(stamp_ns) is int)
             and sampling is None
             and max_age_s is None
             and living is False
         ):
-            if cython.compiled:
-                return self._lookup_plain(target_frame, source_frame, stamp_ns, timeout_s)
-            else:
-                answer = self._answer(target_frame, source_frame, stamp_ns, None)
-                if answer is not None:
-                    return answer
+            return self._lookup_plain(target_frame, source_frame, stamp_ns, timeout_s)
         return self._lookup(
             target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living
         )

@@ -35,7 +35,7 @@ cdef class Tree:
     @cython.locals(target=History, source=History)
     cdef Path _seek_path(self, target_frame, source_frame)
     @cython.locals(asked=set)
-    cdef _note(self, tuple pair)
+    cdef _record_pair(self, tuple pair)
     cpdef ask_again(self)
     @cython.locals(path=Path)
     cdef Path _find_path(self, History target, History source)

@@ -143,13 +143,13 @@ class Tree:
 
     def _seek_path(self, target_frame: str, source_frame: str) -> Path | None:
         if self.asked is not None:
-            self._note((target_frame, source_frame))
+            self._record_pair((target_frame, source_frame))
         target, source = self.frames.get(target_frame), self.frames.get(source_frame)
         if target is None or source is None:
             return None
         return self._find_path(target, source)
 
-    def _note(self, pair: tuple[str, str]) -> None:
+    def _record_pair(self, pair: tuple[str, str]) -> None:
         asked = self.asked
         if asked is not None and pair not in asked:
             if len(asked) >= _MOST_ASKED:

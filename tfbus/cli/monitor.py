@@ -182,7 +182,7 @@ def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> boo
         if not heard.node.wait(min(left_s, _LOOK_EVERY_S), clock=SYSTEM_CLOCK):
             return False
         if pair is not None:
-            pair.look(heard, time.monotonic())
+            pair.measure(heard, time.monotonic())
     return True
 
 

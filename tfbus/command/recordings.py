@@ -198,7 +198,7 @@ def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[Recordin
     try:
         from tfbus.recording.reader import RecordingReader
 
-        reader = RecordingReader(*paths, on_damage=met.take)
+        reader = RecordingReader(*paths, on_damage=met.report)
     except ImportError as error:
         raise TfbusError(
             f"recordings need {error.name or 'mcap'}, which is not installed: "
@@ -259,7 +259,7 @@ class _Damage:
         self.found: list[tuple[Part, Damage]] = []
         self._reader: RecordingReader | None = None
 
-    def take(self, part: "Part", damage: "Damage") -> None:
+    def report(self, part: "Part", damage: "Damage") -> None:
         self.found.append((part, damage))
         if self._reader is not None and len(self.found) <= _MOST_DAMAGE:
             self._say([(part, damage)], self._reader.start_ns)

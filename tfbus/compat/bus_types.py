@@ -171,7 +171,7 @@ class TransformsSubscription(NodeEndpoint):
         if self.closed or is_foreign(key):
             return
         try:
-            self._named.take(key, payload)
+            self._named.decode(key, payload)
         except DecodeError as error:
             self._once.warning(("unreadable", key), "Skipped a message on %r: %s", key, error)
 

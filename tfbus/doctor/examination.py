@@ -302,12 +302,12 @@ def examine_recorded(
     meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
     lost = 0
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
-    ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.look_again(frames, log_ns))
+    ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.update_ongoing(frames, log_ns))
     for event in measure(frames, meter, ticks.before):
         lost += event.dropped
         if event.kind in ("stream", "stream gone"):
-            passing.look(frames, event.log_ns)
-    passing.look(frames, to_ns)
+            passing.update(frames, event.log_ns)
+    passing.update(frames, to_ns)
     restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
     span = RecordedSpan(
         start_ns=frames.start_ns,
@@ -342,8 +342,8 @@ class _Passing:
         self._closed: list[PassingProblem] = []
         self._looks = 0
 
-    def look(self, frames: RecordedFrames, log_ns: int) -> None:
-        """Look at the tree now."""
+    def update(self, frames: RecordedFrames, log_ns: int) -> None:
+        """Compare the tree of now with the one before."""
         self._looks += 1
         if self._looks > _MOST_LOOKS:
             return
@@ -355,11 +355,11 @@ class _Passing:
         for key, problem in ended.items():
             self._closed.append(PassingProblem(problem, self._from_ns.pop(key), log_ns))
 
-    def look_again(self, frames: RecordedFrames, log_ns: int) -> None:
+    def update_ongoing(self, frames: RecordedFrames, log_ns: int) -> None:
         """Look whether a problem is over."""
         if self._from_ns:
             self._looks -= 1
-            self.look(frames, log_ns)
+            self.update(frames, log_ns)
 
     def found(self) -> tuple[PassingProblem, ...]:
         """All, in the order in which they began."""

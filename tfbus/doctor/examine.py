@@ -80,7 +80,7 @@ def examine(
                 listened_s = _listen(node, listen_s)
                 if before is not None:
                     answers = _ask(node.session, on_unreadable)
-                heard.note(answers)
+                heard.set_answers(answers)
                 now = heard.moment()
                 yield Examination(
                     settings,
@@ -284,9 +284,9 @@ class RtpsWatch:
         with self._socket:
             while not self._ends.is_set():
                 with suppress(OSError):
-                    self._take(self._socket.recv(_LARGEST))
+                    self._add_participant(self._socket.recv(_LARGEST))
 
-    def _take(self, packet: bytes) -> None:
+    def _add_participant(self, packet: bytes) -> None:
         participant = participant_of(packet)
         if participant is not None and len(self._found) < _MOST:
             self._found[participant.id] = participant

@@ -128,8 +128,8 @@ class RecordedClock(Clock):
         """The log time in seconds."""
         return self.log_ns / 1e9
 
-    def take(self, item: TopicItem, namespace: str = "") -> bool:
-        """Take a message of the recorded clock, any other is none; whether it was set back."""
+    def set_by(self, item: TopicItem, namespace: str = "") -> bool:
+        """Set it by a message of the recorded clock, by no other; whether it was set back."""
         stamp_ns = item.values.get("stamp_ns")
         if not self._follows or type(stamp_ns) is not int or item.topic != clock_topic(namespace):
             return False

@@ -81,7 +81,7 @@ class Listening:
         """Ask the nodes of other processes for their descriptions, from which `moment` is made; it
         takes up to 2 s. Unreadable ones are left out.
         """
-        self.note(ask_others(self.node.session))
+        self.set_answers(ask_others(self.node.session))
 
     def watch_nodes(self) -> None:
         """From now on `moment` has the nodes and streams as they are then. Waits until the nodes
@@ -105,7 +105,7 @@ class Listening:
     def _on_nodes(self, nodes: list[NodeDescription]) -> None:
         # Of a fleet the listener has all streams.
         if self.fleet is None and self._asked.streams_pace.is_due():
-            self.note(ask_streams(self.node.session, timeout_s=_ANSWER_WITHIN_S))
+            self.set_answers(ask_streams(self.node.session, timeout_s=_ANSWER_WITHIN_S))
 
     @property
     def _answers(self) -> Described:
@@ -114,8 +114,8 @@ class Listening:
         nodes, silent = tuple(graph.nodes()), tuple(graph.silent())
         return replace(self._asked.answers, nodes=nodes, silent_nodes=silent)
 
-    def note(self, answers: Described) -> None:
-        """Take answers of nodes that were asked for."""
+    def set_answers(self, answers: Described) -> None:
+        """Set the answers of nodes that were asked for."""
         self._asked.answers = answers
 
     def moment(self, *, has_frames: bool = True) -> BusMoment:

@@ -27,7 +27,7 @@ _NONE: _Numbers = NO_NUMBERS, None
 
 
 class NamedMessages:
-    """Calls `receive(key, message, size)` for each message that `take` gets, of so many bytes; on
+    """Calls `receive(key, message, size)` for each message that `decode` gets, of so many bytes; on
     the thread that brings it or, if it had to wait for its stream's description, on another one.
 
     Streams are watched from the first message on whose frames have numbers, until `close()` or the
@@ -52,11 +52,11 @@ class NamedMessages:
         self._watch: StreamWatch | None = None
         self._is_closed = False
 
-    def take(self, key: str, payload: bytes) -> None:
-        """Receive a message. Raises DecodeError if it is none."""
-        self._take(key, payload, TIMES_HELD)
+    def decode(self, key: str, payload: bytes) -> None:
+        """Decode a message, and pass it on. Raises DecodeError if it is none."""
+        self._decode_or_hold(key, payload, TIMES_HELD)
 
-    def _take(self, key: str, payload: bytes, times: int) -> None:
+    def _decode_or_hold(self, key: str, payload: bytes, times: int) -> None:
         """Receive a message, which may be held for so many more descriptions."""
         name = stream_of(key)
         numbers, _ = self._numbers.get(name, _NONE)
@@ -67,7 +67,7 @@ class NamedMessages:
             if not self._is_closed and (len(message.rows) or not message.unnamed):
                 self._receive(key, message, len(payload))
             return
-        receive = partial(self._take_again, key, times=times - 1)
+        receive = partial(self._decode_again, key, times=times - 1)
         if not self._pending.add(name, message.epoch_ns, receive, payload):
             self._once.warning("full", TOO_MANY_WAIT)
         with self._lock:
@@ -79,9 +79,9 @@ class NamedMessages:
         if now is not numbers and now.epoch_ns == message.epoch_ns:  # it came in between
             self._pending.release(name, message.epoch_ns)
 
-    def _take_again(self, key: str, payload: bytes, times: int) -> None:
+    def _decode_again(self, key: str, payload: bytes, times: int) -> None:
         try:
-            self._take(key, payload, times)
+            self._decode_or_hold(key, payload, times)
         except DecodeError as error:
             self._once.warning((key, DecodeError), "Dropped a message on %s: %s", key, error)
 

@@ -145,13 +145,13 @@ class RecordedFrames:
     def _go_through(self, before: Iterable[Item], span: Iterable[Item], at_ns: int) -> None:
         self._start()
         for item in before:
-            self.take(item)
+            self.apply(item)
         # Of the time before only the last messages were read: between them none is missing.
         for stream in self._streams.values():
             stream.expect_any_number()
             stream.reception.counts.missed = 0
         for item in span:
-            self.take(item)
+            self.apply(item)
         self.pass_time(at_ns)
 
     def hear(self, from_ns: int | None, to_ns: int | None, selection: Selection = ALL) -> None:
@@ -184,7 +184,7 @@ class RecordedFrames:
         """
         for item in self._items(self._at_ns + 1, to_ns):
             before(item.log_ns)
-            if (taken := self.take(item)) is not None:
+            if (taken := self.apply(item)) is not None:
                 yield taken
         before(to_ns)
         self.pass_time(to_ns)
@@ -244,19 +244,19 @@ class RecordedFrames:
 
     # Items
 
-    def take(self, item: Item) -> Item | None:
-        """Take the next item; it, as it is called here, None where it is not seen from here."""
+    def apply(self, item: Item) -> Item | None:
+        """Apply the next item; it, as it is called here, None where it is not seen from here."""
         self._clock.log_ns = item.log_ns
         if isinstance(item, TransformItem):
-            return self._take_transforms(item)
+            return self._apply_transforms(item)
         if isinstance(item, EventItem):
-            self._take_event(item)
-        elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
+            self._apply_event(item)
+        elif isinstance(item, TopicItem) and self._clock.set_by(item, self._view.namespace):
             # The clock was set back: transforms in its future have not happened.
             self.buffer.clear(after_ns=self._clock.now_ns())
         return item
 
-    def _take_transforms(self, item: TransformItem) -> TransformItem | None:
+    def _apply_transforms(self, item: TransformItem) -> TransformItem | None:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
@@ -278,7 +278,7 @@ class RecordedFrames:
             return item
         return replace(item, stream=replace(item.stream, name=name), rows=rows)
 
-    def _take_event(self, event: EventItem) -> None:
+    def _apply_event(self, event: EventItem) -> None:
         if event.kind == "node":
             node = _node_of(event)
             if node is not None:

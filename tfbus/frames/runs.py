@@ -115,14 +115,14 @@ def _told(
     for log_ns, channel in [*_messages(reader, several), (LAST_NS, None)]:
         while at < len(events) and events[at].log_ns <= log_ns:
             counted.pop(events[at].name, None)
-            frames.take(events[at])
+            frames.apply(events[at])
             yield events[at]
             at += 1
         if channel is None or counted.get(channel.stream.name) is channel:
             continue
         stream = channel.stream
         item = TransformItem(log_ns, stream, _NONE, channel.is_static)
-        frames.take(item)
+        frames.apply(item)
         if frames.epoch_ns(stream.name) == stream.epoch_ns and not channel.is_static:
             counted[stream.name] = channel
         else:

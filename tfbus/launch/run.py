@@ -65,12 +65,12 @@ async def _run(
     if longest_s is not None:
         reason = f"has run for {longest_s:g} s, as asked"
         loop.call_later(longest_s, partial(supervisor.stop, reason, level="INFO"))
-    telling = asyncio.create_task(_tell(manager, supervisor))
+    telling = asyncio.create_task(_notify(manager, supervisor))
     try:
         return await supervisor.run()
     finally:
         telling.cancel()
-        manager.tell("STOPPING=1")
+        manager.notify("STOPPING=1")
         await orphans.end_all(timeouts.after_sigterm_s)
         console.close()
         for number in (signal.SIGCHLD, *_REASONS):
@@ -79,13 +79,13 @@ async def _run(
             signal.signal(number, signal.SIG_IGN)
 
 
-async def _tell(manager: ServiceManager, supervisor: Supervisor) -> None:
+async def _notify(manager: ServiceManager, supervisor: Supervisor) -> None:
     """Tell the service manager once all programs have been started, and that this loop goes on."""
     await supervisor.started()
-    manager.tell("READY=1", f"STATUS={supervisor.status}")
+    manager.notify("READY=1", f"STATUS={supervisor.status}")
     while manager.every_s is not None:
         # A READY that got lost would leave the service at its start.
-        manager.tell("WATCHDOG=1", "READY=1", f"STATUS={supervisor.status}")
+        manager.notify("WATCHDOG=1", "READY=1", f"STATUS={supervisor.status}")
         await asyncio.sleep(manager.every_s)
 
 

@@ -44,7 +44,7 @@ class ServiceManager:
         if self._address and is_ours and wait_us.isdecimal() and int(wait_us):
             self.every_s = int(wait_us) / 1e6 / _TOLD_AS_OFTEN
 
-    def tell(self, *facts: str) -> None:
+    def notify(self, *facts: str) -> None:
         """Tell it facts, such as `READY=1`; nothing without a manager, or if it does not listen."""
         if self._address:
             with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as told:

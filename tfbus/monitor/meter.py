@@ -161,7 +161,7 @@ class TransformMeter:
         """Measure a message of transforms that has come at this key."""
         # The listener counts what it cannot read, and logs it where it is not of ROS 2.
         with suppress(DecodeError):
-            self._named.take(key, payload)
+            self._named.decode(key, payload)
 
     def _measure(self, key: str, message: TransformMessage, size: int) -> None:
         at_s, now_ns = self._elapsed_s(), self._node.now_ns()
@@ -357,11 +357,11 @@ def measured(frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch |
     """The report of a span, with the moment at its end."""
     meter = SpanMeter(from_ns, to_ns, frames.pauses)
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
-    look = (lambda log_ns: None) if pair is None else partial(_look, frames, pair)
+    look = (lambda log_ns: None) if pair is None else partial(_measure_pair, frames, pair)
     for _ in measure(frames, meter, Ticks(frames, from_ns, every_ns, look).before):
         pass
     return make_report(frames, meter, pair, meter)
 
 
-def _look(frames: RecordedFrames, pair: PairWatch, log_ns: int) -> None:
-    pair.look(frames, log_ns / 1e9)
+def _measure_pair(frames: RecordedFrames, pair: PairWatch, log_ns: int) -> None:
+    pair.measure(frames, log_ns / 1e9)

@@ -120,7 +120,7 @@ class PairWatch:
         self._target, self._source = target, source
         self._delays = MessageWindow(most)
 
-    def look(self, heard: BusView, at_s: float) -> None:
+    def measure(self, heard: BusView, at_s: float) -> None:
         """Measure the age of the newest answer now."""
         try:
             stamp_ns = heard.buffer.latest_common_time(self._target, self._source)

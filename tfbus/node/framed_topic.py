@@ -179,7 +179,7 @@ class FramedSubscription(Subscription[M]):
         with self._order:
             return sorted({*self._queues, *self._dropped_of})[:_MOST_SOURCES]
 
-    def _take(self, message: Any, count: int = 1) -> None:
+    def _hand_over(self, message: Any, count: int = 1) -> None:
         frame = message.frame_id
         with self._lock:
             self.received += count
@@ -197,11 +197,11 @@ class FramedSubscription(Subscription[M]):
                 frame,
                 self._until_ns(message),
                 self.into.timeout_s,
-                self._look_soon,
+                self._poll_soon,
             )
             self._numbers += 1
             self._queues.setdefault(frame, deque()).append(_Waiting(self._numbers, message, lookup))
-            self._look(frame)
+            self._poll(frame)
             self._set_timer()
 
     def _until_ns(self, message: Any) -> int | None:
@@ -212,13 +212,13 @@ class FramedSubscription(Subscription[M]):
         last_ns = message.stamp_ns if stamps is None or not len(stamps) else int(stamps.max())
         return last_ns + round(self.into.tolerance_s * 1e9) if message.stamp_ns else None
 
-    def _look_soon(self) -> None:
-        self._executor.submit(f"transforms of {self._what}", self._look_at_all, limit=1)
+    def _poll_soon(self) -> None:
+        self._executor.submit(f"transforms of {self._what}", self._poll_all, limit=1)
 
-    def _look_at_all(self) -> None:
+    def _poll_all(self) -> None:
         with self._order:
             for frame in list(self._queues):
-                self._look(frame)
+                self._poll(frame)
             self._set_timer()
 
     def _set_timer(self) -> None:
@@ -235,9 +235,9 @@ class FramedSubscription(Subscription[M]):
                 self._timer.cancel()
             self._due_s, self._timer = due_s, None
             if left_s and not self.closed:
-                self._timer = self._executor.after(due_s - now_s, self._look_at_all)
+                self._timer = self._executor.after(due_s - now_s, self._poll_all)
 
-    def _look(self, frame: str) -> None:
+    def _poll(self, frame: str) -> None:
         """Pass on the messages of a frame whose transform is known by now, in their order."""
         queue = self._queues[frame]
         while queue:
@@ -247,7 +247,7 @@ class FramedSubscription(Subscription[M]):
             except TransformException as error:
                 self._drop(queue[0].message, _reason(error), str(error))
             else:
-                super()._take(queue[0].message, 0)
+                super()._hand_over(queue[0].message, 0)
             queue.popleft().lookup.close()
         del self._queues[frame]
 

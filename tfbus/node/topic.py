@@ -226,9 +226,9 @@ class Subscription(NodeEndpoint, Generic[M]):
                 return
             warn_rejected(self._log_once, self, error)
             return
-        self._take(message)
+        self._hand_over(message)
 
-    def _take(self, message: M, count: int = 1) -> None:
+    def _hand_over(self, message: M, count: int = 1) -> None:
         """Let the callback have a message, which counts as received."""
         with self._lock:
             self.received += count

@@ -64,7 +64,7 @@ def cut(
             reader.items(span.from_ns, span.to_ns, selection),
         ):
             if not state.says(item):
-                state.take(item)
+                state.apply(item)
                 yield item
         former = span
 
@@ -84,7 +84,7 @@ def joined(readers: Sequence[RecordingReader], selection: Selection = ALL) -> It
     ):
         if state.says(item) or repeated.is_of_another(item, number, state):
             continue
-        state.take(item)
+        state.apply(item)
         yield item
 
 

@@ -56,7 +56,7 @@ def write_transforms_npz(items: Iterable[Item], path: Path) -> int:
     """
     table = _TransformTable()
     for item in _transforms(items):
-        table.take(item)
+        table.append(item)
     arrays: dict[str, Any] = table.arrays()
     with replacing(path) as file:
         np.savez_compressed(file, **arrays)
@@ -94,7 +94,7 @@ class _TransformTable:
         # Of each message: log time, whether static, stream.
         self._facts: list[tuple[int, bool, int]] = []
 
-    def take(self, item: TransformItem) -> None:
+    def append(self, item: TransformItem) -> None:
         batch = item.rows.as_batch()
         numbers = [self._frames.setdefault(name, len(self._frames)) for name in batch.frames]
         stream = self._streams.setdefault(item.stream.name, len(self._streams))

@@ -311,7 +311,7 @@ class _Importer:
             if not is_static:
                 return TransformItem(message.log_ns, stream, rows)
             statics = self._statics.setdefault(name, _StaticSet())
-            if not statics.take(rows):
+            if not statics.update(rows):
                 return None
             return TransformItem(message.log_ns, stream, statics.rows(), static=True)
 
@@ -375,8 +375,8 @@ class _StaticSet:
     def __init__(self) -> None:
         self._row_of: dict[str, tuple[str, bytes, bytes]] = {}
 
-    def take(self, rows: Columns) -> bool:
-        """Take rows; whether any differs from what was there."""
+    def update(self, rows: Columns) -> bool:
+        """Set rows; whether any differs from what was there."""
         stamps, poses = rows.stamps_bytes(), rows.poses_bytes()
         is_new = False
         for at, (parent, child) in enumerate(rows.pairs()):

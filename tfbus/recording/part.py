@@ -165,7 +165,7 @@ class Part:
                 for item, channel in chunk.statics():
                     if not state.says(item):
                         builder.add_change(channel.id, item.log_ns)
-                    state.take(item)
+                    state.apply(item)
             builder.end_chunk(chunk.offset)
         return builder.build()
 

@@ -319,7 +319,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         for item in self._in_order(from_ns, to_ns, selection):
             if state.says(item):
                 continue
-            state.take(item)
+            state.apply(item)
             taken = selection.taken_of(item)
             if taken is not None:
                 yield taken
@@ -360,7 +360,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
             if event.log_ns > log_ns:
                 break
             if selection.taken_of(event) is not None:
-                state.take(event)
+                state.apply(event)
         names = {
             channel.stream.name
             for part in self._parts
@@ -370,9 +370,9 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         for item in self._last_statics(names, log_ns):
             taken = selection.taken_of(item)
             if taken is not None:
-                state.take(taken)
+                state.apply(taken)
         for message in self._last_retained(log_ns, selection):
-            state.take(message)
+            state.apply(message)
         return state
 
     def _all_events(self) -> tuple[EventItem, ...]:
@@ -395,7 +395,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                 continue
             if not state.says(event):
                 events.append(event)
-            state.take(event)
+            state.apply(event)
         return tuple(events)
 
     def _in_order(

@@ -146,7 +146,7 @@ class Salvage:
             key=_log_ns,
         ):
             if not state.says(item):
-                state.take(item)
+                state.apply(item)
                 yield item
 
 
@@ -157,7 +157,7 @@ def items_of_all(salvages: Iterable[Salvage]) -> Iterator[Item]:
     state = BusState()
     for item in merge(*(salvage.items() for salvage in salvages), key=_log_ns):
         if not state.says(item):
-            state.take(item)
+            state.apply(item)
             yield item
 
 

@@ -34,13 +34,13 @@ class BusState:
         self.gone: Bounded[str, EventItem] = Bounded(MOST_GONE, self._forget)
         self._gone_nodes: Bounded[str, None] = Bounded(MOST_GONE)
 
-    def take(self, item: Item) -> None:
-        """Take an item; items come in order of their log times."""
+    def apply(self, item: Item) -> None:
+        """Apply an item; items come in order of their log times."""
         if isinstance(item, TransformItem):
             if item.static:
                 self.statics[item.stream.name] = item
         elif isinstance(item, EventItem):
-            self._take_event(item)
+            self._apply_event(item)
         elif item.retained:
             self.retained[item.topic] = item
 
@@ -69,7 +69,7 @@ class BusState:
         groups = (self.nodes, self.streams, self.statics, retained, self.gone)
         return [replace(item, log_ns=log_ns) for group in groups for item in group.values()]
 
-    def _take_event(self, item: EventItem) -> None:
+    def _apply_event(self, item: EventItem) -> None:
         match item.kind:
             case "stream":
                 self.streams[item.name] = item

@@ -181,7 +181,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
                 self._statics_ns = self._statics_ns or item.log_ns
                 if not self._state.says(item):
                     self._index.add_change(channel, item.log_ns)
-        self._state.take(item)
+        self._state.apply(item)
         self._repeat_statics(item.log_ns)
         if self._pending >= CHUNK_BYTES:
             self._end_chunk()

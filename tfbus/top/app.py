@@ -190,9 +190,9 @@ class TopApp(App[None]):
 
     def on_mount(self) -> None:
         asyncio.get_running_loop().add_reader(self._signals.readable, self._end)
-        self._look()
+        self._update_tables()
         self._find_hint()
-        self.set_interval(_LOOK_EVERY_S, self._look)
+        self.set_interval(_LOOK_EVERY_S, self._update_tables)
         self.set_interval(_HINT_EVERY_S, self._find_hint)
         self.set_focus(self._table_of("frames"))
 
@@ -220,7 +220,7 @@ class TopApp(App[None]):
             kind, _, topic = str(row.key.value).partition(" ")
             if kind == "topic":
                 self._source.measure(topic)
-                self._look()
+                self._update_tables()
 
     def action_sort(self) -> None:
         """Sort by the next column."""
@@ -285,8 +285,8 @@ class TopApp(App[None]):
     def _find_hint(self) -> None:
         self._source.find_hint()
 
-    def _look(self) -> None:
-        tables = self._source.look()
+    def _update_tables(self) -> None:
+        tables = self._source.tables()
         if not self._is_paused or not self._tables:
             self._tables = tables
             for name in _NAMES:

@@ -274,7 +274,7 @@ class TopSource:
         self.hint = ""  # where to look while there is no frame
         self._measured: dict[str, _Rate] = {}
 
-    def look(self) -> dict[str, ScreenTable]:
+    def tables(self) -> dict[str, ScreenTable]:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
         # Before the first answers there would be those of transforms alone.
@@ -352,9 +352,9 @@ class _Rate:
     def __init__(self, node: Node, topic: str) -> None:
         self._since_s = time.monotonic()
         self._window = MessageWindow(_MOST_MESSAGES)
-        self._subscription = node.create_raw_subscription(topic, self._take)
+        self._subscription = node.create_raw_subscription(topic, self._add)
 
-    def _take(self, payload: bytes) -> None:
+    def _add(self, payload: bytes) -> None:
         self._window.add(time.monotonic(), len(payload))
 
     @property

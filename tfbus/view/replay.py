@@ -301,7 +301,7 @@ class Replay:
             self._rest = self._reader.items(self._frames.at_ns + 1, None, self._frames.selection)
             self._next = next(self._rest, None)
         while self._next is not None and self._next.log_ns <= at_ns:
-            self._frames.take(self._next)
+            self._frames.apply(self._next)
             self._next = next(self._rest, None)
         self._frames.pass_time(at_ns)
 

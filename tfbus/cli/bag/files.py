@@ -253,7 +253,7 @@ class Written:
     from_ns: int | None = None
     to_ns: int = 0
 
-    def take(self, item: Item) -> None:
+    def add(self, item: Item) -> None:
         """Count an item."""
         if isinstance(item, EventItem):
             return
@@ -377,7 +377,7 @@ def write_recording(
                         raise
                     refuse(item, str(error))
                 else:
-                    written.take(item)
+                    written.add(item)
             if said := about_at_end():
                 writer.add_about(said)
         written.size = writer.size

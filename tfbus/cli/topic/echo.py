@@ -83,7 +83,7 @@ class Inbox:
         self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
         self._skipped = 0
         self._subscription = subscribe(
-            node, topic, type_name, self._take, retained=retained, named=True
+            node, topic, type_name, self._enqueue, retained=retained, named=True
         )
 
     def __enter__(self) -> "Inbox":
@@ -123,7 +123,7 @@ class Inbox:
                 break
         return None
 
-    def _take(self, payload: bytes) -> None:
+    def _enqueue(self, payload: bytes) -> None:
         arrival = Arrival(payload, self._node.now_ns())
         while True:
             try:

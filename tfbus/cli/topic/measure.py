@@ -167,9 +167,9 @@ class MeteredTopic:
         self._silent_since_s = time.monotonic()
         self._rejected = 0
         type_name = type_of(look(node.session), topic)
-        self._subscription = subscribe(node, topic, type_name, self._take)
+        self._subscription = subscribe(node, topic, type_name, self._measure)
 
-    def _take(self, payload: bytes) -> None:
+    def _measure(self, payload: bytes) -> None:
         at_s = time.monotonic()
         try:
             number = self._meter(payload)

@@ -119,21 +119,21 @@ class _Named:
         self._callback = callback
         self._once = LogOnce(node.log)
         self._named = NamedMessages(node, self._receive, everywhere=True)
-        self._subscription = node.session.subscriber(key, self._take)
+        self._subscription = node.session.subscriber(key, self._read)
 
     def close(self) -> None:
         """End it. Twice is fine."""
         self._subscription.close()
         self._named.close()
 
-    def _take(self, key: str, payload: bytes) -> None:
+    def _read(self, key: str, payload: bytes) -> None:
         if is_foreign(key):
             return
         if not is_numbered(payload):
             self._callback(payload)
             return
         try:
-            self._named.take(key, payload)
+            self._named.decode(key, payload)
         except DecodeError as error:
             self._once.warning(key, "Skipped a message on %r: %s", key, error)
 

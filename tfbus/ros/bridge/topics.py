@@ -188,7 +188,7 @@ class TopicFromRos:
         self._publisher: RawPublisher | None = None
         definition = line.counterpart.definition
         topic = RosTopic(ros_name, definition, line.retained, max(line.depth, LEAST_READER_DEPTH))
-        self._subscription = leg.subscribe(topic, self._take)
+        self._subscription = leg.subscribe(topic, self._publish)
 
     def silence(self) -> None:
         """Publish it no longer in the bus, until there is another message."""
@@ -204,7 +204,7 @@ class TopicFromRos:
             self._closed = True
         self.silence()
 
-    def _take(self, payload: bytes, gid: str) -> None:
+    def _publish(self, payload: bytes, gid: str) -> None:
         try:
             if not self._accepts(gid):
                 return
@@ -299,7 +299,7 @@ class TopicBridge:
         self._lock = threading.Lock()
         self._topics: dict[str, _Topic] = {}
         self._is_closed = False
-        self._graph = GraphWatch(node.session, log, on_nodes=self._look)
+        self._graph = GraphWatch(node.session, log, on_nodes=self._adapt_all)
 
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
@@ -321,7 +321,7 @@ class TopicBridge:
             [name for name, topic in topics if topic.comes],
         )
 
-    def _look(self, nodes: list[NodeDescription]) -> None:
+    def _adapt_all(self, nodes: list[NodeDescription]) -> None:
         bridges = {each.name for each in nodes if _is_bridge(each)}
         graph = graph_of(nodes, {}, self._node.namespace)
         for name in sorted({*graph.topics, *self._table.names, *self._topics}):
@@ -329,9 +329,9 @@ class TopicBridge:
                 with self._lock:
                     if self._is_closed:
                         return
-                    self._look_at(name, graph, bridges)
+                    self._try_to_adapt(name, graph, bridges)
 
-    def _look_at(self, name: str, graph: Graph, bridges: set[str]) -> None:
+    def _try_to_adapt(self, name: str, graph: Graph, bridges: set[str]) -> None:
         try:
             self._adapt(name, graph, bridges)
         except TfbusError as error:

@@ -359,7 +359,7 @@ class RospySubscription:
         self._subscriber = rospy.Subscriber(
             topic.name,
             _message_class(self._type),
-            self._take,
+            self._receive,
             # None: of what rospy reads at once, 64 kB, it would drop all but so many. What it does
             # not read waits at the publisher.
             queue_size=None,
@@ -373,7 +373,7 @@ class RospySubscription:
         self._leg.ended("sub", self._name, self)
         self._subscriber.unregister()
 
-    def _take(self, message: Any) -> None:
+    def _receive(self, message: Any) -> None:
         node = str(message._connection_header.get("callerid", ""))
         if node == self._own_name:
             return

@@ -87,21 +87,27 @@ class NamedMessages:
 
     def close(self) -> None:
         """Receive nothing from now on. Twice is fine."""
-        self._is_closed = True
+        with self._lock:
+            self._is_closed = True
         if self._watch is not None:
             self._watch.close()
         elif self._executor is not None:
             self._executor.close()
 
     def _start(self) -> None:
-        if not self._is_closed:
-            self._watch = StreamWatch(
-                self._node.session,
-                self._on_stream,
-                everywhere=self._everywhere,
-                log=self._node.log,
-                executor=self._executor,
-            )
+        if self._is_closed:
+            return
+        watch = StreamWatch(
+            self._node.session,
+            self._on_stream,
+            everywhere=self._everywhere,
+            log=self._node.log,
+            executor=self._executor,
+        )
+        with self._lock:
+            self._watch, was_closed = watch, self._is_closed
+        if was_closed:  # meanwhile
+            watch.close()
 
     def _on_stream(self, state: StreamState) -> None:
         description = state.description

@@ -262,15 +262,22 @@ def test_tools_show_what_came_before_a_restart_was_described(bus: Bus) -> None:
     named.close()
 
 
-def test_a_listener_says_once_that_too_many_messages_wait(
-    caplog: pytest.LogCaptureFixture,
+@pytest.mark.parametrize(
+    ("described_ns", "of"), [(1, "with the names of their frames"), (2, "of their epoch")]
+)
+def test_a_listener_says_once_for_what_too_many_messages_wait(
+    caplog: pytest.LogCaptureFixture, described_ns: int, of: str
 ) -> None:
-    """Their names do not come, and there is no room for more."""
+    """For names that its stream's description does not have, or for the description of another
+    epoch than the one that is there.
+    """
     received = Received()
     received.stream.around.pending = PendingMessages(most_bytes=500)
+    received.stream.numbers = FrameNumbers(described_ns, 0, (), b"")
     for _ in range(4):
         received.key.receive(numbered(2))
-    assert len([line for line in caplog.messages if "too many wait" in line]) == 1
+    [line] = (line for line in caplog.messages if "too many wait" in line)
+    assert f"waited for a description {of}: too many wait" in line
 
 
 def test_tools_that_close_while_they_begin_to_watch_leave_nothing_open(

@@ -126,7 +126,8 @@ class Examination:
     """The bus in `listened_s` seconds: as seen from this host, or in a span of a recording.
 
     `moment` is the bus at the end. Of a fleet, whose nodes and frames are those in all namespaces
-    below too: `robots`, worst first, and the `roster` of robots that are expected. Of a live bus:
+    below too: `robots`, worst first, the `roster` of robots that are expected, and whether it
+    `is_booting`: those that have not come may still come. Of a live bus:
     `host` and `ros`; `largest` is the size of each stream's largest message, in bytes;
     `out_of_reach` says of a bus here that this process gets no link to, if it sees no node. Of a
     recording: `span`.
@@ -144,6 +145,7 @@ class Examination:
     is_fleet: bool = False
     robots: tuple[RobotStatus, ...] = ()
     roster: tuple[str, ...] = ()
+    is_booting: bool = False
 
     @property
     def tree(self) -> FrameTree:

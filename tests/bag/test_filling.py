@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.builders import at
+from tests.builders import S, at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
 from tfbus.bag.filling import Filling, _Gap, _Keeper
@@ -141,14 +141,34 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     assert not [item for item in items if isinstance(item, EventItem) and "gone" in item.kind]
 
 
-def test_gaps_are_few_while_one_of_them_is_being_filled() -> None:
-    """Outages that meet are one, and beyond a hundred the last one grows."""
-    log = logging.getLogger("test")
+def filling_of_one() -> tuple[Filling, _Keeper]:
+    """What fills a recording, and a recorder that keeps, without a bus."""
     recorder: Any = SimpleNamespace(now_ns=lambda: 0)
     session: Any = SimpleNamespace(watch_living=lambda key, callback: None)
     capture: Any = SimpleNamespace()
+    log = logging.getLogger("test")
     filling = Filling(session, capture, recorder, ALL, everywhere=True, log=log)
-    keeper = _Keeper("@tfbus/keeper/robot7", "/robot7/recorder")
+    return filling, _Keeper("@tfbus/keeper/robot7", "/robot7/recorder")
+
+
+@pytest.mark.parametrize("outage_until_s", [102, 200])
+def test_a_lost_link_is_asked_for_from_30_s_before_it_though_an_outage_came_just_before(
+    outage_until_s: int,
+) -> None:
+    """A link may have been silent for so long; the outage of a stream is asked for from 2 s before
+    it, and is one with the gap of the link, also where it lasts longer.
+    """
+    filling, keeper = filling_of_one()
+    filling._add_gap(keeper, _Gap(98 * S, 100 * S, outage_until_s * S, "sim"))
+    filling._add_gap(keeper, _Gap(71 * S, 101 * S, 110 * S))
+    [gap] = keeper.gaps
+    assert (gap.from_ns, gap.until_ns) == (71 * S, max(110, outage_until_s) * S)
+    assert (gap.lost_ns, gap.stream) == (100 * S, "")
+
+
+def test_gaps_are_few_while_one_of_them_is_being_filled() -> None:
+    """Outages that meet are one, and beyond a hundred the last one grows."""
+    filling, keeper = filling_of_one()
     asking: Any = object()
     for second in range(1000):
         from_ns = second * 100 * 10**9

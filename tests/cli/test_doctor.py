@@ -17,6 +17,7 @@ from tfbus import (
     TransformListener,
 )
 from tfbus.doctor.examination import CHECKS
+from tfbus.wire.descriptions import StreamDescription, encode_stream
 
 
 def examined(bus: Bus, *arguments: str) -> tuple[int, dict[str, Any]]:
@@ -213,6 +214,29 @@ def test_messages_of_a_newer_version_are_named_with_the_remedy(bus: Bus) -> None
     code, found = examined(bus)
     [evidence] = found["refused"]["evidence"]
     assert code == 1 and reason in evidence and "stream 'arm' could not be read" in evidence
+    assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
+
+
+def test_a_description_of_a_newer_version_is_named_with_the_remedy(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the doctor, and by `tfbus why` of a frame whose name only the description has."""
+
+    def newer(description: StreamDescription) -> bytes:
+        payload: bytes = msgpack.packb({**msgpack.unpackb(encode_stream(description)), "v": 2})
+        return payload
+
+    monkeypatch.setattr("tfbus.broadcast.stream.encode_stream", newer)
+    arm = bus.node("arm")
+    broadcaster = TransformBroadcaster(arm, poses="compact")
+    arm.create_timer(0.1, lambda: broadcaster.send_transform(at(1.0, "hand", arm.now_ns())))
+    reason = (
+        "the description of stream 'arm' could not be read: a description of version 2; this tfbus "
+        "reads version 1: update the older of the two"
+    )
+    done = bus.run("doctor", "--json", "--only", "refused")
+    found = json.loads(done.stdout)["refused"]
+    assert (done.returncode, found["verdict"], found["evidence"]) == (1, "fail", [reason])
     assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
 
 

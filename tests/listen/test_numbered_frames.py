@@ -4,6 +4,7 @@ import math
 from array import array
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -28,6 +29,7 @@ from tfbus.listen.stream_facts import PendingMessages
 from tfbus.listen.watch import StreamWatch
 from tfbus.recording.items import TransformItem
 from tfbus.recording.reader import RecordingReader
+from tfbus.runtime import scheduler
 from tfbus.testing.network import Network
 from tfbus.wire.numbered import FrameNumbers
 
@@ -260,15 +262,44 @@ def test_tools_show_what_came_before_a_restart_was_described(bus: Bus) -> None:
     named.close()
 
 
-def test_a_listener_says_once_that_too_many_messages_wait(
-    caplog: pytest.LogCaptureFixture,
+@pytest.mark.parametrize(
+    ("described_ns", "of"), [(1, "with the names of their frames"), (2, "of their epoch")]
+)
+def test_a_listener_says_once_for_what_too_many_messages_wait(
+    caplog: pytest.LogCaptureFixture, described_ns: int, of: str
 ) -> None:
-    """Their names do not come, and there is no room for more."""
+    """For names that its stream's description does not have, or for the description of another
+    epoch than the one that is there.
+    """
     received = Received()
     received.stream.around.pending = PendingMessages(most_bytes=500)
+    received.stream.numbers = FrameNumbers(described_ns, 0, (), b"")
     for _ in range(4):
         received.key.receive(numbered(2))
-    assert len([line for line in caplog.messages if "too many wait" in line]) == 1
+    [line] = (line for line in caplog.messages if "too many wait" in line)
+    assert f"waited for a description {of}: too many wait" in line
+
+
+def test_tools_that_close_while_they_begin_to_watch_leave_nothing_open(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The watch that is made just then is closed, too."""
+    ended = scheduler.Event()
+    watches: list[StreamWatch] = []
+
+    class ClosedMeanwhile(StreamWatch):
+        def __init__(self, *given: Any, **named_: Any) -> None:
+            super().__init__(*given, **named_)
+            watches.append(self)
+            named.close()
+            ended.set()
+
+    viewer = bus.node("viewer")
+    named = NamedMessages(viewer, lambda key, message, size: None)
+    monkeypatch.setattr("tfbus.frames.named.StreamWatch", ClosedMeanwhile)
+    named.take("tf/arm", numbered(1))
+    assert ended.wait(5.0)
+    eventually(lambda: watches[0]._closed)
 
 
 def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,7 @@ import logging
 from tests.builders import S, at, payload, x_of
 from tfbus import Buffer
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import PendingMessages, Receive, ReceptionHooks
+from tfbus.listen.stream_facts import OF_EPOCH, PendingMessages, Receive, ReceptionHooks
 from tfbus.wire.transforms import TransformReader
 
 
@@ -53,9 +53,11 @@ def test_a_message_whose_epoch_is_confirmed_while_it_is_being_kept_is_received()
     """The confirmation comes between the verdict and the keeping, on another thread."""
 
     class ConfirmedMeanwhile(PendingMessages):
-        def add(self, name: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
+        def add(
+            self, name: str, epoch_ns: int, receive: Receive, payload: bytes, of: str = OF_EPOCH
+        ) -> str:
             stream.describe(epoch_ns, frozenset({"robot"}), frozenset({"post"}), confirmed=True)
-            return super().add(name, epoch_ns, receive, payload)
+            return super().add(name, epoch_ns, receive, payload, of)
 
     buffer = Buffer()
     around = ReceptionHooks(logging.getLogger("test"))

@@ -15,6 +15,7 @@ from tests.builders import EPOCH_NS, STAMP_NS, description, examples, rows_of
 from tfbus.errors import DecodeError
 from tfbus.wire.descriptions import encode_stream, read_description
 from tfbus.wire.numbered import FrameNumbers, origin_of
+from tfbus.wire.transform_bytes import NameTables, scan_message
 from tfbus.wire.transforms import (
     NumberedEncoder,
     TransformReader,
@@ -70,6 +71,27 @@ def test_a_pose_comes_within_the_precision_of_its_form(
     distance_m = np.linalg.norm(pose[:3] - ORIGINS[0, :3])
     assert error_m < (6e-8 * distance_m + 1e-9 if is_short else 1e-4)
     assert rotation_error(found[3:], pose[3:]) < (1e-5 if is_short else 0.01)
+
+
+@pytest.mark.parametrize("is_short", [False, True])
+def test_a_message_like_one_before_is_read_at_once_as_any_is(is_short: bool) -> None:
+    """Nothing of it is decoded as a map, and all of it is the same; without numbers it is not read,
+    and with an end that is missing, either.
+    """
+    tables, numbers = NameTables(), FrameNumbers(EPOCH_NS, 3, NAMED, ORIGINS.tobytes())
+    poses = ORIGINS + [3.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
+    payload = encoded(poses, is_short=is_short)
+    assert scan_message(payload, tables, numbers) is None
+    whole = decode_transforms(payload, numbers)
+    found = scan_message(payload, tables, numbers)
+    assert found is not None
+    assert (found.epoch_ns, found.seq, found.unnamed) == (EPOCH_NS, 7, 0)
+    assert found.rows.frames == whole.rows.frames
+    assert found.rows.edges_bytes() == whole.rows.edges_bytes()
+    assert found.rows.stamps_bytes() == whole.rows.stamps_bytes()
+    assert found.rows.poses_bytes() == whole.rows.poses_bytes()
+    assert scan_message(payload, tables) is None
+    assert not any(scan_message(payload[:end], tables, numbers) for end in range(len(payload)))
 
 
 @settings(max_examples=examples(100))

@@ -253,16 +253,19 @@ class Filling:
 
     def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:
         gap.from_ns = max(gap.from_ns, self._began_ns)
-        if any(
-            each.from_ns <= gap.lost_ns and gap.until_ns <= each.until_ns for each in keeper.gaps
-        ):
+        # The streams of a robot tell of one outage at slightly different times.
+        begins_ns = gap.lost_ns if gap.stream else gap.from_ns
+        if any(each.from_ns <= begins_ns and gap.until_ns <= each.until_ns for each in keeper.gaps):
             return
         # The first is being asked for, if one is: it stays as it is.
         last = keeper.gaps[-1] if len(keeper.gaps) > (keeper.asking is not None) else None
         # One of which a part has been asked for ends where it was to end then.
         meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
         if last is not None and (meets or len(keeper.gaps) >= _MOST_GAPS):
+            last.from_ns = min(gap.from_ns, last.from_ns)
+            last.lost_ns = min(gap.lost_ns, last.lost_ns)
             last.until_ns = max(gap.until_ns, last.until_ns)
+            last.stream = gap.stream if gap.stream == last.stream else ""
             return
         keeper.gaps.append(gap)
         length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
@@ -339,7 +342,7 @@ class Filling:
     def _again_ns(self, keeper: _Keeper) -> int:
         """From where on a later gap of a keeper begins, at the earliest."""
         next_ns = self._recorder.now_ns() if keeper.lost_ns is None else keeper.lost_ns
-        return min([gap.from_ns for gap in keeper.gaps[1:]], default=next_ns - _BEFORE_NS)
+        return min([next_ns - _BEFORE_NS, *(gap.from_ns for gap in keeper.gaps[1:])])
 
     def _take_written(
         self, keeper: _Keeper, gap: _Gap, page: Page, written: "Future[object]"

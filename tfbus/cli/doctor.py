@@ -20,7 +20,7 @@ from tfbus.cli.output import (
     warn,
     width,
 )
-from tfbus.command.options import listening_options, roster_option
+from tfbus.command.options import grace_option, listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.examination import (
@@ -108,6 +108,7 @@ class _CheckName(click.Choice[str]):
     help="With --watch: run this in a shell at each failure that begins, with TFBUS_CHECK, "
     "TFBUS_EVIDENCE and TFBUS_REMEDY in its environment.",
 )
+@grace_option("--watch finds that they are missing")
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
 @roster_option
@@ -122,6 +123,7 @@ def command(
     watch: bool,
     exit_on_fail: bool,
     on_fail: str | None,
+    grace_s: float,
     as_json: bool,
     roster: tuple[str, ...],
 ) -> None:
@@ -149,7 +151,8 @@ def command(
     if watch and not as_json:
         place = scope(settings.namespace, is_fleet=fleet is not None)
         print_lines([_watching(place, _watched(names), listen_s)])
-    with closing(examine(settings, listen_s, warn, fleet, roster)) as examinations:
+    examinations = examine(settings, listen_s, warn, fleet, roster, grace_s if watch else 0.0)
+    with closing(examinations):
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(examinations, _watched(names), as_json, exit_on_fail, on_fail)

@@ -22,9 +22,9 @@ from tfbus.cli.output import (
     screen,
     table,
 )
-from tfbus.command.options import listening_options, period_option, roster_option
+from tfbus.command.options import grace_option, listening_options, period_option, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import NOT_NEGATIVE, own_name
+from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -64,15 +64,7 @@ _MOST_IN_PIPE = 200
     metavar="COMMAND",
     help="With --watch: run this for each of these robots that is back, with TFBUS_STATE=there.",
 )
-@click.option(
-    "--grace",
-    "grace_s",
-    type=NOT_NEGATIVE,
-    default=30.0,
-    metavar="SECONDS",
-    show_default=True,
-    help="How long robots of the roster have to come before --on-gone runs for the missing.",
-)
+@grace_option("--on-gone runs for the missing")
 @period_option("How long rates are measured, and the time between pages")
 @json_option("Print one JSON object; with --watch a line for each change of a robot's state.")
 @bag_options("at")

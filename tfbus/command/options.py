@@ -14,7 +14,7 @@ import click
 
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
-from tfbus.command.types import LogLevel, Number, RosterNames
+from tfbus.command.types import NOT_NEGATIVE, LogLevel, Number, RosterNames
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.signals import forget_interrupt
@@ -300,6 +300,21 @@ def roster_option(function: F) -> F:
         help="The roster: names such as 'robot[1-30]', or a file with one a line; repeatable.",
     )
     return cast(F, option(command))
+
+
+def grace_option(until: str) -> Callable[[F], F]:
+    """The option `--grace`; its argument `grace_s` is in seconds, and `until` says in its help what
+    happens then.
+    """
+    return click.option(
+        "--grace",
+        "grace_s",
+        type=NOT_NEGATIVE,
+        default=30.0,
+        metavar="SECONDS",
+        show_default=True,
+        help=f"How long robots of the roster have to come before {until}.",
+    )
 
 
 def period_option(meaning: str) -> Callable[[F], F]:

@@ -2,7 +2,8 @@
 # not compiled.
 
 from cpython cimport array
-from cpython.bytes cimport PyBytes_FromStringAndSize
+from cpython.bytearray cimport PyByteArray_AS_STRING
+from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from cpython.long cimport PyLong_AsLongLongAndOverflow
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.limits cimport LLONG_MIN
@@ -78,7 +79,7 @@ cdef inline unsigned long long big_endian_at(
 
 
 cdef inline void put(
-        unsigned char[::1] data, Py_ssize_t at, long long number, Py_ssize_t size) noexcept nogil:
+        unsigned char* data, Py_ssize_t at, long long number, Py_ssize_t size) noexcept nogil:
     cdef unsigned long long left = <unsigned long long> number
     cdef Py_ssize_t i
     for i in range(at, at + size):
@@ -128,6 +129,22 @@ cdef inline long long nearest(double number) noexcept nogil:
 
 cdef inline array.array unset(array.array like, Py_ssize_t count):
     return array.clone(like, count, zero=False)
+
+
+cdef inline bytes room_for_poses(Py_ssize_t count):
+    return PyBytes_FromStringAndSize(NULL, 56 * count)
+
+
+cdef inline double* floats_of(bytes room) noexcept:
+    return <double*> PyBytes_AS_STRING(room)
+
+
+cdef inline bytes bytes_of(bytes room):
+    return room
+
+
+cdef inline unsigned char* octets_of(bytearray room) noexcept:
+    return <unsigned char*> PyByteArray_AS_STRING(room)
 
 
 cdef inline bint is_at(octets_t data, Py_ssize_t at, const char* text,

@@ -119,6 +119,28 @@ def unset(like: "array[_Number]", count: int) -> "array[_Number]":
     return array(like.typecode, bytes(like.itemsize * count))
 
 
+def room_for_poses(count: int) -> "array[float]":
+    """Room for poses, which are set by `floats_of` and read by `bytes_of`; in C it is bytes, with
+    any numbers.
+    """
+    return array("d", bytes(POSE_SIZE * count))
+
+
+def floats_of(room: "array[float]") -> MutableSequence[float]:
+    """The floats of such room."""
+    return room
+
+
+def bytes_of(room: "array[float]") -> bytes:
+    """The bytes of such room, which is not set any more."""
+    return room.tobytes()
+
+
+def octets_of(room: bytearray) -> MutableSequence[int]:
+    """The bytes, to be set; in C where they are, which takes no view."""
+    return room
+
+
 def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:
     """Whether the `size` bytes from there are those of the text."""
     return data[at : at + size] == text

@@ -127,9 +127,10 @@ class Examination:
 
     `moment` is the bus at the end; `flows` are how samples of its edges came, and `loads` how
     messages of its streams did. Of a fleet, whose nodes and frames are those in all namespaces
-    below too: `robots`, worst first, and the `roster` of robots that are expected. Of a live bus:
-    `host` and `ros`; `out_of_reach` says of a bus here that this process gets no link to, if it
-    sees no node. Of a recording: `span`.
+    below too: `robots`, worst first, the `roster` of robots that are expected, and whether it
+    `is_booting`: those that have not come may still come. Of a live bus: `host` and `ros`;
+    `out_of_reach` says of a bus here that this process gets no link to, if it sees no node. Of a
+    recording: `span`.
     """
 
     settings: NodeSettings
@@ -144,6 +145,7 @@ class Examination:
     is_fleet: bool = False
     robots: tuple[RobotStatus, ...] = ()
     roster: tuple[str, ...] = ()
+    is_booting: bool = False
 
     @property
     def tree(self) -> FrameTree:

@@ -54,10 +54,12 @@ def examine(
     on_unreadable: Callable[[DecodeError], object],
     fleet: Fleet | None = None,
     roster: Sequence[str] = (),
+    grace_s: float = 0.0,
 ) -> Generator[Examination]:
     """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet;
     then for as long again, and so on, if a further examination is asked for: it counts from where
-    the one before has ended. `roster` are the robots of the fleet that are expected, () for any.
+    the one before has ended. `roster` are the robots of the fleet that are expected, () for any;
+    in the first `grace_s` seconds they may be booting.
 
     Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
     clock runs.
@@ -71,6 +73,7 @@ def examine(
         out_of_reach = "" if answers.nodes else bus_out_of_reach(node.session)
         host = examine_host(settings, node.session)
         buffer, before = Buffer(_HISTORY_S), None
+        grace_ends_s = scheduler.monotonic() + grace_s
         watch = None if fleet is None else FleetWatch(roster)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
             heard = Listening(node, buffer, listener, fleet)
@@ -94,6 +97,7 @@ def examine(
                     is_fleet=watch is not None,
                     robots=tuple(watch.robots(now, has_frames=False)) if watch else (),
                     roster=tuple(roster),
+                    is_booting=scheduler.monotonic() < grace_ends_s,
                 )
                 meter.close()
                 before = now

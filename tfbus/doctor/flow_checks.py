@@ -16,7 +16,7 @@ from tfbus.doctor.examination import (
 )
 from tfbus.frames.clocks import MOST_SKEW_S, is_ahead, is_another_time, simulated_time, whose_clock
 from tfbus.frames.moment import state, why_another_time
-from tfbus.frames.snapshot import in_the_future, who
+from tfbus.frames.snapshot import in_the_future, who, why_unreadable
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import EdgeFlow, EdgeSamples
@@ -358,10 +358,9 @@ def check_refused(seen: Examination) -> Finding:
         f"{counted(count, 'time')}: {reason}" for reason, count in seen.moment.rejected.items()
     ]
     evidence += [
-        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read: "
-        f"{stream.unreadable}"
+        why_unreadable(stream)
         for stream in seen.tree.streams.values()
-        if stream.rejected
+        if stream.rejected or (stream.unreadable and not stream.node)
     ]
     if not evidence and not seen.tree.frames:
         return skipped("no frame was found")

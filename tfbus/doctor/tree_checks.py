@@ -73,7 +73,8 @@ def check_robots(seen: Examination) -> Finding:
     """Each robot of the roster is there, and no other."""
     if not seen.roster:
         return skipped("no roster was given: --fleet --expect ROBOTS")
-    lost = [each for each in seen.robots if each.is_expected and each.state != "there"]
+    away = [each for each in seen.robots if each.is_expected and each.state != "there"]
+    lost = [each for each in away if not (seen.is_booting and each.state == "missing")]
     others = [f"{each.name} is not in the roster" for each in seen.robots if not each.is_expected]
     if lost:
         states = [f"{each.name}: {each.state_text(seen.moment.at_ns)}" for each in lost]
@@ -87,7 +88,7 @@ def check_robots(seen: Examination) -> Finding:
         "warn",
         others,
         "add it to the roster (--expect), or correct the namespace of its nodes",
-        f"{len(seen.roster):,} of {counted(len(seen.roster), 'robot')} there",
+        f"{len(seen.roster) - len(away):,} of {counted(len(seen.roster), 'robot')} there",
     )
 
 

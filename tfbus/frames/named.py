@@ -6,7 +6,7 @@ from functools import partial
 from tfbus.errors import DecodeError
 from tfbus.listen.info import StreamState
 from tfbus.listen.reception import NOT_NAMED, TIMES_HELD, TOO_MANY_WAIT
-from tfbus.listen.stream_facts import PendingMessages
+from tfbus.listen.stream_facts import OF_EPOCH, OF_NAMES, PendingMessages
 from tfbus.listen.watch import StreamWatch
 from tfbus.node.node import Node
 from tfbus.runtime import scheduler
@@ -68,8 +68,9 @@ class NamedMessages:
                 self._receive(key, message, len(payload))
             return
         receive = partial(self._decode_again, key, times=times - 1)
-        if not self._pending.add(name, message.epoch_ns, receive, payload):
-            self._once.warning("full", TOO_MANY_WAIT)
+        of = OF_NAMES if message.epoch_ns == numbers.epoch_ns else OF_EPOCH
+        if dropped := self._pending.add(name, message.epoch_ns, receive, payload, of):
+            self._once.warning("full", TOO_MANY_WAIT, dropped)
         with self._lock:
             if self._executor is None:
                 self._executor = Executor(f"{self._node.full_name} names", self._node.log)
@@ -87,21 +88,27 @@ class NamedMessages:
 
     def close(self) -> None:
         """Receive nothing from now on. Twice is fine."""
-        self._is_closed = True
+        with self._lock:
+            self._is_closed = True
         if self._watch is not None:
             self._watch.close()
         elif self._executor is not None:
             self._executor.close()
 
     def _start(self) -> None:
-        if not self._is_closed:
-            self._watch = StreamWatch(
-                self._node.session,
-                self._on_stream,
-                everywhere=self._everywhere,
-                log=self._node.log,
-                executor=self._executor,
-            )
+        if self._is_closed:
+            return
+        watch = StreamWatch(
+            self._node.session,
+            self._on_stream,
+            everywhere=self._everywhere,
+            log=self._node.log,
+            executor=self._executor,
+        )
+        with self._lock:
+            self._watch, was_closed = watch, self._is_closed
+        if was_closed:  # meanwhile
+            watch.close()
 
     def _on_stream(self, state: StreamState) -> None:
         description = state.description

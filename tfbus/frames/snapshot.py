@@ -343,6 +343,12 @@ def who(stream: StreamInfo) -> str:
     return _node(stream)
 
 
+def why_unreadable(stream: StreamInfo) -> str:
+    """`the description of stream 'arm' could not be read: ...`, for one that has the reason."""
+    what = counted(stream.rejected, "message") if stream.rejected else "the description"
+    return f"{what} of stream {stream.name!r} could not be read: {stream.unreadable}"
+
+
 def in_the_future(names: list[str], age_s: float) -> str:
     """`samples of 'arm' are 5 min in the future`, for an age below zero."""
     return f"samples of {_quoted(names)} are {duration(-age_s)} in the future"

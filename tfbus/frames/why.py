@@ -25,6 +25,7 @@ from tfbus.frames.snapshot import (
     stamp_when_measured,
     synchronize,
     who,
+    why_unreadable,
 )
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
@@ -61,7 +62,7 @@ class Advice:
     def on_no_sample(self, frame: FrameInfo, stream: StreamInfo) -> str:
         """A frame is listed, and has not come."""
         if stream.unreadable:
-            return f"messages of {who(stream)} could not be read: {stream.unreadable}"
+            return why_unreadable(stream)
         return f"wait for {who(stream)} to send {frame.name!r}"
 
     def on_unknown(self, frame: str) -> str:
@@ -174,6 +175,7 @@ def explain(
     near = {target, source, *children}
     remedies = [
         *_remedies_of_rights(tree, error, reads_only),
+        *_remedies_of_unreadable(tree, error),
         *_remedies_of(error, frames_in_other_namespaces, advice),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
@@ -336,6 +338,14 @@ def _remedies_of_rights(
             f"this identity reads only the namespace {reads_only!r}: if {error.frame!r} is in "
             "another, look by an identity that reads that"
         )
+
+
+def _remedies_of_unreadable(tree: FrameTree, error: TransformException | None) -> Iterator[str]:
+    """For frames that are not there, where the stream that has them may not be readable."""
+    if isinstance(error, (LookupException, ConnectivityException)):
+        for stream in tree.streams.values():
+            if stream.alive and stream.unreadable and not stream.frames:
+                yield why_unreadable(stream)
 
 
 def _remedies_in_other_namespaces(

@@ -25,7 +25,7 @@ class StreamState(Struct):
     came from the session that it names, since the token did. `displaced` is the session
     that was there before others took over with later epochs, "" for none; `held` is whether it has
     come back since, as it lives. `silent` is whether its token is lost, as with its link, and it
-    is not gone yet.
+    is not gone yet. `unreadable` says of one without a description why it could not be read.
     """
 
     name: str
@@ -36,6 +36,7 @@ class StreamState(Struct):
     displaced: str = ""
     held: bool = False
     silent: bool = False
+    unreadable: str = ""
 
     @property
     def owner(self) -> str:
@@ -54,7 +55,7 @@ class StreamInfo(Struct):
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
     had not confirmed; `rejected` ones could not be read, the last for the reason
-    `unreadable`. `excluded` transforms were dropped, since
+    `unreadable`; without any, its description could not. `excluded` transforms were dropped, since
     another publisher has priority for their frame; `forbidden` ones, since the stream may not have
     their frame on a closed bus. `last_heard_ns` is when the last message came,
     by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
@@ -126,4 +127,6 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
             epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
             **stream.counts.as_map(),
         )
+    if state is not None and state.description is None and not info.unreadable:
+        info = replace(info, unreadable=state.unreadable)
     return info

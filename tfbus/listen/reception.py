@@ -23,7 +23,14 @@ from tfbus.listen.stages import (
     Marks,
     StaticRetries,
 )
-from tfbus.listen.stream_facts import Publisher, ReceptionHooks, StreamCounts, StreamFacts
+from tfbus.listen.stream_facts import (
+    OF_EPOCH,
+    OF_NAMES,
+    Publisher,
+    ReceptionHooks,
+    StreamCounts,
+    StreamFacts,
+)
 from tfbus.runtime import scheduler
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
@@ -38,7 +45,7 @@ _SILENT_NS = 1_000_000_000
 
 NOT_NAMED = "Dropped rows of a message of stream %r: its description has no names for their numbers"
 
-TOO_MANY_WAIT = "Dropped messages: too many wait for descriptions with the names of frames"
+TOO_MANY_WAIT = "Dropped messages that waited for a description %s: too many wait"
 
 # A message waits for names in so many descriptions: the first may be older than the message.
 TIMES_HELD = 3
@@ -154,8 +161,9 @@ class StreamReception:
     def _hold(self, epoch_ns: int, payload: bytes, times: int) -> None:
         numbers, pending = self.numbers, self.around.pending
         receive = partial(self._receive_again, times=times - 1)
-        if not pending.add(self.name, epoch_ns, receive, payload):
-            self.facts.warn_once("full", TOO_MANY_WAIT)
+        of = OF_NAMES if epoch_ns == numbers.epoch_ns else OF_EPOCH
+        if dropped := pending.add(self.name, epoch_ns, receive, payload, of):
+            self.facts.warn_once("full", TOO_MANY_WAIT, dropped)
         self.around.on_unnamed(self.name, epoch_ns)
         if self.numbers is not numbers:  # it came in between, perhaps before the message was added
             pending.release(self.name, epoch_ns)

@@ -42,8 +42,11 @@ MOST_PENDING_BYTES = 4 * 2**20
 _OVERHEAD_BYTES = 300
 
 Receive = Callable[[bytes], None]
-# A stream, the epoch of a message of it, who receives that, and its bytes.
-_Pending = tuple[str, int, Receive, bytes]
+# A stream, the epoch of a message of it, who receives that, its bytes, and what it waits for.
+_Pending = tuple[str, int, Receive, bytes, str]
+
+# The description that a message waits for.
+OF_EPOCH, OF_NAMES = "of their epoch", "with the names of their frames"
 
 
 class Verdict(Enum):
@@ -210,17 +213,20 @@ class PendingMessages:
         self._messages: deque[_Pending] = deque()
         self._bytes = 0
 
-    def add(self, stream: str, epoch_ns: int, receive: Receive, payload: bytes) -> bool:
-        """Add a message of this epoch, which `receive` takes once the stream is described; False if
-        others had to go.
+    def add(
+        self, stream: str, epoch_ns: int, receive: Receive, payload: bytes, of: str = OF_EPOCH
+    ) -> str:
+        """Add a message of this epoch, which `receive` takes once the stream is described; `of` is
+        the description that it waits for. Of the last message that had to go its own, "" if none.
         """
+        dropped = ""
         with self._lock:
-            self._messages.append((stream, epoch_ns, receive, payload))
+            self._messages.append((stream, epoch_ns, receive, payload, of))
             self._bytes += len(payload) + _OVERHEAD_BYTES
-            had_room = self._bytes <= self._most_bytes
             while self._bytes > self._most_bytes:
-                self._bytes -= len(self._messages.popleft()[3]) + _OVERHEAD_BYTES
-        return had_room
+                *_, old, dropped = self._messages.popleft()
+                self._bytes -= len(old) + _OVERHEAD_BYTES
+        return dropped
 
     def has(self, stream: str) -> bool:
         """Whether messages of a stream wait."""
@@ -240,8 +246,8 @@ class PendingMessages:
             if not mine:
                 return
             self._messages = others
-            self._bytes -= sum(len(payload) + _OVERHEAD_BYTES for *_, payload in mine)
-        for _, its_epoch_ns, receive, payload in mine:
+            self._bytes -= sum(len(payload) + _OVERHEAD_BYTES for *_, payload, _ in mine)
+        for _, its_epoch_ns, receive, payload, _ in mine:
             if its_epoch_ns == epoch_ns:
                 receive(payload)
 

@@ -28,7 +28,7 @@ from tfbus.runtime.log import LogOnce
 from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, namespace_of, stream_of
-from tfbus.wording import stamp_text
+from tfbus.wording import printable, stamp_text
 
 # News of a token may arrive in the wrong order, moments apart: times are kept of this many tokens.
 _MOST_NEWS = 1000
@@ -292,6 +292,8 @@ class StreamWatch:
             description, mistake = read_description(payload)
         except DecodeError as error:
             self._reject(stream_of(key), error)
+            if state := self._states.get(stream_of(key)):
+                self._states[state.name] = replace(state, unreadable=printable(str(error)))
             return None
         if mistake:
             self._once.warning(

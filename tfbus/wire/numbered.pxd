@@ -18,7 +18,7 @@ cdef class NumberedRows:
     cdef readonly Py_ssize_t count, unnamed
     cdef readonly list known
 
-    @cython.locals(count=Py_ssize_t, unpacked=bytes)
+    @cython.locals(count=Py_ssize_t, unpacked=bytes, columns=Columns)
     cpdef Columns columns(self, bytes stamps, bytes forms, bytes poses)
 
 @cython.final
@@ -31,21 +31,21 @@ cdef class FrameNumbers:
 
     cpdef NumberedRows get(self, bytes runs)
 
-@cython.locals(forms=bytearray, room=bytearray, forms_at=cython.uchar[::1], room_at=cython.uchar[::1], at=Py_ssize_t, i=Py_ssize_t,
+@cython.locals(forms=bytearray, room=bytearray, forms_at=cython.p_uchar, room_at=cython.p_uchar, at=Py_ssize_t, i=Py_ssize_t,
                pose=pose_t, origin=pose_t, form=cython.int)
 cpdef tuple pack_poses(bytes poses, Py_ssize_t count, bytes origins, bint is_short)
-@cython.locals(poses=cython.double[::1], end=Py_ssize_t, size=Py_ssize_t, wanted=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t,
+@cython.locals(made=bytes, poses=cython.p_double, end=Py_ssize_t, size=Py_ssize_t, wanted=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t,
                row=Py_ssize_t, origin=pose_t)
 cpdef bytes unpack_poses(bytes forms, bytes data, bytes origins, Py_ssize_t count, list known=*)
 @cython.locals(axis=Py_ssize_t, size=Py_ssize_t)
 cdef Py_ssize_t _size_of(int form) noexcept nogil
-cdef int _pack_whole(unsigned char[::1] room, Py_ssize_t at, pose_t pose) noexcept nogil
+cdef int _pack_whole(unsigned char* room, Py_ssize_t at, pose_t pose) noexcept nogil
 @cython.locals(x=cython.double, y=cython.double, z=cython.double)
-cdef int _pack_short(unsigned char[::1] room, Py_ssize_t at, pose_t pose, pose_t origin) noexcept nogil
+cdef int _pack_short(unsigned char* room, Py_ssize_t at, pose_t pose, pose_t origin) noexcept nogil
 @cython.locals(x=cython.double, y=cython.double, z=cython.double, farthest=cython.double, error=cython.double, size=Py_ssize_t,
                form=cython.int, scale=cython.double, qx=cython.double, qy=cython.double, qz=cython.double, qw=cython.double,
                cosine=cython.double, first=cython.longlong, second=cython.longlong, third=cython.longlong, most=cython.longlong)
-cdef int _pack_compact(unsigned char[::1] room, Py_ssize_t at, pose_t pose, pose_t origin) noexcept nogil
+cdef int _pack_compact(unsigned char* room, Py_ssize_t at, pose_t pose, pose_t origin) noexcept nogil
 @cython.locals(qx=cython.double, qy=cython.double, qz=cython.double, qw=cython.double)
 cdef double _norm_error(pose_t pose) noexcept nogil
 @cython.locals(a=cython.double, b=cython.double, c=cython.double, largest=cython.double, place=cython.longlong, unit=cython.double,
@@ -53,4 +53,4 @@ cdef double _norm_error(pose_t pose) noexcept nogil
 cdef long long _rotation_bits(double qx, double qy, double qz, double qw) noexcept nogil
 @cython.locals(i=Py_ssize_t, axis=Py_ssize_t, size=Py_ssize_t, bits=cython.longlong, a=cython.double, b=cython.double,
                c=cython.double, square=cython.double, largest=cython.double, place=cython.int)
-cdef void _unpack(double[::1] poses, Py_ssize_t row, int form, octets_t data, Py_ssize_t at, pose_t origin) noexcept nogil
+cdef void _unpack(double* poses, Py_ssize_t row, int form, octets_t data, Py_ssize_t at, pose_t origin) noexcept nogil

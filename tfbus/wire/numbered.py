@@ -11,6 +11,7 @@ Compiled if there is a C compiler (`numbered.pxd` has the C types).
 
 import math
 from array import array
+import threading
 from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
 
@@ -49,7 +50,6 @@ _LARGEST_NORM_ERROR = 0.01
 # A float of 32 bits is not larger.
 _LARGEST_SHORT = 3.4e38
 
-_NO_POSES = array("d")
 _NAN = float("nan")
 
 # A message that could have more rows would be too large.
@@ -108,7 +108,9 @@ class NumberedRows:
             stamps *= len(self.edges) // EDGE_SIZE
         elif self.known is not None:
             stamps = rows_of(stamps, 0, STAMP_SIZE, self.known)
-        return Columns.of_bytes(self.frames, self.edges, stamps, unpacked)
+        columns = Columns(self.frames, len(self.edges) // EDGE_SIZE)
+        columns.edges, columns.stamps, columns.poses = self.edges, stamps, unpacked
+        return columns
 
 
 class FrameNumbers:
@@ -225,8 +227,7 @@ def pack_poses(poses: bytes, count: int, origins: bytes, is_short: bool) -> tupl
     """
     forms = bytearray(count)
     room = bytearray(POSE_SIZE * count)
-    forms_at: MutableSequence[int] = forms
-    room_at: MutableSequence[int] = room
+    forms_at, room_at = packed.octets_of(forms), packed.octets_of(room)
     at = 0
     for i in range(count):
         pose = packed.pose_at(poses, POSE_SIZE * i)
@@ -252,8 +253,8 @@ def unpack_poses(
     if count == 0 or not forms:
         return None if data or count else b""
     wanted = len(origins) // POSE_SIZE
-    made = packed.unset(_NO_POSES, 7 * wanted)
-    poses: MutableSequence[float] = made
+    made = packed.room_for_poses(wanted)
+    poses = packed.floats_of(made)
     end = len(data)
     size = _size_of(forms[0])
     at = 0
@@ -266,7 +267,7 @@ def unpack_poses(
                 row = known[i]
             origin = packed.pose_at(origins, POSE_SIZE * i)
             _unpack(poses, 7 * i, forms[0], data, size * row, origin)
-        return made.tobytes()
+        return packed.bytes_of(made)
     row = 0
     for i in range(count):
         size = _size_of(forms[i])
@@ -277,7 +278,7 @@ def unpack_poses(
             _unpack(poses, 7 * row, forms[i], data, at, origin)
             row += 1
         at += size
-    return made.tobytes() if at == end else None
+    return packed.bytes_of(made) if at == end else None
 
 
 def _size_of(form: int) -> int:

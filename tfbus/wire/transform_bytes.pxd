@@ -6,7 +6,8 @@ from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.wire.numbered cimport FrameNumbers, NumberedRows
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
-cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED, _RUNS, _FORMS
+cdef int _V, _EPOCH, _SEQ, _STAMPS, _POSES, _FRAMES, _EDGES, _RUNS, _FORMS
+cdef int _NEEDED, _ALLOWED, _NEEDED_NUMBERED, _ALLOWED_NUMBERED
 cdef long long _VERSION, _NUMBERED
 cdef unsigned long long _LARGEST
 
@@ -49,15 +50,15 @@ cdef class _Cursor:
 
 @cython.locals(cursor=_Cursor, columns=Columns, message=TransformMessage, edges_size=Py_ssize_t, stamps_size=Py_ssize_t,
                poses_size=Py_ssize_t, count=Py_ssize_t, seen=cython.int, key=cython.int)
-cpdef TransformMessage scan_message(bytes payload, NameTables tables)
+cpdef TransformMessage scan_message(bytes payload, NameTables tables, FrameNumbers numbers=*)
+@cython.locals(message=TransformMessage)
+cdef TransformMessage _message(Columns rows)
 @cython.locals(cursor=_Cursor, seen=cython.int, key=cython.int, start=Py_ssize_t, runs=bytes, stamps=bytes, forms=bytes,
-               poses=bytes, columns=Columns, rows=NumberedRows)
-cpdef TransformMessage scan_numbered(bytes payload, FrameNumbers numbers)
+               poses=bytes, columns=Columns, rows=NumberedRows, message=TransformMessage)
+cdef TransformMessage _scan_numbered(bytes payload, FrameNumbers numbers)
 cdef bytes _stamps(_Cursor cursor)
 @cython.locals(size=Py_ssize_t, start=Py_ssize_t)
 cdef bytes _binary(_Cursor cursor)
-@cython.locals(start=Py_ssize_t, size=Py_ssize_t, at=Py_ssize_t, key=cython.int)
-cdef int _key_of_numbered(_Cursor cursor) noexcept
 @cython.locals(size=Py_ssize_t, at=Py_ssize_t)
 cdef int _key(_Cursor cursor) noexcept
 @cython.locals(start=Py_ssize_t, count=Py_ssize_t, table=bytes, names=tuple)

@@ -38,11 +38,12 @@ _VERSION = VERSION
 _NUMBERED = NUMBERED
 _LARGEST = 2**63 - 1
 
-# The keys of a message, as they have been seen; all but the last are needed.
-_V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ = 1, 2, 4, 8, 16, 32, 64
-_NEEDED = 63
-# Those of a message whose frames have numbers: it has neither frames nor edges.
-_RUNS, _FORMS = _FRAMES, _EDGES
+# The keys of a message, as they have been seen.
+_V, _EPOCH, _SEQ, _STAMPS, _POSES = 1, 2, 4, 8, 16
+_FRAMES, _EDGES, _RUNS, _FORMS = 32, 64, 128, 256
+# Those that it needs, and those that it may have; if its frames have numbers, too.
+_NEEDED, _ALLOWED = 123, 127
+_NEEDED_NUMBERED, _ALLOWED_NUMBERED = 411, 415
 
 
 class TransformMessage:
@@ -176,22 +177,25 @@ class _Cursor:
         return 0
 
 
-def scan_message(payload: bytes, tables: NameTables) -> TransformMessage | None:
-    """The message in a payload that is as tfbus writes it.
+def scan_message(
+    payload: bytes, tables: NameTables, numbers: FrameNumbers | None = None
+) -> TransformMessage | None:
+    """The message in a payload that is as tfbus writes it; its frames may have these numbers.
 
     None for any other, which `transforms.decode_transforms` reads, or refuses. `tables` keeps the
     names of frames from one call to the next.
     """
+    # It begins with its version, `NUMBERED`.
+    if len(payload) > 4 and packed.is_at(payload, 1, b"\xa1v\x02", 3):
+        return None if numbers is None else _scan_numbered(payload, numbers)
     cursor = _Cursor(payload)
     columns = Columns((), 0)
-    # Calling the class would take as long as a tenth of the rest.
-    message = TransformMessage.__new__(TransformMessage)
-    message.rows, message.epoch_ns, message.seq, message.unnamed = columns, 0, None, 0
+    message = _message(columns)
     columns.edges = columns.stamps = columns.poses = payload
     edges_size = stamps_size = poses_size = seen = 0
     for _ in range(cursor.map_length()):
         key = _key(cursor)
-        if key == 0 or seen & key:
+        if not key & _ALLOWED or seen & key:
             return None
         seen |= key
         if key == _FRAMES:
@@ -227,14 +231,21 @@ def scan_message(payload: bytes, tables: NameTables) -> TransformMessage | None:
     return message
 
 
-def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | None:
-    """As `scan_message`, of a message whose frames have these numbers, as tfbus writes it."""
+def _message(rows: Columns) -> TransformMessage:
+    # Calling the class would take as long as a tenth of the rest.
+    message = TransformMessage.__new__(TransformMessage)
+    message.rows, message.epoch_ns, message.seq, message.unnamed = rows, 0, None, 0
+    return message
+
+
+def _scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | None:
+    """As `scan_message`, of a message whose frames have these numbers."""
     cursor = _Cursor(payload)
     epoch_ns, seq, seen = 0, None, 0
     runs = stamps = forms = poses = b""
     for _ in range(cursor.map_length()):
-        key = _key_of_numbered(cursor)
-        if key == 0 or seen & key:
+        key = _key(cursor)
+        if not key & _ALLOWED_NUMBERED or seen & key:
             return None
         seen |= key
         start = cursor.at
@@ -258,14 +269,18 @@ def scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | N
             return None
         if cursor.failed:
             return None
-    if cursor.failed or cursor.at != cursor.end or seen & _NEEDED != _NEEDED:
+    if cursor.failed or cursor.at != cursor.end or seen & _NEEDED_NUMBERED != _NEEDED_NUMBERED:
         return None
     # Only where they were found before: what a message may hold is looked at once.
     rows = numbers.get(runs) if epoch_ns == numbers.epoch_ns else None
     if rows is None:
         return None
     columns = rows.columns(stamps, forms, poses)
-    return None if columns is None else TransformMessage(columns, epoch_ns, seq, rows.unnamed)
+    if columns is None:
+        return None
+    message = _message(columns)
+    message.epoch_ns, message.seq, message.unnamed = epoch_ns, seq, rows.unnamed
+    return message
 
 
 def _stamps(cursor: _Cursor) -> bytes:
@@ -280,22 +295,6 @@ def _binary(cursor: _Cursor) -> bytes:
     size = cursor.binary_size()
     start = cursor.skip(size)
     return b"" if cursor.failed else cursor.payload[start : start + size]
-
-
-def _key_of_numbered(cursor: _Cursor) -> int:
-    """As `_key`, of a message whose frames have numbers."""
-    start = cursor.at
-    size = cursor.text_size()
-    at = cursor.skip(size)
-    if cursor.failed:
-        return 0
-    if size == 4 and packed.is_at(cursor.data, at, b"runs", 4):
-        return _RUNS
-    if size == 5 and packed.is_at(cursor.data, at, b"forms", 5):
-        return _FORMS
-    cursor.at = start
-    key = _key(cursor)
-    return key if key & ~(_FRAMES | _EDGES) else 0
 
 
 def _key(cursor: _Cursor) -> int:
@@ -313,7 +312,11 @@ def _key(cursor: _Cursor) -> int:
             return _EDGES
         if packed.is_at(cursor.data, at, b"poses", 5):
             return _POSES
-        return _EPOCH if packed.is_at(cursor.data, at, b"epoch", 5) else 0
+        if packed.is_at(cursor.data, at, b"epoch", 5):
+            return _EPOCH
+        return _FORMS if packed.is_at(cursor.data, at, b"forms", 5) else 0
+    if size == 4:
+        return _RUNS if packed.is_at(cursor.data, at, b"runs", 4) else 0
     if size == 3:
         return _SEQ if packed.is_at(cursor.data, at, b"seq", 3) else 0
     return _V if size == 1 and packed.is_at(cursor.data, at, b"v", 1) else 0

@@ -23,7 +23,6 @@ from tfbus.wire.transform_bytes import (
     VERSION,
     NameTables,
     scan_message,
-    scan_numbered,
 )
 from tfbus.wire.transform_bytes import TransformMessage as TransformMessage
 from tfbus.wording import counted
@@ -270,9 +269,7 @@ class TransformReader:
 
     def read(self, payload: bytes, numbers: FrameNumbers | None = None) -> TransformMessage:
         """The message in a payload. Raises DecodeError as `decode_transforms`."""
-        message = scan_message(payload, self._tables) if FAST else None
-        if message is None and numbers is not None and FAST:
-            message = scan_numbered(payload, numbers)
+        message = scan_message(payload, self._tables, numbers) if FAST else None
         if message is None:
             message = decode_transforms(payload, numbers)
         if self._names is not None:

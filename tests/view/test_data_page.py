@@ -35,7 +35,7 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     view.wait_for_status("tool", "dynamic")
     view.tab("Data")
     view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
-    view.field("points").check()
+    view.page.get_by_role("checkbox", name="points").check()
     view.page.get_by_text("points: PointCloud").wait_for()
     view.page.locator(".tf-dim").filter(has_text="drawn").nth(1).wait_for()
     [described] = describe_nodes(robot.session, "/view")

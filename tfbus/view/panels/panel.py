@@ -134,7 +134,7 @@ class Panel:
             self.tools = ToolsPanel(gui, view, channel, tools)
             self._measure = MeasurePanel(gui, view)
         self.fleet = FleetTab(gui, tabs, roster)
-        self._data = DataPanel(gui, tabs, view, data) if data else None
+        self._data = DataPanel(gui, tabs, view, data, channel) if data else None
         self._scenes = data
         self._subscribers = data.subscribers if data else lambda topic: 0
         for guest in guests:

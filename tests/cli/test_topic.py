@@ -16,7 +16,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.messages import Color, Image, LaserScan, OccupancyGrid, PointCloud, Pose
+from tfbus.messages import Color, Image, LaserScan, OccupancyGrid, PointCloud, Pose, PoseStamped
 from tfbus.wire.codec import encode_map, encode_message
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC [TYPE]
@@ -42,6 +42,24 @@ class TestList:
             " * turtle1/cmd_vel [Twist] 1 subscriber",
             " * turtle1/pose [Pose] 1 subscriber",
         ]
+
+    def test_all_types_have_the_names_of_their_classes(self, bus: Bus) -> None:
+        """Also those that have ROS's full names on the bus, which JSON has; others have those."""
+        node = bus.node("robot")
+        for type_ in (PointCloud, PoseStamped):
+            node.create_publisher(type_, type_.__name__.lower())
+        node.create_raw_publisher("battery", type_name="my_msgs/msg/Battery")
+        wanted = [
+            "battery [my_msgs/msg/Battery]",
+            "pointcloud [PointCloud]",
+            "posestamped [PoseStamped]",
+        ]
+        eventually(lambda: run(bus, "list", "-t")[1].splitlines() == wanted)
+        assert run(bus, "type", "pointcloud")[1] == "PointCloud\n"
+        assert run(bus, "info", "pointcloud")[1].startswith("Type: PointCloud\n")
+        told = {each["name"]: each["types"] for each in json.loads(run(bus, "list", "--json")[1])}
+        assert told["pointcloud"] == ["sensor_msgs/msg/PointCloud2"]
+        assert "pointcloud: PointCloud" in bus.run("node", "info", "/robot").stdout
 
     def test_a_machine_reads_the_list_as_json(self, bus: Bus) -> None:
         """The list as JSON has each topic with its types and the nodes at both ends."""

@@ -1,6 +1,7 @@
 """Messages on the page in a real Chromium."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     view.wait_for_status("tool", "dynamic")
     view.tab("Data")
     view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
-    view.field("points").check()
+    view.page.get_by_role("checkbox", name="points").check()
     view.page.get_by_text("points: PointCloud").wait_for()
     view.page.locator(".tf-dim").filter(has_text="drawn").nth(1).wait_for()
     [described] = describe_nodes(robot.session, "/view")
@@ -44,7 +45,7 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
 
 
 def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) -> None:
-    """Along the drag; a page that is read-only has no tools."""
+    """Along the drag; a page that is read-only only measures, by two clicks."""
     _, address = start_view(bus)
     robot = bus.node("robot")
     Arm(robot)
@@ -76,4 +77,14 @@ def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) ->
     _, other = start_view(bus, "--read-only", "--name", "other")
     public = View(pages.new_page(), other)
     public.wait_for_status("tool", "dynamic")
-    assert not public.page.locator("[data-tool]").count()
+    public.tab("Tools")
+
+    def measures() -> bool:
+        public.button("Measure (M)")
+        for x in (150, 250):
+            public.click_at(x, 250)
+        return public.shows(public.page.get_by_role("log", name="measured"), 5.0)
+
+    eventually(measures)
+    assert re.match(r"\d+\.\d{3} m: x ", public.page.get_by_label("measured").inner_text())
+    assert public.page.locator("[data-tool]").count() == 1

@@ -1,13 +1,18 @@
 """RViz's tools: what a drag or a click on the scene sends, and what it meets there."""
 
+import json
 import math
+import re
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
+from tests.view.cameras import Server, camera
 from tfbus import Transform
 from tfbus.messages import (
     PointStamped,
@@ -16,8 +21,12 @@ from tfbus.messages import (
     Vector3,
 )
 from tfbus.view.data.topics import TOOLS, ToolPublishers
-from tfbus.view.scene.camera import Ray, Viewport
-from tfbus.view.settings import ViewSettings
+from tfbus.view.panels.markup import Channel
+from tfbus.view.panels.pointing import Pointing, heading_of, mark_size
+from tfbus.view.panels.tools import ToolsPanel
+from tfbus.view.scene.camera import Cameras, Ray, Viewport
+from tfbus.view.scene.drawn import Drawn
+from tfbus.view.settings import ViewSettings, ViewState
 
 TOP = Ray(np.array((0.0, 0.0, 10.0)), np.array((0.0, 0.0, -1.0)))
 
@@ -95,3 +104,88 @@ def test_a_ray_meets_the_nearest_of_what_is_there() -> None:
     moved = TOP.seen_from(Transform.from_rpy(0.4, 0.2, 1.0, xyz=(7.0, -2.0, 1.0)))
     pose = Transform.from_rpy(0.4, 0.2, 1.0, xyz=(7.0, -2.0, 1.0)).inverse()
     assert moved.to_triangles(pose.apply(square), np.array([(0, 1, 2)])) == pytest.approx(8.0)
+
+
+class Above:
+    """A page whose browser looks straight down from 10 m, where a pixel is a centimetre."""
+
+    def __init__(self) -> None:
+        seen = camera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0))
+        seen.wxyz, seen.fov = (0.0, 1.0, 0.0, 0.0), 2.0 * math.atan(0.5)
+        seen.image_width = seen.image_height = 1000
+        server: Any = Server(seen)
+        self.gui = server.gui = Gui()
+        server.scene = server.clients[0].scene = MagicMock()
+        self.drawn = Drawn(server.scene)
+        self.channel = Channel()
+        self.panel = ToolsPanel(server.gui, ViewState(ViewSettings()), self.channel, None)
+        self._pointing = Pointing(server, Cameras(server), self.drawn, self.panel)
+
+    def click(self, x: float, y: float, step: int, frame: str = "map", height_m: float = 0) -> str:
+        """A click on a point of the ground, or on a plate above it; what is measured then."""
+        part = [0.5 + x / (10.0 - height_m), 0.5 - y / (10.0 - height_m)]
+        sent = {"do": "tool", "tool": "measure", "from": part, "to": part, "step": step}
+        self.channel.receive(json.dumps(sent), 0)
+        far = 10.0 - height_m if height_m else math.inf
+        self._pointing.use(frame, 0.5, lambda ray: far / -ray.direction[2])
+        return self.measured()
+
+    def measured(self) -> str:
+        """The line of the panel."""
+        self.panel.refresh(0.0, lambda topic: 0)
+        found = re.search("<b>(.*?)</b>", "".join(each.content for each in self.gui.texts))
+        return found[1] if found else ""
+
+
+class Gui:
+    """The texts of a panel."""
+
+    def __init__(self) -> None:
+        self.texts: list[Any] = []
+
+    def add_html(self, content: str) -> Any:
+        """As viser's."""
+        self.texts.append(SimpleNamespace(content=content))
+        return self.texts[-1]
+
+
+def test_two_clicks_measure_the_distance_and_its_parts_along_the_axes() -> None:
+    """On the ground, or on what is drawn above it; all is marked in the scene, and removed."""
+    above = Above()
+    assert above.click(1.0, 1.0, 1) == ""
+    assert above.click(-1.0, 3.0, 2, height_m=1.0) == ("3.000 m: x -2.000, y 2.000, z 1.000 in map")
+    marks = {"measured", "measured from", "measured text"}
+    assert marks <= above.drawn.shapes.keys()
+    assert {each.frame for each in above.drawn.shapes.values()} == {"map"}
+    above.channel.receive('{"do": "unmeasure"}', 0)
+    assert above.click(0.0, 0.0, 1) == ""
+    assert "measured" not in above.drawn.shapes
+
+
+def test_a_measure_begins_anew_with_its_first_click_and_another_fixed_frame() -> None:
+    """A first click that was given up is not the start of the next one."""
+    above = Above()
+    above.click(4.0, 4.0, 1)
+    above.click(1.0, 1.0, 1)
+    assert above.click(1.0, 2.0, 2).startswith("1.000 m: x 0.000, y 1.000, z 0.000")
+    above.click(1.0, 1.0, 1)
+    assert above.click(3.0, 1.0, 2, "odom").startswith("1.000 m")
+    assert above.click(4.0, 1.0, 2, "odom").startswith("1.000 m: x 1.000, y 0.000")
+
+
+def test_a_mark_is_seen_from_far_away_and_never_smaller_than_axes() -> None:
+    """At least a twelfth of the way to it, as high in the picture from everywhere."""
+    assert mark_size(0.5, 1.0) == 1.0
+    for way_m in (100.0, 1000.0):
+        assert mark_size(0.5, way_m) / way_m == pytest.approx(mark_size(0.5, 50.0) / 50.0)
+        assert mark_size(0.5, way_m) > way_m / 15.0
+
+
+def test_a_drag_gives_the_heading_along_the_ground_and_a_click_none() -> None:
+    """Also one that ends above the horizon."""
+    at = TOP.at(10.0)
+    beside = Ray(TOP.origin, np.array((0.0, 0.6, -0.8)))
+    level = Ray(TOP.origin, np.array((-1.0, 0.0, 0.0)))
+    assert heading_of(TOP, beside, at) == pytest.approx(math.pi / 2)
+    assert heading_of(TOP, level, at) == pytest.approx(math.pi)
+    assert heading_of(TOP, TOP, at) == 0.0

@@ -291,6 +291,14 @@ def bare(type_name: str) -> str:
     return type_name.rpartition("/")[2]
 
 
+def shown_type(announced: str) -> str:
+    """The name of a type for people: of a class of tfbus.messages its name there, `PointCloud`,
+    though it is ROS's `sensor_msgs/msg/PointCloud2` on the bus; of any other that on the bus.
+    """
+    supplied = supplied_type(announced)
+    return supplied.__qualname__ if supplied else announced or "unknown"
+
+
 def is_of_type(announced: str, type_name: str) -> bool:
     """Whether a type announced on the bus is the one typed in: by its name there, or with ROS's
     package before it, or without; or by that of its class.

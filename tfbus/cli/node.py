@@ -9,6 +9,7 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
 from tfbus.cli.bus import open_bus, say_if_empty, warn_of_unanswered
+from tfbus.cli.message import shown_type
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.command.names import nodes_in
 from tfbus.command.options import bus_options
@@ -130,7 +131,7 @@ def _lines(node: NodeDescription, now_ns: int) -> list[str]:
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
         lines += [
-            f"    {name}: {paint(type_ or 'unknown', 'type')}"
+            f"    {name}: {paint(shown_type(type_), 'type')}"
             for name, type_ in sorted(getattr(node, kind).items())
         ]
     lines.append("  Parameters:")

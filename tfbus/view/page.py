@@ -1,7 +1,6 @@
 """The page that `tfbus view` serves: a scene and a panel, kept up to date by `run`."""
 
 import logging
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +11,13 @@ import numpy as np
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
-from tfbus.geometry.transform import Transform
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.runtime.log import LogOnce
-from tfbus.view.data.topics import DataSource, Tool, ToolPublishers
+from tfbus.view.data.topics import DataSource, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.panels.panel import Panel
-from tfbus.view.panels.tools import Aim, sent_text
+from tfbus.view.panels.pointing import Pointing
 from tfbus.view.replay import Replay
 from tfbus.view.robots import GivenRobots, RobotSource
 from tfbus.view.scene.camera import (
@@ -31,7 +29,7 @@ from tfbus.view.scene.camera import (
     with_points,
 )
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of, unit_mesh
+from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
 from tfbus.view.scene.texts import Texts
@@ -74,13 +72,6 @@ _NAMES_AFTER_S = 0.5
 # The balls around a frame that a camera looks at, or follows, in lengths of its axes.
 _FOCUS = 4.0
 _FOLLOW = 10.0
-
-# What a tool has sent is so many times as long as axes, and at least this part of the way to it; a
-# shorter drag has no heading.
-_MARK = 2.0
-_MARK_SEEN = 0.08
-_LEAST_DRAG_PX = 5.0
-_NOTE_S = 4.0
 
 # Of messages with more shapes, such as markers, some are enough for the first look.
 _FIRST_ITEMS = 200
@@ -200,6 +191,7 @@ class Page:
             self.data,
             self._tools,
         )
+        self._pointing = Pointing(self.server, self.cameras, self.drawn, self.panel.tools)
         self._scene = Scene(self.server.scene, self._select)
 
     @property
@@ -298,7 +290,7 @@ class Page:
         self._selections.keep(self.server.get_clients())
         with self.server.atomic():
             self._draw(placed, whole, choice, stamp_ns)
-            self._use_tools(choice.fixed_frame)
+            self._point(choice.fixed_frame)
             if is_due:
                 self._look_first(placed, whole)
                 self.panel.refresh(
@@ -460,45 +452,10 @@ class Page:
 
     # The tools
 
-    def _use_tools(self, fixed_frame: str) -> None:
-        panel = self.panel.tools
-        for aim in panel.take() if panel else ():
-            if why := self._use(aim, fixed_frame):
-                client = self.server.get_clients().get(aim.client)
-                if client is not None:
-                    client.add_notification("Nothing was sent", why, auto_close_seconds=_NOTE_S)
-
-    def _use(self, aim: Aim, fixed_frame: str) -> str:
-        """Send what a browser aims at, and mark it in the scene; why it cannot, "" if it can."""
-        window, panel, tool = self.cameras.window(aim.client), self.panel.tools, aim.tool
-        if window is None or panel is None:
-            return ""
-        tools = panel.publishers
-        if not self.whole.names:
-            return "There are no frames yet to aim in."
-        ray = window.ray(aim.start)
-        way_m = ray.to_ground()
-        if not tool.has_heading:
-            way_m = min(way_m, self._way_to_what_is_drawn(ray))
-        if not math.isfinite(way_m):
-            return "There is no ground: aim below the horizon."
-        at, yaw_rad = ray.at(way_m), 0.0
-        if tool.has_heading:
-            toward = window.ray(aim.end)
-            if toward.apart_px(ray) >= _LEAST_DRAG_PX:
-                # Of a drag that ends above the horizon, the way that it points to.
-                far_m = toward.to_ground()
-                ahead = toward.at(far_m) - at if math.isfinite(far_m) else toward.direction
-                yaw_rad = math.atan2(ahead[1], ahead[0])
-            at[2] = 0.0
-        xyz = (float(at[0]), float(at[1]), float(at[2]))
-        if not tools.send(tool, fixed_frame, xyz, yaw_rad):
-            return tools.mistakes.get(tool.name, "Its topic has only just been changed.")
-        topic = tools.topic(tool)
-        panel.note(tool, sent_text(topic, fixed_frame, xyz, yaw_rad))
-        size_m = max(_MARK * self._scene.size_m, _MARK_SEEN * way_m)
-        self._mark_sent(tool, topic, fixed_frame, xyz, yaw_rad, size_m)
-        return ""
+    def _point(self, fixed_frame: str) -> None:
+        """Use what browsers point at."""
+        aimed_in = fixed_frame if self.whole.names else ""
+        self._pointing.use(aimed_in, self._scene.size_m, self._way_to_what_is_drawn)
 
     def _way_to_what_is_drawn(self, ray: Ray) -> float:
         """The way in m to the first message or robot in a ray of the fixed frame."""
@@ -506,42 +463,6 @@ class Page:
         if self.data:
             ways.append(self.data.met_by(ray))
         return min(ways)
-
-    def _mark_sent(
-        self,
-        tool: Tool,
-        topic: str,
-        frame: str,
-        xyz: tuple[float, float, float],
-        yaw_rad: float,
-        size_m: float,
-    ) -> None:
-        """Show what was sent last by a tool: an arrow or a ball, and the topic above it."""
-        vertices, faces = unit_mesh("arrow" if tool.has_heading else "sphere")
-        scale = np.array((1.0, 0.25, 0.25)) if tool.has_heading else np.full(3, 0.25)
-        pose = Transform.from_rpy(0.0, 0.0, yaw_rad, xyz)
-        above = (xyz[0], xyz[1], xyz[2] + 0.3 * size_m)
-        scene = self.server.scene
-        self.drawn.add(
-            f"{tool.name} sent",
-            frame,
-            lambda path: scene.add_mesh_simple(
-                path,
-                (vertices * scale * size_m).astype(np.float32),
-                faces,
-                color=tool.color,
-                cast_shadow=False,
-                receive_shadow=False,
-                **place_of(pose),
-            ),
-        )
-        self.drawn.add(
-            f"{tool.name} topic",
-            frame,
-            lambda path: scene.add_label(
-                path, printable(topic), position=above, anchor="bottom-center"
-            ),
-        )
 
     def show_all(self, client: int) -> None:
         """Let a browser see all that is drawn: frames, robots, messages, and shapes of guests."""

@@ -26,6 +26,7 @@ from tfbus.cli.message import (
     print_type,
     print_types,
     read_map,
+    shown_type,
     supplied_names,
     supplied_type,
     type_of_ros,
@@ -56,7 +57,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.recording.reader import RecordedTopic, topics_of
+from tfbus.recording.reader import topics_of
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import encode_message, type_name
 from tfbus.wire.keys import relative
@@ -131,19 +132,15 @@ def _list_recorded(
     elif as_json:
         print_json([asdict(topic) for topic in topics])
     elif verbose:
-        rows = [[topic.name, topic.type or "unknown", str(topic.messages)] for topic in topics]
+        rows = [[topic.name, shown_type(topic.type), str(topic.messages)] for topic in topics]
         print_lines(table(("topic", "type", "messages"), rows, right=(2,)))
     else:
         print_lines(
-            f"{each.name} {paint(f'[{_type_of_recorded(each)}]', 'type')}"
+            f"{each.name} {paint(f'[{shown_type(each.type)}]', 'type')}"
             if show_types
             else each.name
             for each in topics
         )
-
-
-def _type_of_recorded(topic: RecordedTopic) -> str:
-    return topic.type or "unknown"
 
 
 @command.command("info", epilog="Example: tfbus topic info turtle1/pose -v")
@@ -166,7 +163,7 @@ def info_command(
         if as_json:
             print_json(asdict(found))
         else:
-            print_text(f"Type: {paint(found.type or 'unknown', 'type')}")
+            print_text(f"Type: {paint(shown_type(found.type), 'type')}")
             print_text(f"Messages: {found.messages}")
         return
     with open_bus(settings) as session:
@@ -247,7 +244,7 @@ def type_command(settings: NodeSettings, bag: BagChoice | None, topic: str) -> N
     if bag is not None:
         with bag.opened() as recording:
             found = recorded_topic(recording.reader, full_topic(topic, settings))
-        print_text(_type_of_recorded(found))
+        print_text(shown_type(found.type))
         return
     with open_bus(settings) as session:
         print_text(_types(find_topic(look_once(session), relative(topic, settings.namespace))))
@@ -269,7 +266,7 @@ def _as_map(topic: TopicInfo) -> dict[str, object]:
 
 
 def _types(topic: TopicInfo) -> str:
-    return ", ".join(topic.types) or "unknown"
+    return ", ".join(map(shown_type, topic.types)) or shown_type("")
 
 
 def _named(topic: TopicInfo) -> str:
@@ -283,7 +280,7 @@ def _line(topic: TopicInfo, count: int, side: str) -> str:
 def _end_lines(end: Endpoint) -> list[str]:
     return [
         f"  Node name: {paint(end.node, 'name')}",
-        f"    Type: {end.type or 'unknown'}",
+        f"    Type: {shown_type(end.type)}",
         f"    Host: {end.host}",
         f"    Pid: {end.pid}",
         *(["    Retained: its last message reaches late subscribers"] if end.retained else ()),

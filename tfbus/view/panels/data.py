@@ -1,19 +1,21 @@
-"""The tab of messages: a box for each topic that can be drawn, and its settings."""
+"""The tab of messages: a box for each topic that can be drawn, and settings of those ticked."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from html import escape
 from typing import Any
 
 import viser
 
 from tfbus import messages
+from tfbus.discover.graph import TopicInfo
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
-from tfbus.view.panels.markup import Html
+from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import RANGES, ViewState
+from tfbus.wire.keys import namespace_of_node
 from tfbus.wording import printable
 
 _COLORS = ("auto", "flat", "height")
@@ -27,39 +29,119 @@ _WITHOUT_LOCK = (
 
 
 class DataPanel:
-    """A tab that is there once a topic has been that can be drawn."""
+    """A tab that is there once a topic has been that can be drawn.
+
+    It lists the topics, and below them has the settings of those that are ticked, the last at the
+    end.
+    """
 
     title = "Data"
 
     def __init__(
-        self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle, view: ViewState, scenes: DataScenes
+        self,
+        gui: viser.GuiApi,
+        tabs: viser.GuiTabGroupHandle,
+        view: ViewState,
+        scenes: DataScenes,
+        channel: Channel,
     ) -> None:
         self._gui = gui
         self._tabs = tabs
         self._view = view
         self._scenes = scenes
         self._tab: viser.GuiTabHandle | None = None
+        self._find: Any = None
+        self._list: Html | None = None
         self._rows: dict[str, _TopicRow] = {}
+        channel.on("topic", self._tick)
 
     def refresh(self) -> None:
         """Show the topics, and what is drawn of each."""
         topics = self._scenes.topics
         if topics and self._tab is None:
             self._tab = self._tabs.add_tab(self.title)
-        if self._tab is None:
+            with self._tab:
+                self._find = self._gui.add_text("Find", "", visible=False)
+                self._list = Html(self._gui.add_html(""))
+        if self._tab is None or self._list is None:
             return
-        for topic in [topic for topic in self._rows if topic not in topics]:
+        shown = {each.topic for each in self._view.settings.topics if each.shown}
+        self._list.show(topics_html(topics, shown, self._find.value))
+        if self._find.visible != (len(topics) > _MOST_AT_A_GLANCE):
+            self._find.visible = not self._find.visible
+        for topic in [topic for topic in self._rows if topic not in shown & topics.keys()]:
             self._scenes.show_picture.pop(topic, None)
             self._rows.pop(topic).remove()
         with self._tab:
             for topic, info in topics.items():
                 message_type = drawn_type(info)
-                if topic not in self._rows and message_type is not None:
+                if topic in shown and topic not in self._rows and message_type is not None:
                     self._rows[topic] = _TopicRow(
                         self._gui, self._view, self._scenes, topic, message_type
                     )
         for topic, row in self._rows.items():
             row.refresh(self._scenes.layers.get(topic))
+
+    def _tick(self, event: Mapping[str, Any]) -> None:
+        topic = event.get("topic")
+        if isinstance(topic, str) and topic in self._scenes.topics:
+            self._view.change_topic(topic, shown=event.get("on") is True)
+
+
+# With more topics there is a field to find some.
+_MOST_AT_A_GLANCE = 12
+
+
+def robots_of(topics: Mapping[str, TopicInfo]) -> dict[str, str]:
+    """The namespace of the robot of each topic, "" for none: one in which a node publishes that."""
+    robots = set()
+    for topic, info in topics.items():
+        spaces = [f"/{namespace_of_node(end.node)}" for end in info.publishers]
+        above = topic.strip("/").rpartition("/")[0]
+        while above and not any(space.endswith(f"/{above}") for space in spaces):
+            above = above.rpartition("/")[0]
+        robots.add(above)
+    return {topic: _longest_above(topic, robots) for topic in topics}
+
+
+def _longest_above(topic: str, robots: Collection[str]) -> str:
+    above = [each for each in robots if topic.strip("/").startswith(f"{each}/")]
+    return max(above, key=len, default="")
+
+
+def topics_html(topics: Mapping[str, TopicInfo], shown: Collection[str], find: str = "") -> str:
+    """A box for each topic whose name or type has the text `find` in it: those that are `shown`
+    first, then those of no robot, then robot by robot, all by name.
+    """
+    robots = robots_of(topics)
+    types = {topic: drawn_type(info) for topic, info in topics.items()}
+    named = {topic: kind.__name__ for topic, kind in types.items() if kind is not None}
+    sought = find.strip().lower()
+    found = [
+        topic for topic, kind in named.items() if sought in topic.lower() or sought in kind.lower()
+    ]
+    places = {topic: (topic not in shown, robots[topic], topic) for topic in found}
+    lines = [f'<div class="tf-dim">{len(named.keys() & shown)} of {len(named)} drawn</div>']
+    before = ""
+    for topic in sorted(found, key=places.__getitem__):
+        heading = "" if topic in shown else robots[topic]
+        if heading != before:
+            lines.append(f'<div class="tf-robot-name"><b>{escape(printable(heading))}</b></div>')
+            before = heading
+        lines.append(_box(topic, named[topic], is_shown=topic in shown))
+    if not found:
+        lines.append(f'<div class="tf-dim">No topic has {escape(repr(find.strip()))} in it.</div>')
+    return f'<div class="tf" role="group" aria-label="topics">{"".join(lines)}</div>'
+
+
+def _box(topic: str, kind: str, *, is_shown: bool) -> str:
+    name, told = escape(topic), escape(printable(topic))
+    tick = event("topic", topic="this.dataset.topic", on="this.checked")
+    return (
+        f'<label class="tf-row" title="{told}"><input type="checkbox" aria-label="{told}" '
+        f'{"checked" if is_shown else ""} data-topic="{name}" onclick="{tick}">'
+        f'<span class="tf-topic">{told}</span><span class="tf-note">{escape(kind)}</span></label>'
+    )
 
 
 class _TopicRow:
@@ -78,13 +160,7 @@ class _TopicRow:
         self._picture: Any = None
         self._quality = 0
         settings = view.settings.of_topic(topic)
-        self._box_handle = gui.add_checkbox(
-            printable(topic), settings.shown, hint=message_type.__name__
-        )
-        self._box = Control(self._box_handle, self._setter("shown"))
-        self._folder: Any = gui.add_folder(
-            f"{printable(topic)}: {message_type.__name__}", visible=settings.shown
-        )
+        self._folder: Any = gui.add_folder(f"{printable(topic)}: {message_type.__name__}")
         self._controls: dict[str, Control] = {}
         self._color: Any = None
         self._bounds: dict[str, NumberOrAuto] = {}
@@ -122,9 +198,6 @@ class _TopicRow:
     def refresh(self, layer: TopicLayer | None) -> None:
         """Follow the settings, and say what is drawn."""
         settings = self._view.settings.of_topic(self._topic)
-        self._box.show(settings.shown)
-        if self._folder.visible != settings.shown:
-            self._folder.visible = settings.shown
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
         for name, bound in self._bounds.items():
@@ -158,7 +231,6 @@ class _TopicRow:
 
     def remove(self) -> None:
         """Remove the controls."""
-        self._box_handle.remove()
         self._folder.remove()
 
     def _slider(self, name: str, label: str, step: float, hint: str | None = None) -> None:

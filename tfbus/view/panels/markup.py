@@ -174,6 +174,10 @@ div:has(> .tfbus-channel) + div { display: none; }
 div:has(> .tf[role=tree]) { max-height: max(42vh, calc(100vh - 290px)); overflow-y: auto;
   scrollbar-width: thin; }
 div:has(> .tf[role=tree] .tf-selected) { max-height: max(42vh, calc(100vh - 610px)); }
+.tf-topic { flex: 1; min-width: 0; overflow: hidden; text-overflow: ellipsis; white-space: nowrap; }
+.tf-robot-name { margin-top: 0.5em; }
+div:has(> .tf[role=group]) { max-height: 42vh; overflow-y: auto; scrollbar-width: thin;
+  margin-bottom: 0.7em; }
 .tf-robot { display: flex; align-items: center; gap: 0.4em; flex: 1; min-width: 0;
   cursor: pointer; overflow-wrap: anywhere; }
 .tf-title { display: flex; align-items: center; gap: 0.8em; margin: 0.3em 0; }

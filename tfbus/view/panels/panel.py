@@ -114,10 +114,9 @@ class Panel:
         self._channel = channel = Channel()
         self._replay = replay
         player = (PlayerBar.style(), PlayerBar.script()) if replay else ("", "")
-        style = player[0] + "".join(guest.style for guest in self._guests)
-        script = TREE_SCRIPT + player[1] + "".join(guest.script for guest in self._guests)
-        if tools:
-            style, script = style + TOOLS_STYLE, script + TOOLS_SCRIPT
+        style = TOOLS_STYLE + player[0] + "".join(guest.style for guest in self._guests)
+        script = TREE_SCRIPT + TOOLS_SCRIPT + player[1]
+        script += "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))
         channel.listen(gui.add_text("events", ""))
         self._headline = Html(gui.add_html(""))
@@ -132,10 +131,10 @@ class Panel:
         with tabs.add_tab("View"):
             self._display = DisplayPanel(gui, view, selections, path)
         with tabs.add_tab("Tools"):
-            self.tools = ToolsPanel(gui, view, channel, tools) if tools else None
+            self.tools = ToolsPanel(gui, view, channel, tools)
             self._measure = MeasurePanel(gui, view)
         self.fleet = FleetTab(gui, tabs, roster)
-        self._data = DataPanel(gui, tabs, view, data) if data else None
+        self._data = DataPanel(gui, tabs, view, data, channel) if data else None
         self._scenes = data
         self._subscribers = data.subscribers if data else lambda topic: 0
         for guest in guests:
@@ -175,8 +174,7 @@ class Panel:
         self._refresh_robots(frames)
         if self._data:
             self._data.refresh()
-        if self.tools:
-            self.tools.refresh(time.monotonic(), self._subscribers)
+        self.tools.refresh(time.monotonic(), self._subscribers)
         for guest in self._guests:
             self._refresh_guest(guest)
         self._display.refresh(frames)

@@ -1,7 +1,8 @@
-"""The tab of RViz's tools: a goal, an initial pose and a point, by the pointer on the scene.
+"""The tab of RViz's tools: a goal, an initial pose, a point and a distance, by the pointer on the
+scene.
 
-A browser that has chosen a tool takes the next drag, or click, on the scene for it, in place of the
-camera.
+A browser that has chosen a tool takes the next drag, or clicks, on the scene for it, in place of
+the camera.
 """
 
 import math
@@ -15,7 +16,7 @@ import viser
 
 from tfbus.view.data.topics import TOOLS, Tool, ToolPublishers
 from tfbus.view.panels.controls import Control
-from tfbus.view.panels.markup import Channel, Html
+from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.settings import ViewState
 from tfbus.wording import counted, printable
 
@@ -25,26 +26,37 @@ _AFTER_S = 1.0
 # Aims that wait for the page; more are those of a script.
 _MOST_AIMS = 20
 
+# The tool that sends nothing.
+MEASURE = "measure"
+
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Aim:
-    """The use of a tool in a browser: where the drag began and ended, in parts of the picture's
-    width and height from its upper left corner.
+    """The use of a tool, by its name, in a browser: where the drag began and ended, in parts of the
+    picture's width and height from its upper left corner. Of a tool with several clicks it is the
+    first if `is_first`.
     """
 
     client: int
-    tool: Tool
+    tool: str
     start: Place
     end: Place
+    is_first: bool = True
 
 
 class ToolsPanel:
-    """Buttons of the tools, their topics, and what was sent last."""
+    """Buttons of the tools, their topics, and what was sent or measured last; without publishers
+    there is only what measures.
+    """
 
     def __init__(
-        self, gui: viser.GuiApi, view: ViewState, channel: Channel, publishers: ToolPublishers
+        self,
+        gui: viser.GuiApi,
+        view: ViewState,
+        channel: Channel,
+        publishers: ToolPublishers | None,
     ) -> None:
         self._view = view
         self.publishers = publishers
@@ -52,21 +64,29 @@ class ToolsPanel:
         self._topics: tuple[str, ...] = ()
         self._changed_s = -math.inf
         self._sent: dict[str, str] = {}
-        gui.add_html(_buttons())
+        self._measured = ""
+        self._is_cleared = False
+        self._tools = TOOLS if publishers else {}
+        gui.add_html(_buttons(self._tools))
+        self._measured_line = Html(gui.add_html(""))
         self._controls = {
             tool.setting: Control(
                 gui.add_text(f"{tool.title} on", tool.topic(view.settings)),
                 _setter(view, tool.setting),
             )
-            for tool in TOOLS.values()
+            for tool in self._tools.values()
         }
         self._state = Html(gui.add_html(""))
         channel.on("tool", self._take)
+        channel.on("unmeasure", self._clear)
 
     def refresh(self, now_s: float, subscribers: Callable[[str], int]) -> None:
         """Follow the settings, and say what was sent; `now_s` is of a steady clock, and
         `subscribers(topic)` how many subscriptions there are.
         """
+        self._measured_line.show(_measured_html(self._measured))
+        if self.publishers is None:
+            return
         settings = self._view.settings
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
@@ -92,16 +112,29 @@ class ToolsPanel:
         """Say what was sent last by a tool."""
         self._sent[tool.name] = sent
 
+    def note_measured(self, text: str) -> None:
+        """Say what was measured last."""
+        self._measured = text
+
+    def take_clear(self) -> bool:
+        """Whether a browser asked since the last call to remove what is measured."""
+        was, self._is_cleared = self._is_cleared, False
+        return was
+
     def take(self) -> list[Aim]:
         """The uses of tools since the last call, the oldest first."""
         return [self._aims.popleft() for _ in range(len(self._aims))]
 
     def _take(self, event: Mapping[str, Any]) -> None:
-        tool = TOOLS.get(str(event.get("tool")))
+        tool = str(event.get("tool"))
         start, end = _place(event.get("from")), _place(event.get("to"))
         client = event["client"]
-        if tool is not None and start is not None and end is not None and client is not None:
-            self._aims.append(Aim(client, tool, start, end))
+        is_known = tool in self._tools or tool == MEASURE
+        if is_known and start is not None and end is not None and client is not None:
+            self._aims.append(Aim(client, tool, start, end, event.get("step", 1) == 1))
+
+    def _clear(self, event: Mapping[str, Any]) -> None:
+        self._measured, self._is_cleared = "", True
 
 
 def sent_text(topic: str, frame_id: str, xyz: tuple[float, float, float], yaw_rad: float) -> str:
@@ -110,6 +143,25 @@ def sent_text(topic: str, frame_id: str, xyz: tuple[float, float, float], yaw_ra
     turn = f", {math.degrees(yaw_rad):.0f}°" if yaw_rad else ""
     height = f", {z:.2f}" if abs(z) >= 0.005 else ""
     return f"{printable(topic)}: {x:.2f}, {y:.2f}{height}{turn} in {printable(frame_id)}"
+
+
+def measured_text(
+    frame_id: str, start: tuple[float, float, float], end: tuple[float, float, float]
+) -> str:
+    """The distance of two points of a frame, and their difference along its axes."""
+    # Not -0.000.
+    x, y, z = (round(b - a, 3) + 0.0 for a, b in zip(start, end, strict=True))
+    far_m = math.dist(start, end)
+    return f"{far_m:.3f} m: x {x:.3f}, y {y:.3f}, z {z:.3f} in {printable(frame_id)}"
+
+
+def _measured_html(text: str) -> str:
+    if not text:
+        return ""
+    return (
+        f'<div class="tf" role="log" aria-label="measured"><b>{escape(text)}</b> '
+        f'<button class="tf-link" onclick="{event("unmeasure")}">remove</button></div>'
+    )
 
 
 def _setter(view: ViewState, name: str) -> Callable[[str], None]:
@@ -125,23 +177,31 @@ def _place(value: object) -> Place | None:
     return float(x), float(y)
 
 
-def _buttons() -> str:
+def _buttons(tools: Mapping[str, Tool]) -> str:
     buttons = "".join(
-        f'<button data-tool="{tool.name}" data-heading="{int(tool.has_heading)}" '
-        f'data-key="{tool.key.lower()}" aria-pressed="false" onclick="tfbusTool(this)">'
-        f"{tool.title} ({tool.key})</button>"
-        for tool in TOOLS.values()
+        _button(tool.name, tool.title, tool.key, 1, has_heading=tool.has_heading)
+        for tool in tools.values()
     )
+    buttons += _button(MEASURE, "Measure", "M", 2, has_heading=False)
+    sends = "Drag on the ground for a pose, click for a point, twice" if tools else "Click twice"
     return (
-        f'<div class="tf"><div class="tf-tools">{buttons}</div><div class="tf-dim">Drag on the '
-        "ground for a pose, click for a point; Escape puts a tool away.</div></div>"
+        f'<div class="tf"><div class="tf-tools">{buttons}</div><div class="tf-dim">{sends} to '
+        "measure; Escape puts a tool away.</div></div>"
+    )
+
+
+def _button(name: str, title: str, key: str, clicks: int, *, has_heading: bool) -> str:
+    return (
+        f'<button data-tool="{name}" data-heading="{int(has_heading)}" data-clicks="{clicks}" '
+        f'data-key="{key.lower()}" aria-pressed="false" onclick="tfbusTool(this)">'
+        f"{title} ({key})</button>"
     )
 
 
 STYLE = """
-.tf-tools { display: flex; gap: 4px; margin: 0.5em 0; }
-.tf-tools button { all: unset; cursor: pointer; flex: 1; text-align: center; padding: 0.45em 0;
-  border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); }
+.tf-tools { display: flex; flex-wrap: wrap; gap: 4px; margin: 0.5em 0; }
+.tf-tools button { all: unset; cursor: pointer; flex: 1 0 40%; text-align: center;
+  padding: 0.45em 0; border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); }
 .tf-tools button:hover { background: light-dark(#d0e4f7, #27507a); }
 .tf-tools button[aria-pressed=true] { background: #228be6; color: white; }
 .tf-tools button:focus-visible { outline: 2px solid #228be6; }
@@ -166,6 +226,7 @@ window.tfbusTool = (button) => {
     + '</svg>';
   const line = cover.querySelector('line');
   let from = null;
+  let clicks = Number(button.dataset.clicks);
   const at = (event) => {
     const box = canvas.getBoundingClientRect();
     return [[event.clientX - box.left, event.clientY - box.top],
@@ -184,15 +245,18 @@ window.tfbusTool = (button) => {
     from = at(event);
   };
   cover.onpointermove = (event) => {
-    if (!from || button.dataset.heading !== '1') return;
+    const draws = button.dataset.heading === '1' || clicks < Number(button.dataset.clicks);
+    if (!from || !draws) return;
     const [[x, y]] = at(event);
     const ends = {x1: from[0][0], y1: from[0][1], x2: x, y2: y, visibility: 'visible'};
     Object.entries(ends).forEach(([name, value]) => line.setAttribute(name, value));
   };
   cover.onpointerup = (event) => {
     if (!from) return;
-    tfbus({do: 'tool', tool: button.dataset.tool, from: from[1], to: at(event)[1]});
-    stop();
+    const step = Number(button.dataset.clicks) - clicks + 1;
+    tfbus({do: 'tool', tool: button.dataset.tool, from: from[1], to: at(event)[1], step});
+    clicks -= 1;
+    if (!clicks) stop();
   };
   cover.onpointercancel = stop;
   cover.oncontextmenu = (event) => { event.preventDefault(); stop(); };

@@ -10,8 +10,6 @@ Compiled if there is a C compiler (`numbered.pxd` has the C types).
 """
 
 import math
-from array import array
-import threading
 from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
 

@@ -158,6 +158,9 @@ class Network:
         and exit code of its own. In a terminal, or merged, it writes its errors with its output.
         """
         _check_plain("main", main)
+        for each in arguments:
+            if not isinstance(each, str):
+                raise SimulationError(f"arguments of a program are texts, not {each!r}")
         name = name or module_of(main).rpartition(".")[2]
         process = self._table.add(self._host(host), name)
         process.program = Program(

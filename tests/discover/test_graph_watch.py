@@ -29,17 +29,21 @@ class Seen:
     def __init__(self, session: Session) -> None:
         self.told: list[tuple[str, list[str] | None]] = []
         self.answers = 0
-        self._ask = session.ask
-        session.ask = self._count_answers  # type: ignore[method-assign]
+        self._ask = session.ask_later
+        session.ask_later = self._count_answers  # type: ignore[method-assign]
         self.watch = GraphWatch(session, LOG, everywhere=True, on_change=self._on_change)
 
     def _on_change(self, name: str, node: NodeDescription | None) -> None:
         self.told.append((name, None if node is None else sorted(node.publishes)))
 
-    def _count_answers(self, key: str, **given: Any) -> Iterator[Any]:
-        for answer in self._ask(key, **given):
+    def _count_answers(
+        self, key: str, payload: None, on_answer: Callable[[Any], None], *given: Any, **more: Any
+    ) -> None:
+        def on_counted(answer: Any) -> None:
             self.answers += 1
-            yield answer
+            on_answer(answer)
+
+        self._ask(key, payload, on_counted, *given, **more)
 
     @property
     def names(self) -> list[str]:
@@ -128,7 +132,7 @@ def test_a_node_beyond_a_partition_is_gone_and_comes_back(network: Network, bus:
 
 
 def test_a_node_that_does_not_answer_is_silent_and_holds_up_no_other(bus: Bus, seen: Seen) -> None:
-    """Its queries end late; until it answers, no description is there."""
+    """Its queries end late; until it answers, no description is there. Others are gone at once."""
     held: list[Query] = []
     other = bus.node("other")
     queryable = other.session.queryable(node_key("busy"), held.append)
@@ -137,6 +141,13 @@ def test_a_node_that_does_not_answer_is_silent_and_holds_up_no_other(bus: Bus, s
     bus.node("sim")
     eventually(lambda: seen.names == ["/other", "/sim"])
     assert seen.watch.silent() == ["/busy"]
+    for _ in range(10):
+        sim = bus.node("late")
+        eventually(lambda: seen.names == ["/late", "/other", "/sim"])
+        scheduler.sleep(0.37)
+        sim.close()
+        scheduler.sleep(0.1)
+        assert seen.names == ["/other", "/sim"]
     queryable.close()
     token.close()
     eventually(lambda: not seen.watch.silent())
@@ -207,10 +218,10 @@ class NoNodes:
         self.on_token = callback
         return SimpleNamespace(close=lambda: None)
 
-    def ask(self, key: str, timeout_s: float) -> list[Any]:
+    def ask_later(self, key: str, payload: None, on_answer: Any, on_end: Any, **_: Any) -> None:
         """No node answers."""
         self.asked += 1
-        return []
+        on_end()
 
 
 @pytest.mark.usefixtures("network")

@@ -3,8 +3,9 @@
 import logging
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 
+from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.discover.presence import read_node
 from tfbus.errors import BusError, DecodeError
@@ -78,14 +79,12 @@ class GraphWatch:
         self._asked_s = self._asked_all_s = -_ALL_EVERY_S
         self._next_ask: tuple[float, Timer] | None = None
         self._has_answers = False
-        self._closed = False
         self._executor = Executor("nodes", log)
         self._executor.submit("nodes", partial(self._ask_after, _EVERY_S))
         self._tokens = session.watch_living(self._key, self._on_token)
 
     def close(self) -> None:
         """Stop watching. Twice is fine."""
-        self._closed = True
         self._tokens.close()
         self._executor.close()
 
@@ -157,18 +156,42 @@ class GraphWatch:
         self._next_ask = due_s, self._executor.after(delay_s, self._ask)
 
     def _ask(self) -> None:
+        """Ask, and wait for no answer here: a node that does not answer holds up no other."""
         self._next_ask = None
+        if not self._living:
+            self._end_question()
+            return
+        self._asks += 1
+        queries = self._keys(scheduler.monotonic())
+        # Before a question to all: the nodes that may not answer any more.
+        known = {name: {*each} for name, each in self._nodes.items() if queries == [self._key]}
+        answered: dict[str, set[str]] = {}
+
+        def on_answer(answer: Answer) -> None:
+            self._executor.submit("answers", lambda: self._take_answer(answer, answered))
+
+        def on_end() -> None:
+            self._executor.submit("answers", end)
+
+        def end() -> None:
+            left.pop()
+            if not left:
+                self._forget(known, answered)
+                self._end_question()
+
+        left = [*queries]
         try:
-            if self._living:
-                self._asks += 1
-                self._take_answers(self._keys(scheduler.monotonic()))
-            if not self._closed:
-                self._on_nodes(self.nodes())
-            with self._lock:
-                self._has_answers = True
-                self._lock.notify_all()
-        finally:
-            self._ask_after(_PAUSES_S[self._asks] if self._asks < len(_PAUSES_S) else _EVERY_S)
+            for key in queries:
+                self._session.ask_later(key, None, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+        except BusError:
+            self._end_question()  # the session is closed
+
+    def _end_question(self) -> None:
+        self._ask_after(_PAUSES_S[self._asks] if self._asks < len(_PAUSES_S) else _EVERY_S)
+        self._on_nodes(self.nodes())
+        with self._lock:
+            self._has_answers = True
+            self._lock.notify_all()
 
     def _keys(self, now_s: float) -> list[str]:
         """The keys to query: all nodes, or those that have changed and those that have not
@@ -182,35 +205,25 @@ class GraphWatch:
             return [self._key]
         return [changed_selector(self._key, now_s - since_s + _MORE_S), *islice(lacking, _FEW)]
 
-    def _take_answers(self, keys: list[str]) -> None:
+    def _take_answer(self, answer: Answer, answered: dict[str, set[str]]) -> None:
         try:
-            answers = [self._session.ask(key, timeout_s=_ANSWER_WITHIN_S) for key in keys]
-        except BusError:
-            return  # the session is closed
-        answered: dict[str, set[str]] = {}
-        for answer in chain(*answers):
-            if self._closed:
-                return
-            try:
-                node = None if answer.refusal is not None else read_node(self._session, answer)
-            except DecodeError as error:
-                self._once.warning(str(error), "%s", error)
-                continue
-            # The token of one that is not living comes soon, or is lost already.
-            if node is not None and node.name in self._living:
-                with self._lock:
-                    self._nodes.setdefault(node.name, {})[node.session] = node
-                answered.setdefault(node.name, set()).add(node.session)
-                self._tell(node.name)
-        if keys == [self._key]:
-            self._forget_others(answered)
-
-    def _forget_others(self, answered: dict[str, set[str]]) -> None:
-        """Forget nodes that did not answer and share the name of one that did: no token tells."""
-        for name, sessions in answered.items():
+            node = None if answer.refusal is not None else read_node(self._session, answer)
+        except DecodeError as error:
+            self._once.warning(str(error), "%s", error)
+            return
+        # The token of one that is not living comes soon, or is lost already.
+        if node is not None and node.name in self._living:
             with self._lock:
-                kept = {key: each for key, each in self._nodes[name].items() if key in sessions}
-                self._nodes[name] = kept
+                self._nodes.setdefault(node.name, {})[node.session] = node
+            answered.setdefault(node.name, set()).add(node.session)
+            self._tell(node.name)
+
+    def _forget(self, known: dict[str, set[str]], answered: dict[str, set[str]]) -> None:
+        """Forget nodes that did not answer, if one of the same name did: no token tells of them."""
+        for name in known.keys() & answered.keys():
+            with self._lock:
+                for session in known[name] - answered[name]:
+                    self._nodes.get(name, {}).pop(session, None)
             self._tell(name)
 
     def _tell(self, name: str) -> None:

@@ -137,7 +137,7 @@ def test_the_first_feedback_may_come_before_the_id_of_its_goal() -> None:
     assert heard == []
     feedbacks.begin("id")
     feedbacks.came(2)
-    assert heard == [("id", 1), ("id", 2)]
+    assert [(each.goal_id, each.feedback) for each in heard] == [("id", 1), ("id", 2)]
 
 
 def test_feedback_is_heard_in_the_group_of_the_client(rclpy: ModuleType) -> None:

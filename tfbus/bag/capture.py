@@ -354,11 +354,7 @@ class Capture:
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        source = self._topic_source(name, retained=retained)
-
-        def put(payload: bytes) -> None:
-            self._queue.put(source, payload)
-
+        put = partial(self._queue.put, self._topic_source(name, retained=retained))
         try:
             topic = check_no_transforms(relative(topic, self._node.namespace))
             self._topics[name] = self._node.create_raw_subscription(

@@ -124,7 +124,7 @@ class _Connection(Struct, frozen=False):
     dst: str = ""
 
 
-class LinkChanges(NamedTuple):
+class LinkChanges(Struct):
     """A change of links: the last endpoints of those that were lost, by their ids, the links that
     are new, those that were lost, those of processes that are half linked, and those of datagrams
     that were left of a process when it had no other link.

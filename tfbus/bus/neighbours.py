@@ -204,29 +204,30 @@ class Neighbours:
             self._begin_scouting()
 
     def _update_links(self) -> None:
-        lost, new, ended, half, left = self._links.poll()
+        changes = self._links.poll()
         if self._scouts is not None:
-            self._scouts.note_lost(lost)
-        if new:
-            shorten_close(_ends(new))
+            self._scouts.note_lost(changes.lost)
+        if changes.new:
+            shorten_close(_ends(changes.new))
             # Within a host TCP holds nothing up, and smaller pieces cost both ends CPU.
-            beyond = {link for link in new if not is_local(host_of(link.dst))}
+            beyond = {link for link in changes.new if not is_local(host_of(link.dst))}
             hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
-                fit_to_losses(_ends(new), self._network.tcp_bytes)
+                fit_to_losses(_ends(changes.new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to what the lost one was for.
-        if half or ended:
-            end_links(_ends(half | ended))
+        if changes.half or changes.ended:
+            end_links(_ends(changes.half | changes.ended))
         self._admit()
         # What was under way on the other link is lost, and so may be a declaration.
-        if left:
-            end_datagrams(_ends(left))
+        if changes.datagrams:
+            end_datagrams(_ends(changes.datagrams))
         # A host is missed, not a process that has ended. But one that stood still loses all links.
         known = {address for *_, address in self._places}
         known |= {host_of(link.dst) for link in self._links.all()}
-        missed = {host for endpoint in lost.values() if not is_local(host := host_of(endpoint))}
-        if half or (lost and not self._links) or missed - known:
+        lost = map(host_of, changes.lost.values())
+        missed = {host for host in lost if not is_local(host)}
+        if changes.half or (changes.lost and not self._links) or missed - known:
             self._begin_scouting()
 
     def _admit(self) -> None:

@@ -11,6 +11,7 @@ from tfbus.bus.zenoh_library import bus_errors
 from tfbus.errors import BusError, TfbusError
 from tfbus.runtime import scheduler
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.structs import Struct
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
 from tfbus.wording import printable
 
@@ -125,7 +126,7 @@ def within(key: str, expression: str) -> bool:
     return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))
 
 
-class Pauses(NamedTuple):
+class Pauses(Struct):
     """The pauses between questions.
 
     `again_s` are the pauses in turn; with `forever` the last of them repeats, without it the

@@ -18,6 +18,7 @@ from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
 from tfbus.runtime import scheduler
 from tfbus.runtime.addresses import is_local
 from tfbus.runtime.bounded import Bounded
+from tfbus.runtime.structs import Struct
 
 _VERSION = 9
 _SCOUT = 0x01
@@ -122,7 +123,7 @@ def _read_length(message: bytes, at: int) -> tuple[int, int]:
 MOST_ANSWERS_A_SECOND = 200
 
 
-class Scouting(NamedTuple):
+class Scouting(Struct):
     """How a session takes part in scouting.
 
     `role` is "peer" or "router"; `listen` are its endpoints. `only` are the interfaces that its

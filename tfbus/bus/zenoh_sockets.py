@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
 from tfbus.runtime import scheduler
+from tfbus.runtime.structs import Struct
 
 T = TypeVar("T")
 
@@ -40,7 +41,7 @@ _TIMES = 2
 _LOOK_AGAIN_S = 0.002
 
 
-class ZenohSockets(NamedTuple):
+class ZenohSockets(Struct):
     """The sockets of one session: the ports of TCP that it listens on, the ports of UDP to which
     the answers to its Scouts come, and a copy of the socket to which the Scouts of others come.
     """
@@ -50,7 +51,7 @@ class ZenohSockets(NamedTuple):
     answering: socket.socket | None = None
 
 
-class SocketMarks(NamedTuple):
+class SocketMarks(Struct):
     """Marks that tell a session's sockets from others that the process opens meanwhile.
 
     `listening` are the addresses at which it listens on free ports, `group` and `ttl` those of its

@@ -6,10 +6,9 @@ from typing import Literal
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
-from tfbus.frames.changes import Ticks
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment, Ongoing
-from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
 from tfbus.monitor.meter import SpanMeter, measure
 from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
@@ -304,11 +303,13 @@ def examine_recorded(
     meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
     lost = 0
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
-    ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.update_ongoing(frames, log_ns))
-    for event in measure(frames, meter, ticks.before):
-        lost += event.dropped
-        if event.kind in ("stream", "stream gone"):
-            passing.update(frames, event.log_ns)
+    for each in measure(frames, meter, every_ns):
+        if isinstance(each, Tick):
+            passing.update_ongoing(frames, each.log_ns)
+            continue
+        lost += each.dropped
+        if each.kind in ("stream", "stream gone"):
+            passing.update(frames, each.log_ns)
     passing.update(frames, to_ns)
     restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
     span = RecordedSpan(

@@ -447,7 +447,6 @@ def _domain() -> int:
 def nodes_of_master(uri: str) -> int | None:
     """The number of nodes that a master of ROS 1 knows; None if it does not answer."""
     try:
-        state = Ros1Master(uri, "/tfbus_doctor", _ANSWER_WITHIN_S).state()
+        return len(Ros1Master(uri, "/tfbus_doctor", _ANSWER_WITHIN_S).state().nodes)
     except OSError:
         return None
-    return len({node for kind in state for nodes in kind.values() for node in nodes})

@@ -1,13 +1,13 @@
 """The changes from one moment of the bus to the next: of a watched bus, and of a recording."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.frames.moment import BusMoment, FrameStatus, Ongoing
-from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.snapshot import Problem
 from tfbus.recording.items import EventItem
 from tfbus.recording.reader import RecordingReader
@@ -175,21 +175,13 @@ class Recorded:
         """
         first_ns = self.start_ns if from_ns is None else self._check(from_ns)
         last_ns = self.end_ns if to_ns is None else self._check(to_ns)
-        frames, changes, found = self._frames(), Changes(), list[BusChange]()
+        frames, changes = self._frames(), Changes()
         frames.seek(first_ns)
-
-        def look(log_ns: int) -> None:
-            found.extend(changes.to(frames.moment()))
-
-        look(first_ns)
-        ticks = Ticks(frames, first_ns, round(period_s * 1e9), look)
-        for item in frames.play(last_ns, ticks.before):
-            if isinstance(item, EventItem):
-                look(item.log_ns)
-            yield from found
-            found.clear()
-        look(last_ns)
-        yield from found
+        yield from changes.to(frames.moment())
+        for each in frames.play(last_ns, round(period_s * 1e9)):
+            if isinstance(each, EventItem | Tick):
+                yield from changes.to(frames.moment())
+        yield from changes.to(frames.moment())
 
     def _frames(self) -> RecordedFrames:
         return RecordedFrames(self._reader, namespace=self._namespace, fleet=self._fleet)
@@ -201,23 +193,3 @@ class Recorded:
                 f"{self._reader.start_ns} to {self._reader.end_ns}"
             )
         return at_ns
-
-
-class Ticks:
-    """Calls `look(log_ns)` at regular log times of a span, with `frames` as they are then.
-
-    `before` is for `RecordedFrames.play`.
-    """
-
-    def __init__(
-        self, frames: RecordedFrames, from_ns: int, every_ns: int, look: Callable[[int], object]
-    ) -> None:
-        self._frames, self._every_ns, self._look = frames, every_ns, look
-        self._next_ns = from_ns + every_ns
-
-    def before(self, log_ns: int) -> None:
-        """Look at all times before the next item."""
-        while self._next_ns < log_ns:
-            self._frames.pass_time(self._next_ns)
-            self._look(self._next_ns)
-            self._next_ns += self._every_ns

@@ -9,6 +9,8 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from heapq import merge
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
@@ -56,6 +58,13 @@ S = 1_000_000_000
 # A frame may have been silent for longer than the cache keeps: in a recording without an index its
 # last samples are looked for in this time, and the next ones.
 _MOST_BACK_S = 1200
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A log time between the items of a recording that is played."""
+
+    log_ns: int
 
 
 class RecordedFrames:
@@ -175,18 +184,20 @@ class RecordedFrames:
         for _ in self.play(to_ns):
             pass
 
-    def play(
-        self, to_ns: int, before: Callable[[int], object] = lambda log_ns: None
-    ) -> Iterator[Item]:
+    def play(self, to_ns: int, every_ns: int | None = None) -> Iterator[Item | Tick]:
         """Go on to a later log time; yields each item when it has been taken. Streams and frames in
-        it are called as here, and those that are not seen from here are left out. `before` is
-        called with the log time of the next item, and at last with `to_ns`.
+        it are called as here, and those that are not seen from here are left out. With `every_ns`
+        it yields a Tick whenever so much time has passed, with the frames as they are then.
         """
-        for item in self._items(self._at_ns + 1, to_ns):
-            before(item.log_ns)
-            if (taken := self.apply(item)) is not None:
+        ticks = range(self._at_ns + every_ns, to_ns, every_ns) if every_ns else ()
+        items: Iterable[Item | Tick] = self._items(self._at_ns + 1, to_ns)
+        # At the same time an item comes before a tick.
+        for each in merge(items, map(Tick, ticks), key=attrgetter("log_ns")):
+            if isinstance(each, Tick):
+                self.pass_time(each.log_ns)
+                yield each
+            elif (taken := self.apply(each)) is not None:
                 yield taken
-        before(to_ns)
         self.pass_time(to_ns)
 
     def pass_time(self, at_ns: int) -> None:

@@ -5,18 +5,16 @@ each edge, the load of each stream.
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence, Sized
+from collections.abc import Iterator, Sequence, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from tfbus.core import lazy_numpy as np
 from tfbus.core.lazy_numpy import NDArray
 from tfbus.errors import DecodeError
-from tfbus.frames.changes import Ticks
-from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.track import gaps_in
 from tfbus.geometry.columns import Columns
 from tfbus.listen.frame_names import StreamNames
@@ -336,20 +334,18 @@ def _joined(parts: Sequence[EdgeSamples]) -> EdgeSamples:
 
 
 def measure(
-    frames: RecordedFrames,
-    meter: SpanMeter,
-    before: Callable[[int], object] = lambda log_ns: None,
-) -> Iterator[EventItem]:
+    frames: RecordedFrames, meter: SpanMeter, every_ns: int | None = None
+) -> Iterator[EventItem | Tick]:
     """Measure the span of a meter, both ends included: go through it with `frames`. Yields each
-    event in it; calls `before` as `RecordedFrames.play`.
+    event in it, and with `every_ns` Ticks, as `RecordedFrames.play`.
     """
     frames.seek(meter.from_ns - 1)
     frames.count_from_now()
-    for item in frames.play(meter.to_ns, before):
+    for item in frames.play(meter.to_ns, every_ns):
         if isinstance(item, TransformItem) and not item.static:
             epoch_ns = item.stream.epoch_ns
             meter.add(item.stream.name, epoch_ns, item.rows, item.log_ns, frames.now_ns())
-        elif isinstance(item, EventItem):
+        elif isinstance(item, EventItem | Tick):
             yield item
 
 
@@ -357,11 +353,7 @@ def measured(frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch |
     """The report of a span, with the moment at its end."""
     meter = SpanMeter(from_ns, to_ns, frames.pauses)
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
-    look = (lambda log_ns: None) if pair is None else partial(_measure_pair, frames, pair)
-    for _ in measure(frames, meter, Ticks(frames, from_ns, every_ns, look).before):
-        pass
+    for each in measure(frames, meter, every_ns if pair else None):
+        if pair is not None and isinstance(each, Tick):
+            pair.measure(frames, each.log_ns / 1e9)
     return make_report(frames, meter, pair, meter)
-
-
-def _measure_pair(frames: RecordedFrames, pair: PairWatch, log_ns: int) -> None:
-    pair.measure(frames, log_ns / 1e9)

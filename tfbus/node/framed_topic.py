@@ -5,6 +5,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from tfbus.buffer.buffer import Buffer
@@ -38,7 +39,8 @@ QUEUE_FULL = "queue full"
 REASONS = (QUEUE_FULL, FRAME_UNKNOWN, TOO_OLD, TIMED_OUT, IN_A_GAP, NO_FRAME)
 
 
-class InFrame(NamedTuple):
+@dataclass(frozen=True)
+class InFrame:
     """Into which frame messages are to be transformed by a buffer: by the transform at their stamp,
     which is waited for until `tolerance_s` after it is known too, for at most `timeout_s`, by at
     most `queue` messages.

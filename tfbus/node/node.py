@@ -413,7 +413,7 @@ class Node:
     def create_raw_subscription(
         self,
         topic: str,
-        callback: Callable[[bytes], None],
+        callback: Callable[[bytes], object],
         *,
         type_name: str = "",
         retained: bool = False,

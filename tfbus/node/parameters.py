@@ -10,13 +10,14 @@ import logging
 import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, ParameterError
 from tfbus.node.endpoint import Lane
 from tfbus.node.service import submit_or_refuse
+from tfbus.runtime.structs import Struct
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import (
     check_parameter,
@@ -39,7 +40,7 @@ _TYPE_NAMES: dict[type, str] = {
 }
 
 
-class Bounds(NamedTuple):
+class Bounds(Struct):
     """The least and the greatest value of a number, both allowed; None for no bound."""
 
     minimum: float | None = None

@@ -81,7 +81,7 @@ class RawSubscription(NodeEndpoint):
         self,
         session: Session,
         topic: str,
-        callback: Callable[[bytes], None],
+        callback: Callable[[bytes], object],
         type_name: str,
         *,
         retained: bool = False,

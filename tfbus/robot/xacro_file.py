@@ -13,9 +13,10 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tfbus.errors import UrdfError
 from tfbus.robot.mesh_files import MeshFiles
@@ -107,7 +108,8 @@ def _mistake(xacro: Any, path: str, error: Exception) -> str:
 _LONGEST_S = 4 * MOST_CPU_S
 
 
-class Expanded(NamedTuple):
+@dataclass(frozen=True)
+class Expanded:
     """The text of an expanded xacro file, the files that it includes, and what xacro warns of."""
 
     text: str

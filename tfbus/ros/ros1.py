@@ -5,9 +5,10 @@ import sys
 import threading
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from http.client import HTTPConnection
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
@@ -25,12 +26,19 @@ DEFAULT_MASTER = "http://localhost:11311"
 _DONE = 1
 
 
-class Ros1State(NamedTuple):
+@dataclass(frozen=True)
+class Ros1State:
     """The full names of the nodes that publish each topic, subscribe to it, and offer services."""
 
     publishers: Mapping[str, Sequence[str]]
     subscribers: Mapping[str, Sequence[str]]
     services: Mapping[str, Sequence[str]]
+
+    @property
+    def nodes(self) -> set[str]:
+        """The full names of all these nodes."""
+        kinds = (self.publishers, self.subscribers, self.services)
+        return {node for kind in kinds for nodes in kind.values() for node in nodes}
 
 
 class Ros1Master:

@@ -3,6 +3,7 @@ change_state and get_state.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import wraps
 from typing import Any, NamedTuple
@@ -55,7 +56,8 @@ _UNCONFIGURED, _INACTIVE, _ACTIVE, _FINALIZED = (
 )
 
 
-class _StateChange(NamedTuple):
+@dataclass(frozen=True)
+class _StateChange:
     """A transition: its number, from which states, to which, and the callback."""
 
     id: int

@@ -2,8 +2,9 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from tfbus.compat.rclpy.action.server import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
 from tfbus.compat.rclpy.node import Node
@@ -16,14 +17,16 @@ from tfbus.runtime.callbacks import CallbackGroup
 __all__ = ["ActionClient", "ClientGoalHandle"]
 
 
-class GoalOutcome(NamedTuple):
+@dataclass(frozen=True)
+class GoalOutcome:
     """How a goal ended: a number of action_msgs.msg.GoalStatus, and the Result."""
 
     status: int
     result: Any
 
 
-class GoalFeedback(NamedTuple):
+@dataclass(frozen=True)
+class GoalFeedback:
     """A Feedback, and the id of its goal."""
 
     goal_id: Any

@@ -161,9 +161,7 @@ def _ask_urgently(
         if answer.refusal is None:
             callback(answer.key, answer.payload)
 
-    ask_retained_later(
-        session, key, take, lambda: None, timeout_s=_ANSWER_WITHIN_S, others=others
-    )
+    ask_retained_later(session, key, take, lambda: None, timeout_s=_ANSWER_WITHIN_S, others=others)
 
 
 def _subscriber(

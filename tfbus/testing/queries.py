@@ -116,9 +116,7 @@ class Cancellation:
 class _AskedQuestion:
     """The key, parameters and payload of a query; whether it, and its answers, are urgent."""
 
-    def __init__(
-        self, full: str, parameters: str, payload: bytes | None, is_urgent: bool
-    ) -> None:
+    def __init__(self, full: str, parameters: str, payload: bytes | None, is_urgent: bool) -> None:
         self.full = full
         self.parameters = parameters
         self.payload = payload

@@ -42,6 +42,8 @@ MEASURES = (
     "send 50",
     "receive 1",
     "receive 50",
+    "receive_compact 1",
+    "receive_compact 50",
     "receive_unlisted 1",
     "receive_unlisted 50",
     "subscribe 1",

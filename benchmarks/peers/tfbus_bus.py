@@ -7,7 +7,7 @@ There is no network: what a session sends it receives itself, in the same call.
 import itertools
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,15 +19,19 @@ from tfbus import (
     Buffer,
     Node,
     NodeSettings,
+    Transform,
     TransformBatch,
     TransformBroadcaster,
     TransformListener,
+    TransformStamped,
 )
 from tfbus.bag.raw_queue import TransformSource
+from tfbus.core.packed import STAMP_SIZE
 from tfbus.messages import Vector3
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.keys import transforms_key
-from tfbus.wire.transforms import TransformReader
+from tfbus.wire.numbered import COMPACT, IDENTITY
+from tfbus.wire.transforms import NumberedEncoder, TransformReader
 
 __all__ = [
     "calibrate",
@@ -36,6 +40,7 @@ __all__ = [
     "lookup",
     "lookup_anywhere",
     "receive",
+    "receive_compact",
     "receive_unlisted",
     "record",
     "send",
@@ -76,14 +81,37 @@ def receive(rows: int) -> Loop:
     TransformBroadcaster(node).send_transform(template.batch)
     while not any(len(stream.frames) == rows for stream in listener.streams()):
         time.sleep(0.01)
-    return _receive(node, node.name, template)
+    return _receive(node, node.name, template.next)
+
+
+def receive_compact(rows: int) -> Loop:
+    """The same of a stream whose frames have numbers, and have all moved and turned."""
+    node = _node()
+    listener = TransformListener(Buffer(_CACHED_S), node)
+    frames = [f"frame_{row}" for row in range(rows)]
+    TransformBroadcaster(node, poses=COMPACT).send_transform(
+        [TransformStamped(_START_NS, "base_link", frame, Transform()) for frame in frames]
+    )
+    while not any(len(stream.frames) == rows for stream in listener.streams()):
+        time.sleep(0.01)
+    encoder = NumberedEncoder(node.started_ns, range(rows), IDENTITY * rows, is_short=False)
+    poses = Template(rows).batch.poses.tobytes()
+    # The numbers of messages, of which the first was sent above.
+    sent = itertools.count(1)
+    return _receive(
+        node,
+        node.name,
+        lambda stamp_ns: encoder.encode(
+            next(sent), stamp_ns.to_bytes(STAMP_SIZE, "little") * rows, poses
+        ),
+    )
 
 
 def receive_unlisted(rows: int) -> Loop:
     """The same of a stream that says nothing of itself."""
     node = _node()
     TransformListener(Buffer(_CACHED_S), node)
-    return _receive(node, "other", Template(rows))
+    return _receive(node, "other", Template(rows).next)
 
 
 def subscribe(_: int) -> Loop:
@@ -149,14 +177,14 @@ class _Thing:
             raise ValueError(f"{value}: {data!r}")
 
 
-def _receive(node: Node, stream: str, template: Template) -> Loop:
+def _receive(node: Node, stream: str, message_at: Callable[[int], bytes]) -> Loop:
     publisher = node.session.publisher(transforms_key(stream), urgent=True)
 
     def run(payloads: Sequence[bytes]) -> None:
         for payload in payloads:
             publisher.put(payload)
 
-    return Loop(lambda count: [template.next(at) for at in _stamps(count)], run)
+    return Loop(lambda count: [message_at(at) for at in _stamps(count)], run)
 
 
 def _stamps(count: int) -> list[int]:

@@ -42,6 +42,7 @@ class Asked:
         *,
         timeout_s: float,
         answers_at: str = "",
+        others: bool = False,
         priority: str = "usual",
     ) -> None:
         self.keys.append(key)

@@ -248,3 +248,42 @@ def test_of_two_publishers_the_one_that_is_left_counts_though_it_is_silent(
     network.run(until=lambda: x() == (2.0 if dies == "h1" else 1.0))
     network.run(5.0)
     assert not buffer.frame("mount").gone
+
+
+def test_static_transforms_reach_a_listener_over_a_link_that_dynamic_ones_fill(
+    network: Network,
+) -> None:
+    """On a bad network they are asked for before the others, and at once: nothing of them waits for
+    transforms that the link has no room for.
+    """
+    robot, base = network.host("robot"), network.host("base")
+    network.path(robot, base, delay_s=0.25, bytes_a_second=8_000.0)
+    fixed, moving = [f"fixed{number}" for number in range(20)], range(50)
+
+    def drive() -> None:
+        with tfbus.Node(settings=tfbus.NodeSettings("driver", network="mobile")) as node:
+            tfbus.StaticTransformBroadcaster(node).send_transform(
+                [tfbus.TransformStamped(0, "base", name, tfbus.Transform()) for name in fixed]
+            )
+            broadcaster = tfbus.TransformBroadcaster(node)
+
+            def tick() -> None:
+                now_ns = node.now_ns()
+                broadcaster.send_transform(
+                    [
+                        tfbus.TransformStamped(now_ns, "base", f"moving{each}", tfbus.Transform())
+                        for each in moving
+                    ]
+                )
+
+            node.create_timer(0.1, tick)
+            node.spin()
+
+    network.start(robot, "driver", drive)
+    with network.process(base, "viewer"):
+        node = tfbus.Node(settings=tfbus.NodeSettings("viewer", network="mobile"))
+        network.run(5.0)
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, node)
+        network.run(until=lambda: {*fixed} <= {*buffer.frames()})
+        assert "moving49" not in buffer.frames()

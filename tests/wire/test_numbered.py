@@ -79,7 +79,7 @@ def test_a_message_like_one_before_is_read_at_once_as_any_is(is_short: bool) -> 
     and with an end that is missing, either.
     """
     tables, numbers = NameTables(), FrameNumbers(EPOCH_NS, 3, NAMED, ORIGINS.tobytes())
-    poses = ORIGINS + [3.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
+    poses = ORIGINS + np.array([3.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     payload = encoded(poses, is_short=is_short)
     assert scan_message(payload, tables, numbers) is None
     whole = decode_transforms(payload, numbers)

@@ -19,6 +19,9 @@ from tfbus.bus.zenoh_library import bus_errors
 # A subscriber that lost the last message learns of it within this, and asks for it again.
 _HEARTBEAT_S = 0.5
 
+# An answer comes later only where a link carries hardly anything; then Zenoh's own may, too.
+_ANSWER_WITHIN_S = 10.0
+
 # A publisher serves what it retains below its key, and has its token there.
 _BELOW = "/@adv/pub/"
 _RETAINED = f"{_BELOW}**"
@@ -117,12 +120,16 @@ def declare_retained_subscriber(
     on_too_large: Callable[[], object] = lambda: None,
     *,
     others: bool = False,
+    urgent: bool = False,
 ) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
     of publishers that come later, then for each new message; `on_too_large()` for one that is
     dropped unread. A message may come again when a link is back. With `others` those of this
-    session itself do not come as they are sent.
+    session itself do not come as they are sent. On a bad network the messages that are `urgent` may
+    come twice.
     """
+    if urgent and session.network.is_bad:
+        _ask_urgently(session, key, callback, others=others)
     at, key = session.placed(key)
     handler = session.callbacks.of_samples(key, callback, on_too_large)
     return _subscriber(at, key, handler, others=others)
@@ -141,6 +148,20 @@ def declare_signed_subscriber(
     """
     handler = session.callbacks.of_signed_samples(key, callback)
     return _subscriber(session, key, handler, only_new=only_new)
+
+
+def _ask_urgently(
+    session: Session, key: str, callback: Callable[[str, bytes], None], *, others: bool
+) -> None:
+    """Query what is retained by ourselves, too. Zenoh's query has the priority of topics: where
+    transforms fill a link, as before that of datagrams is open, it comes after all of them.
+    """
+
+    def take(answer: Answer) -> None:
+        if answer.refusal is None:
+            callback(answer.key, answer.payload)
+
+    ask_retained_later(session, key, take, lambda: None, timeout_s=_ANSWER_WITHIN_S, others=others)
 
 
 def _subscriber(
@@ -170,6 +191,7 @@ def ask_retained_later(
     on_end: Callable[[], None],
     *,
     timeout_s: float,
+    others: bool = False,
 ) -> None:
     """Ask as `ask_retained` does and return at once, as `Session.ask_later`."""
     session.ask_later(
@@ -179,6 +201,7 @@ def ask_retained_later(
         on_end,
         timeout_s=timeout_s,
         answers_at=key,
+        others=others,
         priority="urgent",
     )
 

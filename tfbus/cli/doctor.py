@@ -108,7 +108,7 @@ class _CheckName(click.Choice[str]):
     help="With --watch: run this in a shell at each failure that begins, with TFBUS_CHECK, "
     "TFBUS_EVIDENCE and TFBUS_REMEDY in its environment.",
 )
-@grace_option("--watch finds that they are missing")
+@grace_option("--watch takes them for missing")
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
 @roster_option

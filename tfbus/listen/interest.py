@@ -247,7 +247,8 @@ class Everything:
             if everywhere
             else (ALL_TRANSFORMS, ALL_STATIC_TRANSFORMS)
         )
-        self._declarations = [subscribe("", dynamic, False), subscribe("", static, True)]
+        # On a link that is too narrow all that is asked for later comes after the dynamic ones.
+        self._declarations = [subscribe("", static, True), subscribe("", dynamic, False)]
 
     def need(self, target: str, source: str) -> None:
         """Nothing to do: it is read."""

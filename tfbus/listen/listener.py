@@ -499,14 +499,14 @@ class TransformListener:
         if not name:
             if static:
                 return declare_retained_subscriber(
-                    session, key, self._on_message, others=not self._hears_itself
+                    session, key, self._on_message, others=not self._hears_itself, urgent=True
                 )
             return session.subscriber(key, self._on_message, others=not self._hears_itself)
         stream = self._registry.stream(key)
         on_message = self._while_read(stream, key)
         state = stream.state
         if static:
-            declaration = declare_retained_subscriber(session, key, on_message)
+            declaration = declare_retained_subscriber(session, key, on_message, urgent=True)
             if state is not None and state.alive:
                 self._recovery.check(state.key, stream.reception)
             return declaration

@@ -114,12 +114,13 @@ class Cancellation:
 
 
 class _AskedQuestion:
-    """The key, parameters and payload of a query."""
+    """The key, parameters and payload of a query; whether it, and its answers, are urgent."""
 
-    def __init__(self, full: str, parameters: str, payload: bytes | None) -> None:
+    def __init__(self, full: str, parameters: str, payload: bytes | None, is_urgent: bool) -> None:
         self.full = full
         self.parameters = parameters
         self.payload = payload
+        self.is_urgent = is_urgent
 
 
 class _Queryable:
@@ -166,6 +167,7 @@ class Queries:
         timeout_s: float | None,
         also_here: bool,
         cancellation: Cancellation | None = None,
+        is_urgent: bool = False,
     ) -> None:
         """Ask all that serve a key."""
         session = self._session
@@ -186,7 +188,7 @@ class Queries:
             cancellation.asked.append(asked)
         here = object()
         asked.waits_for.add(here)
-        question = _AskedQuestion(full, parameters, payload)
+        question = _AskedQuestion(full, parameters, payload, is_urgent)
         for way in session.routing.ways(QUERYABLE, full):
             self._pass_on(way, asked, question)
         if also_here:
@@ -235,7 +237,7 @@ class Queries:
         def receive(far: "Face") -> None:
             far.session.queries.receive(far, number, question, journey)
 
-        face.send(receive, size, is_urgent=False)
+        face.send(receive, size, is_urgent=question.is_urgent)
 
     def receive(
         self, face: "Face", number: int, question: _AskedQuestion, journey: Journey
@@ -249,10 +251,13 @@ class Queries:
             def receive(far: "Face") -> None:
                 far.session.queries.receive_reply(far, number, reply)
 
-            face.send(receive, size, is_urgent=False)
+            face.send(receive, size, is_urgent=question.is_urgent)
 
         def send_end() -> None:
-            face.send(lambda far: far.session.queries.receive_end(far, number), is_urgent=False)
+            face.send(
+                lambda far: far.session.queries.receive_end(far, number),
+                is_urgent=question.is_urgent,
+            )
 
         asked = Asked(self, next(self._numbers), send_reply, send_end)
         self.asked[asked.number] = asked

@@ -120,6 +120,10 @@ class Scout:
 _CLOSED = "session closed"
 
 
+def _is_urgent(priority: Any) -> bool:
+    return priority in (zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.REAL_TIME)
+
+
 class ZenohSession:
     """A session, as `zenoh.open` returns one."""
 
@@ -221,7 +225,7 @@ class ZenohSession:
             bytes(payload),
             source_info,
             must_arrive=congestion_control == zenoh.CongestionControl.BLOCK,
-            is_urgent=priority in (zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.REAL_TIME),
+            is_urgent=_is_urgent(priority),
         )
         also_here = allowed_destination != zenoh.Locality.REMOTE
         self.publications.send(message, also_here=also_here)
@@ -235,6 +239,7 @@ class ZenohSession:
         timeout: float | None = None,
         allowed_destination: Any = None,
         cancellation_token: Cancellation | None = None,
+        priority: Any = None,
         **options: Any,
     ) -> None:
         self.check_open()
@@ -248,6 +253,7 @@ class ZenohSession:
             timeout_s=timeout,
             also_here=allowed_destination != zenoh.Locality.REMOTE,
             cancellation=cancellation_token,
+            is_urgent=_is_urgent(priority),
         )
 
     def liveliness(self) -> Liveliness:

@@ -174,6 +174,7 @@ def test_simulated_time_is_said(bus: Bus) -> None:
     assert "simulated: use --sim-time" in done.stdout
     problem = " ".join(done.stdout.split("Problems:")[1].split())
     assert problem.startswith("clock: /clock publishes a simulated time; the stamps of 1 of 1 ")
+    assert "late: " not in problem
     assert "Problems:" not in bus.run("frames", "--sim-time").stdout
 
 
@@ -189,6 +190,16 @@ def test_stamps_ahead_are_a_problem(bus: Bus) -> None:
         "ahead: samples of 'base' are 5 min in the future: have /arm on "
     )
     assert "node.now_ns()" in problem
+
+
+def test_stamps_long_past_are_a_problem(bus: Bus) -> None:
+    """Samples that come 5 s after their stamps are named, with what to do; --check then fails."""
+    keep_sending(bus.node("arm"), "world", "base", late_ns=5_000_000_000)
+    done = bus.run("frames", "--check", "-t", "20")
+    assert done.returncode == 1
+    problem = " ".join(done.stdout.split("Problems:")[1].split())
+    assert problem.startswith("late: samples of 'base' come 5.0 s after their stamps, so no lookup")
+    assert "have /arm on " in problem and "node.now_ns()" in problem
 
 
 def test_a_simulated_time_ahead_of_ours_is_no_problem_of_stamps(bus: Bus) -> None:

@@ -510,6 +510,25 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
     assert CHECKS["rates"](ours).verdict == "warn"
 
 
+@pytest.mark.parametrize(
+    ("nodes", "changes", "verdict"),
+    [
+        ((SIM,), {"rate_hz": 50.0}, "warn"),
+        ((SIM,), {"rate_hz": 0.5}, "ok"),  # a slow computation, such as a loop closure
+        ((CLOCK, SIM), {"rate_hz": 50.0}, "ok"),  # a recording with its old stamps and its clock
+        ((SIM,), {"rate_hz": 50.0, "delays_s": spread_of([0.2, 5.0])}, "ok"),
+    ],
+)
+def test_samples_that_come_long_after_their_stamps_are_found(
+    nodes: tuple[NodeDescription, ...], changes: dict[str, Any], verdict: str, healthy: Examination
+) -> None:
+    """Where they come often, and never sooner, and no simulated time may explain them."""
+    flow = {"delays_s": spread_of([5.0, 5.1])} | changes
+    finding = CHECKS["stamps"](with_nodes(*nodes)(with_flow(**flow)(healthy)))
+    assert finding.verdict == verdict
+    assert ("come 5.0 s after their stamps" in "".join(finding.evidence)) == (verdict == "warn")
+
+
 def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None:
     """Doctor and publishers all use the system's time."""
     assert CHECKS["clock"](with_nodes(CLOCK, SIM)(healthy)).verdict == "ok"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformStamped
 from tfbus.frames import document
+from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.picture import Size, outline, tidy
 from tfbus.frames.snapshot import FrameTree, Problem, frame_tree
@@ -181,6 +182,38 @@ class TestProblems:
         (problem,) = self.problems(buffer, publishers[0], skewed)
         assert (problem.kind, problem.frames) == ("ahead", ("b", "c"))
         assert "clocks of robot7" in problem.text and "NTP" in problem.text
+
+    def test_stamps_long_past(self) -> None:
+        """Samples that come late are one problem of their publisher: its stamps, or its clock."""
+        edges = ("world", "a"), ("a", "b")
+        late = replace(stream("sim", *edges), delay_s=5.1, last_delay_s=5.0)
+        (problem,) = self.problems(buffer_of(*edges), late)
+        assert (problem.kind, problem.frames) == ("late", ("a", "b"))
+        assert "come 5.0 s after their stamps" in problem.text
+        assert "/sim on robot7, pid 42" in problem.text and "node.now_ns()" in problem.text
+        (problem,) = self.problems(buffer_of(*edges), replace(late, clock_offset_s=-5.0))
+        assert "clocks of robot7" in problem.text and "NTP" in problem.text
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"last_delay_s": 0.01},  # what had waited for this process has come
+            {"last_delay_s": 0.4},  # five periods are more
+            {"last_delay_s": None},
+        ],
+    )
+    def test_what_comes_soon_enough_is_not_late(self, changes: dict[str, float | None]) -> None:
+        """A mean that is late says nothing while the last sample is not."""
+        edge = ("world", "a")
+        soon = replace(stream("sim", edge), **({"delay_s": 3.0} | changes))
+        assert self.problems(buffer_of(edge), soon) == []
+
+    def test_old_stamps_are_right_where_a_clock_is_published(self) -> None:
+        """A player with the recorded stamps publishes the recorded time, and does not follow it."""
+        edge = ("world", "a")
+        played = replace(stream("play", edge), delay_s=3600.0, last_delay_s=3600.0)
+        time = SimulatedTime(("/play",), frozenset(), 1)
+        assert frame_tree(buffer_of(edge), [played], NOW_NS, time).problems() == []
 
     def test_gone_publishers(self) -> None:
         """The frames of a gone publisher are one problem, which names the first five."""

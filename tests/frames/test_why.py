@@ -166,6 +166,15 @@ class TestExplain:
         assert " 5 min before its oldest" in fault(report, "hand").reason
         assert report.remedies == (remedy,)
 
+    def test_samples_that_come_long_after_their_stamps_are_a_bad_sign(self, buffer: Buffer) -> None:
+        """The latest lookup has an answer, and none at the present time ever has."""
+        late = replace(SIM, delay_s=5.0, last_delay_s=5.0)
+        report = ask(buffer, "world", "base", stream=late)
+        assert verdicts(report) == [("base", "warn")]
+        assert fault(report, "base").reason.startswith("its samples come 5.0 s after their stamps")
+        (remedy,) = report.remedies
+        assert "stamp 'base'" in remedy and remedy.endswith("node.now_ns()")
+
     def test_the_edge_that_is_late_fails(self, buffer: Buffer) -> None:
         """A time after the newest sample fails; waiting helps."""
         report = ask(buffer, "camera", "base", 0.5)

@@ -14,9 +14,16 @@ from tfbus.doctor.examination import (
     ok,
     skipped,
 )
-from tfbus.frames.clocks import MOST_SKEW_S, is_ahead, is_another_time, simulated_time, whose_clock
+from tfbus.frames.clocks import (
+    MOST_SKEW_S,
+    is_ahead,
+    is_another_time,
+    is_late,
+    simulated_time,
+    whose_clock,
+)
 from tfbus.frames.moment import state, why_another_time
-from tfbus.frames.snapshot import in_the_future, who
+from tfbus.frames.snapshot import come_late, in_the_future, who
 from tfbus.frames.track import gaps_in, least_gap_s
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import EdgeFlow, EdgeSamples
@@ -296,7 +303,7 @@ def check_order(seen: Examination) -> Finding:
 
 @check("stamps")
 def check_stamps(seen: Examination) -> Finding:
-    """No stamp is in the future, or zero."""
+    """No stamp is in the future, zero, or long past when it comes."""
     evidence = [
         f"{counted(flow.at_zero, 'sample')} of {flow.child!r} arrived with the stamp 0"
         for flow in seen.flows
@@ -326,8 +333,8 @@ def check_stamps(seen: Examination) -> Finding:
     ]
     return _of_flows(
         seen,
-        "fail",
-        evidence,
+        "fail" if evidence else "warn",
+        [*evidence, *_late(seen)],
         "stamp a transform with the time at which it was measured (node.now_ns()); see "
         f"{'clock' if far else 'clock-skew'}",
     )
@@ -376,6 +383,16 @@ def check_refused(seen: Examination) -> Finding:
 def _is_ahead(seen: Examination, flow: EdgeFlow) -> bool:
     stream = seen.tree.streams.get(flow.stream) or StreamInfo(flow.stream)
     return is_ahead(flow.least_delay_s, stream, is_simulated=seen.settings.sim_time)
+
+
+def _late(seen: Examination) -> Iterator[str]:
+    is_simulated = seen.settings.sim_time
+    # Who plays a recording with its old stamps publishes its clock.
+    if is_simulated or not simulated_time(seen.nodes).clocks:
+        for flow in _of_near_stamps(seen):
+            delay_s = flow.least_delay_s
+            if delay_s and is_late(delay_s, flow.rate_hz, is_simulated=is_simulated):
+                yield come_late([flow.child], delay_s)
 
 
 def _why_far(seen: Examination, flow: EdgeFlow) -> str:

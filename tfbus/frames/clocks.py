@@ -1,8 +1,9 @@
-"""Clocks other than ours: simulated, recorded, or ahead. The one rule for all tools.
+"""Clocks other than ours: simulated, recorded, ahead or late. The one rule for all tools.
 
 A stamp is *ahead* if it is later than our time by more than 20 ms, and by more than the
 publisher's clock may differ from ours: a lookup at the present time then finds no sample, or an
-old one.
+old one. Samples are *late* if each comes over 1 s after its stamp, and over five periods of its
+frame: the present time is then never covered.
 """
 
 from collections.abc import Iterable
@@ -30,6 +31,9 @@ _MOST_AHEAD_OF_SIMULATED_S = 10.0
 # lookups at the present time find it.
 _MOST_AHEAD_IN_ROS_S = 1.0
 
+# What is measured is rarely computed for longer, and what is, seldom comes often.
+_MOST_LATE_S, _MOST_LATE_PERIODS = 1.0, 5.0
+
 # Stamps farther away than this are of another time, such as a simulated one.
 _YEAR_S = 365.25 * 86_400
 
@@ -42,6 +46,16 @@ def is_ahead(age_s: float | None, stream: StreamInfo, *, is_simulated: bool) -> 
     `is_simulated` is whether the age is by a simulated clock.
     """
     return age_s is not None and age_s < -_most_ahead_s(stream, is_simulated)
+
+
+def is_late(delay_s: float | None, rate_hz: float | None, *, is_simulated: bool) -> bool:
+    """Whether samples of this rate come so long after their stamps that no lookup at the present
+    time finds one. `is_simulated` is whether the delay is by a simulated clock.
+    """
+    if delay_s is None or not rate_hz:
+        return False
+    most_s = _MOST_AHEAD_OF_SIMULATED_S if is_simulated else _MOST_LATE_S
+    return delay_s > max(most_s, _MOST_LATE_PERIODS / rate_hz)
 
 
 def _most_ahead_s(stream: StreamInfo, is_simulated: bool) -> float:

@@ -13,6 +13,7 @@ from tfbus.frames.clocks import (
     SimulatedTime,
     is_ahead,
     is_another_time,
+    is_late,
     whose_clock,
 )
 from tfbus.listen.info import StreamInfo
@@ -23,7 +24,7 @@ from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, duration, listed, natural_order, printable
 
 ProblemKind = Literal[
-    "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit", "ahead"
+    "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit", "ahead", "late"
 ]
 
 # For each child frame the parents that living streams give it, and by which stream.
@@ -35,7 +36,7 @@ _NS_PER_S = 1e9
 _NAMED = 5
 
 
-# The remedies of problems that have none of their own; that for frames ahead is in the sentence.
+# The remedies of problems that have none of their own; those for stamps ahead or late are in the sentence.
 REMEDIES: dict[ProblemKind, str] = {
     "loop": "swap parent and child of the edge that points the wrong way, or stop publishing it",
     "conflict": "stop one of the two, or rename one of the frames",
@@ -55,7 +56,8 @@ class Problem:
     `kind` is "loop" (edges form one), "conflict" (several living publishers), "gone" (a publisher
     is), "disconnected" and "orphan" (a tree, or a frame, apart from the largest tree), "silent"
     (announced, and never sent), "clock" (stamps of a simulated time), "unit" (stamps that are no
-    nanoseconds) or "ahead" (stamps in the future). `frames` are the frames concerned.
+    nanoseconds), "ahead" (stamps in the future) or "late" (samples that come over 1 s after their
+    stamps). `frames` are the frames concerned.
     """
 
     kind: ProblemKind
@@ -167,6 +169,21 @@ class FrameTree:
             return False
         return is_ahead(age_s, self.publisher(frame), is_simulated=self.is_simulated)
 
+    def late_s(self, frame: FrameInfo) -> float | None:
+        """How long after their stamps the samples of a dynamic frame come, in s, if that is late by
+        the clock that we follow and the publisher should; None if not.
+        """
+        # Who plays a recording with its old stamps publishes its clock.
+        if frame.static or self.simulated.clocks:
+            return None
+        stream = self.publisher(frame)
+        if stream.delay_s is None or stream.last_delay_s is None:
+            return None
+        # Where this process itself was held up, the last of what waited comes in time.
+        delay_s = min(stream.delay_s, stream.last_delay_s)
+        late = is_late(delay_s, frame.rate_hz, is_simulated=self.is_simulated)
+        return delay_s if late else None
+
     def unit_of(self, frame: FrameInfo) -> str:
         """The unit that the stamps of a dynamic frame look like, "seconds"; "" for nanoseconds."""
         if frame.static or frame.newest_ns is None:
@@ -184,6 +201,7 @@ class FrameTree:
             *self._of_another_time(),
             *self._in_another_unit(),
             *self._ahead(),
+            *self._late(),
         ]
         return [replace(each, remedy=each.remedy or REMEDIES.get(each.kind, "")) for each in found]
 
@@ -278,16 +296,28 @@ class FrameTree:
         for frames in by_stream.values():
             names = [frame.name for frame in frames]
             least_s = min(self.age_s(frame) or 0.0 for frame in frames)
-            remedy = self._on_ahead(frames[0], names, least_s)
+            remedy = self._on_other_stamps(frames[0], names, least_s)
             said = f"{in_the_future(names, least_s)}: {remedy}"
             yield Problem("ahead", tuple(names), said, remedy)
 
-    def _on_ahead(self, frame: FrameInfo, names: list[str], age_s: float) -> str:
-        """The remedy for frames of one stream that are ahead."""
+    def _late(self) -> Iterator[Problem]:
+        by_stream: dict[str, list[FrameInfo]] = {}
+        for frame in self.frames.values():
+            if self.late_s(frame) is not None and not frame.gone:
+                by_stream.setdefault(frame.authority, []).append(frame)
+        for frames in by_stream.values():
+            names = [frame.name for frame in frames]
+            delay_s = self.late_s(frames[0]) or 0.0
+            remedy = self._on_other_stamps(frames[0], names, delay_s)
+            yield Problem("late", tuple(names), f"{come_late(names, delay_s)}: {remedy}", remedy)
+
+    def _on_other_stamps(self, frame: FrameInfo, names: list[str], age_s: float) -> str:
+        """The remedy for frames of one stream that are ahead, or late."""
         stream = self.publisher(frame)
         if is_another_time(age_s):
             return f"{who(stream)}: {whose_clock(is_simulated=self.is_simulated)}"
-        if not self.is_simulated and (stream.clock_offset_s or 0.0) > MOST_SKEW_S:
+        skew_s = (stream.clock_offset_s or 0.0) * (1 if age_s < 0.0 else -1)
+        if not self.is_simulated and skew_s > MOST_SKEW_S:
             return synchronize(stream)
         return stamp_when_measured(stream, names)
 
@@ -346,6 +376,14 @@ def who(stream: StreamInfo) -> str:
 def in_the_future(names: list[str], age_s: float) -> str:
     """`samples of 'arm' are 5 min in the future`, for an age below zero."""
     return f"samples of {_quoted(names)} are {duration(-age_s)} in the future"
+
+
+def come_late(names: list[str], delay_s: float) -> str:
+    """`samples of 'arm' come 5.0 s after their stamps, so ...`."""
+    return (
+        f"samples of {_quoted(names)} come {duration(delay_s)} after their stamps, so no lookup at "
+        "the present time finds one"
+    )
 
 
 def stamp_when_measured(stream: StreamInfo, names: list[str]) -> str:

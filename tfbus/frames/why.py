@@ -260,6 +260,13 @@ def _faults(
             "all its samples are in the future: no lookup at the present time finds one",
             stamp_when_measured(stream, [frame.name]),
         )
+    elif (late_s := tree.late_s(frame)) is not None:
+        yield (
+            "warn",
+            f"its samples come {duration(late_s)} after their stamps: no lookup at the present time "
+            "finds one",
+            stamp_when_measured(stream, [frame.name]),
+        )
 
 
 def _out_of_time(

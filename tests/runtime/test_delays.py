@@ -1,14 +1,20 @@
 """Delays: late timers and full queues are told, with the culprit."""
 
 import logging
+import os
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 
+from tests import needs
 from tests.buses import DEADLINE_S, eventually
+from tfbus.runtime import scheduler
 from tfbus.runtime.callbacks import Delays
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
@@ -84,6 +90,52 @@ def test_a_busy_machine_is_no_culprit(
     """Where the node's callbacks were quick, nothing is said of them."""
     delays.ran("topic scan", time.monotonic() - 0.011, time.monotonic() - 0.001)
     delays.late("timer of 50 ms (tick)", time.monotonic() - 1.0, 20)
+    assert not delays.described()
+    assert not caplog.records
+
+
+def test_a_busy_host_is_named_instead_of_the_callback_that_waited_for_a_cpu(
+    network: Network, delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once; a callback that itself took the time is the culprit nevertheless."""
+    for what, waited_s in (("topic image", 0.4), ("topic cloud", 0.3), ("topic scan", 0.1)):
+        now_s = time.monotonic()
+        delays.ran(what, now_s - 0.45, now_s, waited_s)
+        delays.late("timer of 50 ms (tick)", now_s - 0.45, 8)
+        time.sleep(1.0)
+    busy, scan = [record.getMessage() for record in caplog.records]
+    assert busy.startswith("Timer of 50 ms (tick) was late by 450 ms: this host is too busy")
+    assert "waited 400 ms for a CPU" in busy and "callback_group" not in busy
+    assert "callback of topic scan took 350 ms" in scan
+    assert [each["by"] for each in delays.described()] == ["topic scan"]
+
+
+@pytest.mark.real
+def test_a_thread_that_others_leave_no_cpu_has_waited_for_it() -> None:
+    """More of them than CPUs: the system tells how long each was ready to run in vain."""
+    if not scheduler.waited_for_cpu_s():
+        needs.skip("a system that tells how long a thread has waited for a CPU")
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        before_s = scheduler.waited_for_cpu_s()
+        eventually(lambda: sum(range(10**6)) and scheduler.waited_for_cpu_s() - before_s > 0.01)
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def test_a_timer_of_tfbus_is_no_culprit(
+    executor: Executor, delays: Delays, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whoever reads the log cannot change it; its name says whose it is."""
+    own = partial(spend, 0.1)
+    own.__module__ = "tfbus.discover.presence"
+    timer = executor.every(10.0, own)
+    assert timer.what.startswith("tfbus's timer of 10 s ")
+    now_s = time.monotonic()
+    delays.ran(timer.what, now_s - 0.1, now_s)
+    delays.late("timer of 50 ms (tick)", now_s - 0.1, 2)
     assert not delays.described()
     assert not caplog.records
 

@@ -209,6 +209,9 @@ here = _Here()
 # A callback that took less holds up nothing that anyone would notice.
 SLOW_S = 0.001
 
+# The names of timers begin with it that are not of a program: tfbus's own.
+OWN = "tfbus's "
+
 # So many of the last slow ones are remembered, and so many pairs are counted.
 _MOST_REMEMBERED = 64
 _MOST_PAIRS = 100
@@ -220,11 +223,14 @@ _REMEDY = (
 
 
 class Ran(NamedTuple):
-    """A callback that ran, or still runs: its name, and when, by scheduler.monotonic()."""
+    """A callback that ran, or still runs: its name, when, by scheduler.monotonic(), and how many
+    seconds of that it waited for a CPU.
+    """
 
     what: str
     began_s: float
     ended_s: float
+    waited_s: float = 0.0
 
 
 class Delays:
@@ -241,9 +247,9 @@ class Delays:
         # By culprit and the timer or topic: how much was lost, and how long the culprit took.
         self._pairs: dict[tuple[str, str], tuple[int, float]] = {}
 
-    def ran(self, what: str, began_s: float, ended_s: float) -> None:
+    def ran(self, what: str, began_s: float, ended_s: float, waited_s: float = 0.0) -> None:
         """Remember a callback that took at least `SLOW_S`."""
-        self._slow.append(Ran(what, began_s, ended_s))
+        self._slow.append(Ran(what, began_s, ended_s, min(waited_s, ended_s - began_s)))
 
     def late(self, what: str, since_s: float, ticks: int, running: Iterable[Ran] = ()) -> None:
         """Note that a timer left out so many ticks, since its tick was due at `since_s`."""
@@ -251,6 +257,16 @@ class Delays:
         found = self._culprit(since_s, running)
         # Where its callbacks did not take that time, the machine is busy with other programs.
         if found is None or sum(found[1]) < late_s / 2:
+            waited_s = sum(ran.waited_s for ran in self._slow.copy() if ran.ended_s > since_s)
+            if waited_s >= late_s / 2:
+                self._log_once.warning(
+                    "busy",
+                    "%s was late by %s: this host is too busy, and its callbacks waited %s for a "
+                    "CPU. Further ones are not logged",
+                    what[:1].upper() + what[1:],
+                    duration(late_s),
+                    duration(waited_s),
+                )
             return
         by, calls_s = found
         self._count(by, what, ticks, max(calls_s))
@@ -304,14 +320,16 @@ class Delays:
             self._pairs[by, what] = count + lost, max(longest_s, took_s)
 
     def _culprit(self, since_s: float, running: Iterable[Ran]) -> tuple[str, list[float]] | None:
-        """Whose callbacks took the most time since then, and how long each of them took."""
+        """Whose callbacks took the most time since then, and how long each of them took, without
+        what it waited for a CPU. Callbacks of tfbus's own timers are left out.
+        """
         shares_s: defaultdict[str, float] = defaultdict(float)
         calls_s: defaultdict[str, list[float]] = defaultdict(list)
         for ran in (*self._slow.copy(), *running):
-            within_s = ran.ended_s - max(ran.began_s, since_s)
-            if within_s >= SLOW_S:
+            within_s = ran.ended_s - max(ran.began_s, since_s) - ran.waited_s
+            if within_s >= SLOW_S and not ran.what.startswith(OWN):
                 shares_s[ran.what] += within_s
-                calls_s[ran.what].append(ran.ended_s - ran.began_s)
+                calls_s[ran.what].append(ran.ended_s - ran.began_s - ran.waited_s)
         if not shares_s:
             return None
         by = max(shares_s, key=lambda what: shares_s[what])

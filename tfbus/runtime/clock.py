@@ -10,7 +10,7 @@ from typing import Any
 
 from tfbus.runtime import scheduler
 from tfbus.runtime.arguments import check_plain
-from tfbus.runtime.callbacks import CallbackGroup, ExecutorEnd, here
+from tfbus.runtime.callbacks import OWN, CallbackGroup, ExecutorEnd, here
 
 Wake = Callable[[], object]
 Jumped = Callable[[int], None]
@@ -398,6 +398,9 @@ class Timer:
 
 
 def timer_name(period_s: float, callback: Callable[[], Any]) -> str:
-    """The name of a timer in the log: `timer of 50 ms (broadcast)`."""
+    """The name of a timer in the log: `timer of 50 ms (broadcast)`; with `OWN` in front of one of
+    tfbus's own.
+    """
     period = f"{period_s:g} s" if period_s >= 1.0 else f"{period_s * 1e3:g} ms"
-    return f"timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"
+    own = OWN if (getattr(callback, "__module__", None) or "").startswith("tfbus.") else ""
+    return f"{own}timer of {period} ({getattr(callback, '__qualname__', repr(callback))})"

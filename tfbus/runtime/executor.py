@@ -26,11 +26,15 @@ _Task = tuple[str, Callback, CallbackGroup | None]
 # The end of a node waits at most this long for a callback.
 _LAST_CALLBACK_S = 2.0
 
+# So often at most, beside slow callbacks, a thread reads how long it has waited for a CPU: to read
+# it takes longer than most callbacks do.
+_READ_WAIT_EVERY_S = 0.25
+
 
 class _Worker:
     """A thread: what it runs now, "" while it waits, and since when."""
 
-    __slots__ = ("began_s", "bell", "ring", "thread", "what")
+    __slots__ = ("began_s", "bell", "read_s", "ring", "thread", "waited_s", "what")
 
     def __init__(self) -> None:
         self.what = ""
@@ -38,6 +42,14 @@ class _Worker:
         self.bell = Bell()
         self.ring = self.bell.ring
         self.thread = scheduler.current_thread()
+        # For how long it had waited for a CPU in all, when that was last read.
+        self.waited_s, self.read_s = scheduler.waited_for_cpu_s(), scheduler.monotonic()
+
+    def wait_since_read_s(self, now_s: float) -> float:
+        """For how long the thread has waited for a CPU since the last call."""
+        before_s, self.waited_s = self.waited_s, scheduler.waited_for_cpu_s()
+        self.read_s = now_s
+        return self.waited_s - before_s
 
 
 class Executor:
@@ -285,6 +297,8 @@ class Executor:
                 if self._ready:
                     task = self._ready.popleft()
                     worker.what, worker.began_s = task[0], now_s
+                    if now_s - worker.read_s >= _READ_WAIT_EVERY_S:
+                        worker.wait_since_read_s(now_s)
                     if self._most_threads > 1 and self._needs_another():
                         self._wake()
                     return task
@@ -342,7 +356,8 @@ class Executor:
 
     def _record_slow(self, worker: _Worker, now_s: float) -> None:
         if self.delays is not None and worker.what and now_s - worker.began_s >= SLOW_S:
-            self.delays.ran(worker.what, worker.began_s, now_s)
+            waited_s = worker.wait_since_read_s(now_s)
+            self.delays.ran(worker.what, worker.began_s, now_s, waited_s)
 
     def _running(self) -> list[Ran]:
         now_s = scheduler.monotonic()

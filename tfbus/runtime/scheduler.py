@@ -46,6 +46,21 @@ def new_event_loop() -> "asyncio.AbstractEventLoop":
     return asyncio.new_event_loop()
 
 
+
+def waited_for_cpu_s() -> float:
+    """For how long this thread has been ready to run in all while others had the CPUs, in s.
+
+    0.0 where the system does not tell, and in a simulation, in which computing takes no time.
+    """
+    if is_simulated:
+        return 0.0
+    try:
+        with open("/proc/thread-self/schedstat", "rb") as file:
+            return int(file.read().split()[1]) / 1e9
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
 # What tells one process from another.
 getpid = os.getpid
 urandom = os.urandom

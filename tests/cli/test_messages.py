@@ -44,7 +44,7 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
 @pytest.mark.parametrize(
     ("path", "sentence"),
     [
-        ("z", "there is no field 'z': no 'z'; available: cells, linear, x"),
+        ("z", "there is no field 'z'; available: cells, linear, x"),
         ("liner.x", "there is no field 'liner.x': no 'liner'; did you mean 'linear'?"),
         ("x.y", "there is no field 'x.y': the value there has no fields, so no 'y'"),
         ("cells[2]", "there is no field 'cells[2]': '2' is not an index of a list of 2"),
@@ -53,6 +53,19 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
 def test_an_unknown_part_is_an_error_with_a_near_name(path: str, sentence: str) -> None:
     """An unknown path is an error that names its wrong part."""
     assert usage_error(part_of, MESSAGE, path) == sentence
+
+
+@pytest.mark.parametrize(
+    ("path", "part"),
+    [("frame_id", "laser"), ("stamp_ns", 3_000_000_007), ("header.frame_id", "laser")],
+)
+def test_a_field_of_the_header_has_our_name_too(path: str, part: object) -> None:
+    """As `tfbus topic show` and Python name it, also in an expression; and as it is printed."""
+    stamp = {"sec": 3, "nanosec": 7}
+    scan = {"header": {"stamp": stamp, "frame_id": "laser"}, "ranges": [1.0]}
+    assert part_of(scan, path) == part
+    assert part_of({"poses": [scan]}, f"poses[0].{path}") == part
+    assert MessageFilter(f"m.{path} == {part!r}").takes(scan)
 
 
 def test_what_is_too_long_is_cut() -> None:

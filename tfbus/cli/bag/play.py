@@ -66,7 +66,7 @@ _OF_PLAY = {
     "play",
     cls=_Play,
     hints=CALLED_IN_ROS | _OF_PLAY,
-    epilog="Examples: tfbus bag play run.mcap; tfbus bag play run.mcap --start 60 --rate 2 --loop; "
+    epilog="Examples: tfbus bag play run.mcap; tfbus bag play run.mcap --from 60 --rate 2 --loop; "
     "tfbus bag play run.mcap --clock",
 )
 @click.argument("files", metavar="FILE...", nargs=-1, type=RECORDING)
@@ -88,21 +88,24 @@ _OF_PLAY = {
 )
 @click.option("-l", "--loop", is_flag=True, help="Begin again at the end.")
 @click.option(
+    "--from",
     "--start",
     "--start-offset",
+    "start",
     type=MomentType(),
     metavar="TIME",
     help="Start at this moment: 10 is 10 s after the beginning, -10 is 10 s before the end; or a "
     "date and time, or seconds since 1970.",
 )
 @click.option(
+    "--to",
     "--until",
     "--playback-until-sec",
     "--playback-until-nsec",
     "until",
     type=MomentType(),
     metavar="TIME",
-    help="End at this moment, written as that of --start.",
+    help="End at this moment, written as that of --from.",
 )
 @click.option(
     "--duration",

@@ -87,11 +87,11 @@ def _span(reader: RecordingReader, plan: PlayPlan) -> tuple[int, int]:
         end_ns = min(end_ns, max(start_ns, first_ns) + round(plan.duration_s * 1e9))
     mistake = ""
     if start_ns > last_ns:
-        mistake = f"--start, {wall(start_ns)}, is after its end"
+        mistake = f"--from, {wall(start_ns)}, is after its end"
     elif end_ns < first_ns:
-        mistake = f"--until, {wall(end_ns)}, is before its beginning"
+        mistake = f"--to, {wall(end_ns)}, is before its beginning"
     elif end_ns < start_ns:
-        mistake = f"--until, {wall(end_ns)}, is before --start, {wall(start_ns)}"
+        mistake = f"--to, {wall(end_ns)}, is before --from, {wall(start_ns)}"
     if mistake:
         raise click.UsageError(
             f"the recording is from {wall(first_ns)} to {wall(last_ns)} "

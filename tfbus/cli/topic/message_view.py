@@ -13,7 +13,7 @@ import click
 from tfbus.cli.output import OneLine, as_text
 from tfbus.errors import DecodeError
 from tfbus.messages import CompressedImage, Image, OccupancyGrid, PointCloud
-from tfbus.wire.codec import from_map
+from tfbus.wire.codec import from_map, is_in_ros_layout, without_header
 from tfbus.wire.limits import size_text
 from tfbus.wording import did_you_mean
 
@@ -156,19 +156,28 @@ def part_of(message: Any, path: str) -> Any:
         if is_list and name.isdigit() and int(name) < len(at):
             at = at[int(name)]
             at = at.tolist() if _is_array(at) else at
-        elif isinstance(at, dict) and name in at:
-            at = at[name]
+        elif isinstance(at, dict) and name in (named := _by_all_names(at)):
+            at = named[name]
         else:
-            raise click.UsageError(f"there is no field {path!r}: {_missing(at, name)}")
+            raise click.UsageError(f"there is no field {path!r}{_missing(at, name, path)}")
     return at
 
 
-def _missing(at: Any, name: str) -> str:
+def _by_all_names(message: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    """The fields by the names that they are printed with, and those of a header by ours, too."""
+    with suppress(KeyError, TypeError):
+        if is_in_ros_layout(message):
+            return {**without_header(message), **message}
+    return message
+
+
+def _missing(at: Any, name: str, path: str) -> str:
     if isinstance(at, list) or _is_array(at):
-        return f"{name!r} is not an index of a list of {len(at)}"
+        return f": {name!r} is not an index of a list of {len(at)}"
     if isinstance(at, dict):
-        return f"no {name!r}{did_you_mean(name, map(str, at), none=', nor any other')}"
-    return f"the value there has no fields, so no {name!r}"
+        part = "" if name == path else f": no {name!r}"
+        return f"{part}{did_you_mean(name, map(str, at), none=', nor any other')}"
+    return f": the value there has no fields, so no {name!r}"
 
 
 def csv_row(value: Any) -> str:
@@ -221,9 +230,10 @@ class _Fields:
         self._values = values
 
     def __getattr__(self, name: str) -> Any:
-        if name not in self._values:
+        values = _by_all_names(self._values)
+        if name not in values:
             raise AttributeError(f"no field {name!r}{did_you_mean(name, self._values, none='')}")
-        return _as_fields(self._values[name])
+        return _as_fields(values[name])
 
 
 def _as_fields(value: Any) -> Any:

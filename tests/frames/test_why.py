@@ -240,6 +240,18 @@ class TestExplain:
         assert remedy == ": ".join((tree.problems()[0].text, tree.problems()[0].remedy))
         assert "--sim-time" in tree.problems()[0].remedy
 
+    def test_stamps_of_zero_are_a_bad_sign(self) -> None:
+        """The edge and the remedy say that they are 0."""
+        now_ns = 1_670_400_300 * S
+        buffer = Buffer()
+        ts = TransformStamped(0, "world", "base", Transform.identity())
+        buffer.set_transform(ts, authority="sim")
+        tree = frame_tree(buffer, [SIM], now_ns)
+        report = explain(BusMoment(at_ns=now_ns, tree=tree), buffer, "world", "base")
+        assert verdicts(report) == [("base", "warn")]
+        assert "its stamps are 0: stamps are nanoseconds" in fault(report, "base").facts
+        assert "node.now_ns()" in report.remedies[-1]
+
     @pytest.mark.parametrize(("at_s", "verdict"), [(None, "warn"), (-1.0, "fail")])
     def test_stamps_in_seconds_are_a_bad_sign(self, at_s: float | None, verdict: str) -> None:
         """They keep a lookup at a time from an answer, and the remedy is how to stamp."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import eventually, keep_sending
 from tests.recordings import at, described, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -321,6 +321,14 @@ class TestCommand:
         assert max(map(len, lines)) <= 80
         done = bus.run("why", "world", "camera", "--at", "soon")
         assert done.returncode == 2
+
+    def test_the_answer_is_as_old_as_its_edge(self, bus: Bus) -> None:
+        """Both ages are of the same moment, however long the nodes take to answer."""
+        bus.network.path(bus.network.host("robot"), "outside", delay_s=0.3)
+        keep_sending(Bus(bus.network, "robot").node("sim"), "world", "base", rate_hz=1.0)
+        eventually(lambda: self.run(bus, "world", "base")[0] == 0)
+        _, (answer, edge, *_) = self.run(bus, "world", "base")
+        assert re.findall(r"[0-9.]+ m?s old", answer) == re.findall(r"[0-9.]+ m?s old", edge) != []
 
     def test_a_machine_reads_it_as_json(self, bus: Bus) -> None:
         """JSON has the answer, each step and the remedies; all namespaces are searched."""

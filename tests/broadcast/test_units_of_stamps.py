@@ -32,6 +32,20 @@ def test_a_stamp_in_another_unit_is_logged_once(sender: Node, factor: int, unit:
     )
 
 
+def test_stamps_of_zero_are_logged_once(sender: Node) -> None:
+    """A hundred are the first step of a simulation; who sends more does not stamp."""
+    log = Lines(sender.log, logging.WARNING)
+    broadcaster = TransformBroadcaster(sender)
+    for _ in range(100):
+        broadcaster.send_transform(at(stamp_ns=0))
+    assert log.lines == []
+    for _ in range(100):
+        broadcaster.send_transform(at(stamp_ns=0))
+    (line,) = log.lines
+    assert line.startswith("Sent 101 transforms with the stamp 0 in stream ")
+    assert "node.now_ns()" in line
+
+
 def test_stamps_of_now_and_small_ones_are_not_logged(sender: Node) -> None:
     """A simulation counts from 0, also where its node has no simulated clock."""
     log = Lines(sender.log, logging.WARNING)

@@ -12,6 +12,7 @@ from tests.recordings import described, gone, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus.cli.fleet import as_lines
 from tfbus.frames.fleet import RobotStatus, worst_first
+from tfbus.runtime import scheduler
 
 
 @pytest.fixture
@@ -69,6 +70,21 @@ def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
     roster = tmp_path / "robots.txt"
     roster.write_text("# the hall\nrobot[2-3]\nrobot10\n")
     assert shown(fleet, "--expect", str(roster))[0] == 0
+
+
+def test_a_command_that_got_no_cpu_says_so(fleet: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it calls missing or gone may be there; where nothing is, it says nothing."""
+    monkeypatch.setattr(scheduler, "longest_wait_for_cpu_s", lambda: 7.5)
+    assert fleet.run("fleet").stderr == ""
+    warning = " ".join(fleet.run("fleet", "--expect", "robot[1-3]").stderr.split())
+    assert warning.startswith("Warning: this machine is too busy: this command has waited 7.5 s")
+    assert warning.rstrip(".").endswith("so robot1 may be there")
+
+
+@pytest.mark.real
+def test_a_process_knows_how_long_it_has_waited_for_a_cpu() -> None:
+    """Of all its threads the one that waited longest counts, so also this one."""
+    assert scheduler.longest_wait_for_cpu_s() >= scheduler.waited_for_cpu_s()
 
 
 def test_a_lost_robot_is_gone_until_it_is_back(fleet: Bus) -> None:

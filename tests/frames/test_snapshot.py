@@ -167,6 +167,15 @@ class TestProblems:
         rates = {name: it.rate_hz for name, it in tree_of(buffer, *publishers).frames.items()}
         assert rates == {"world": None, "a": pytest.approx(10.0), "b": None, "c": None}
 
+    def test_stamps_of_zero(self) -> None:
+        """They are one problem of their publisher; near the beginning of a simulation they are not."""
+        buffer = Buffer()
+        buffer.set_transform(TransformStamped(0, "a", "b", Transform.identity()), authority="sim")
+        (problem,) = self.problems(buffer, stream("sim", ("a", "b")))
+        assert (problem.kind, problem.frames) == ("unit", ("b",))
+        assert "/sim on robot7, pid 42 are 0" in problem.text
+        assert tree_of(buffer, stream("sim", ("a", "b")), now_ns=5 * NS).problems() == []
+
     def test_stamps_ahead(self) -> None:
         """They are one problem of their publisher: its stamps, or the clock of its host."""
         buffer = buffer_of(("world", "a"))

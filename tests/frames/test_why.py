@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import eventually, keep_sending
 from tests.recordings import at, described, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -240,6 +240,18 @@ class TestExplain:
         assert remedy == ": ".join((tree.problems()[0].text, tree.problems()[0].remedy))
         assert "--sim-time" in tree.problems()[0].remedy
 
+    def test_stamps_of_zero_are_a_bad_sign(self) -> None:
+        """The edge and the remedy say that they are 0."""
+        now_ns = 1_670_400_300 * S
+        buffer = Buffer()
+        ts = TransformStamped(0, "world", "base", Transform.identity())
+        buffer.set_transform(ts, authority="sim")
+        tree = frame_tree(buffer, [SIM], now_ns)
+        report = explain(BusMoment(at_ns=now_ns, tree=tree), buffer, "world", "base")
+        assert verdicts(report) == [("base", "warn")]
+        assert "its stamps are 0: stamps are nanoseconds" in fault(report, "base").facts
+        assert "node.now_ns()" in report.remedies[-1]
+
     @pytest.mark.parametrize(("at_s", "verdict"), [(None, "warn"), (-1.0, "fail")])
     def test_stamps_in_seconds_are_a_bad_sign(self, at_s: float | None, verdict: str) -> None:
         """They keep a lookup at a time from an answer, and the remedy is how to stamp."""
@@ -309,6 +321,14 @@ class TestCommand:
         assert max(map(len, lines)) <= 80
         done = bus.run("why", "world", "camera", "--at", "soon")
         assert done.returncode == 2
+
+    def test_the_answer_is_as_old_as_its_edge(self, bus: Bus) -> None:
+        """Both ages are of the same moment, however long the nodes take to answer."""
+        bus.network.path(bus.network.host("robot"), "outside", delay_s=0.3)
+        keep_sending(Bus(bus.network, "robot").node("sim"), "world", "base", rate_hz=1.0)
+        eventually(lambda: self.run(bus, "world", "base")[0] == 0)
+        _, (answer, edge, *_) = self.run(bus, "world", "base")
+        assert re.findall(r"[0-9.]+ m?s old", answer) == re.findall(r"[0-9.]+ m?s old", edge) != []
 
     def test_a_machine_reads_it_as_json(self, bus: Bus) -> None:
         """JSON has the answer, each step and the remedies; all namespaces are searched."""

@@ -12,6 +12,7 @@ from tfbus.runtime.arguments import called_as
 from tfbus.runtime.stamps import (
     LATEST_OF_ANOTHER_UNIT,
     MOST_AHEAD_NS,
+    is_of_simulated_clock,
     other_unit,
     unit_hint,
 )
@@ -19,6 +20,9 @@ from tfbus.wording import age
 
 # The type of the topic of a simulated time.
 _CLOCK = "Clock"
+
+# A simulation without a clock begins with so many stamps of 0 at most, one for each frame.
+_MOST_ZEROS = 100
 
 # Later than any stamp.
 _NEVER_NS = 2**63
@@ -72,6 +76,7 @@ class TransformBroadcaster:
         self._node = node
         # Stamps up to this need no look: the clock is not read at each send.
         self._seems_right_to_ns = 0
+        self._zeros = 0
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch of columns.
@@ -96,8 +101,22 @@ class TransformBroadcaster:
     def _check_stamp(self, stamp_ns: int) -> None:
         if stamp_ns >= LATEST_OF_ANOTHER_UNIT:
             self._check_ahead(stamp_ns)
-        elif stamp_ns > 0 and (unit := other_unit(stamp_ns, self._node.clock.now_ns())):
+            return
+        now_ns = self._node.clock.now_ns()
+        if stamp_ns == 0:
+            self._check_zero(now_ns)
+        elif stamp_ns > 0 and (unit := other_unit(stamp_ns, now_ns)):
             self._warn_once("Sent a transform of 1970: %s", unit_hint(stamp_ns, unit))
+
+    def _check_zero(self, now_ns: int) -> None:
+        # A simulation counts from 0, and sends each frame once there.
+        self._zeros += 1
+        if self._zeros > _MOST_ZEROS and not is_of_simulated_clock(now_ns):
+            self._warn_once(
+                "Sent %d transforms with the stamp 0 in stream %r: stamp them with node.now_ns()",
+                self._zeros,
+                self._stream,
+            )
 
     def _check_ahead(self, stamp_ns: int) -> None:
         clock = self._node.clock

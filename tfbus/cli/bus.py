@@ -14,6 +14,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint, say, warn
 from tfbus.command.recordings import BagChoice, OpenBag, wall
 from tfbus.discover.graph import Graph
+from tfbus.runtime import scheduler
 from tfbus.runtime.log import open_log
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import stream_of
@@ -23,6 +24,12 @@ if TYPE_CHECKING:
     from tfbus.bus.session import Session
     from tfbus.frames.command_listener import Listening
     from tfbus.frames.recorded import RecordedFrames
+
+# A command that has waited for a CPU for less was not held up.
+_STARVED_S = 1.0
+
+# A warning names at most this many.
+_NAMED = 5
 
 # Nodes answer at once unless they are busy.
 _PATIENCE_S = 2.0
@@ -62,6 +69,18 @@ def look(session: "Session", *, warns: bool = True) -> Graph:
     if left_out and warns:
         warn(f"left out, without an answer in {_PATIENCE_S:g} s: {listed(left_out)}")
     return found.graph(session.settings.namespace)
+
+
+def warn_if_starved(names: Collection[str]) -> None:
+    """Warn that what a command calls gone, robots or frames by their names, may be there, where
+    this host was too busy for the command to hear of them.
+    """
+    starved_s = scheduler.longest_wait_for_cpu_s() if names else 0.0
+    if starved_s > _STARVED_S:
+        warn(
+            f"this machine is too busy: this command has waited {duration(starved_s)} for a CPU, "
+            f"so {listed(sorted(names), most=_NAMED)} may be there"
+        )
 
 
 def is_running(what: str) -> str:

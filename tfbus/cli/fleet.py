@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import frames_at, is_running, listening, moment_lines
+from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, warn_if_starved
 from tfbus.cli.output import (
     first_lines,
     is_terminal,
@@ -111,7 +111,9 @@ def command(
         if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
             raise KeyboardInterrupt
         moment = heard.moment()
-        _show(robots.robots(moment), moment, show_all, as_json, bool(roster))
+        found = robots.robots(moment)
+        warn_if_starved([each.name for each in found if each.state != "there"])
+        _show(found, moment, show_all, as_json, bool(roster))
 
 
 def _show(

@@ -14,6 +14,7 @@ from tfbus.cli.bus import (
     is_running,
     listening,
     moment_lines,
+    warn_if_starved,
     warn_of_unanswered,
 )
 from tfbus.cli.fleet import FleetPage
@@ -107,6 +108,7 @@ def command(
         hint = "" if tree.frames else heard.hint()
     _show(moment, FleetPage(fleet), outputs, long=long, as_json=as_json)
     warn_of_unanswered(moment.unanswered)
+    warn_if_starved([frame.name for frame in tree.frames.values() if frame.gone])
     if not tree.frames:
         silent = next((each.text for each in tree.problems() if each.kind == "silent"), "")
         why = hint or silent or is_running("broadcaster")

@@ -100,6 +100,7 @@ def command(
             frames_in_other_namespaces=elsewhere,
             advice=advice,
         )
+        now_ns = heard.now_ns()  # before the nodes answer, as the ages of the edges are
         nodes = ask_nodes(session).nodes
         waiting = [
             f"{node.name}: {each}"
@@ -108,7 +109,6 @@ def command(
             if each.frame == target and source in each.sources
         ]
         explanation = replace(explanation, filters=tuple(waiting))
-        now_ns = heard.now_ns()
         if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
     _print(explanation, now_ns, as_json)

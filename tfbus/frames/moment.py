@@ -117,8 +117,8 @@ def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
 
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """The note on a frame whose newest stamp is over a year away: its unit, or a question."""
-    if frame is not None and (unit := tree.unit_of(frame)):
-        return f"its stamps look like {unit}: stamps are nanoseconds"
+    if frame is not None and (why := tree.no_stamps(frame)):
+        return f"its stamps {why}: stamps are nanoseconds"
     return whose_clock(is_simulated=tree.is_simulated)
 
 

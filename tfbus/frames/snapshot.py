@@ -19,7 +19,7 @@ from tfbus.frames.clocks import (
 from tfbus.listen.info import StreamInfo
 from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
-from tfbus.runtime.stamps import other_unit
+from tfbus.runtime.stamps import is_of_simulated_clock, other_unit
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, duration, listed, natural_order, printable
 
@@ -56,8 +56,8 @@ class Problem:
     `kind` is "loop" (edges form one), "conflict" (several living publishers), "gone" (a publisher
     is), "disconnected" and "orphan" (a tree, or a frame, apart from the largest tree), "silent"
     (announced, and never sent), "clock" (stamps of a simulated time), "unit" (stamps that are no
-    nanoseconds), "ahead" (stamps in the future) or "late" (samples that come over 1 s after their
-    stamps). `frames` are the frames concerned.
+    nanoseconds), "ahead" (stamps in the future) or "late" (each over 1 s after its stamp).
+    `frames` are the frames concerned.
     """
 
     kind: ProblemKind
@@ -184,11 +184,16 @@ class FrameTree:
         late = is_late(delay_s, frame.rate_hz, is_simulated=self.is_simulated)
         return delay_s if late else None
 
-    def unit_of(self, frame: FrameInfo) -> str:
-        """The unit that the stamps of a dynamic frame look like, "seconds"; "" for nanoseconds."""
-        if frame.static or frame.newest_ns is None:
+    def no_stamps(self, frame: FrameInfo) -> str:
+        """Why the stamps of a dynamic frame are none: "look like seconds", "are 0"; "" if they are
+        nanoseconds. By a simulated time, which begins at 0, they are.
+        """
+        if frame.static or frame.newest_ns is None or self.is_of_another_time(frame):
             return ""
-        return other_unit(frame.newest_ns, self.recorded_ns)
+        if frame.newest_ns == 0 and not is_of_simulated_clock(self.recorded_ns):
+            return "are 0"
+        unit = other_unit(frame.newest_ns, self.recorded_ns)
+        return f"look like {unit}" if unit else ""
 
     def problems(self) -> list[Problem]:
         """The problems of the tree, the worst first."""
@@ -277,15 +282,14 @@ class FrameTree:
     def _in_another_unit(self) -> Iterator[Problem]:
         found: dict[tuple[str, str], list[str]] = {}
         for frame in self.frames.values():
-            if unit := self.unit_of(frame):
-                found.setdefault((frame.authority, unit), []).append(frame.name)
-        for (_, unit), names in found.items():
+            if why := self.no_stamps(frame):
+                found.setdefault((frame.authority, why), []).append(frame.name)
+        for (_, why), names in found.items():
             publisher = who(self.publisher(self.frames[names[0]]))
             yield Problem(
                 "unit",
                 tuple(names),
-                f"the stamps of {_quoted(names)} by {publisher} look like {unit}, and stamps are "
-                "nanoseconds",
+                f"the stamps of {_quoted(names)} by {publisher} {why}, and stamps are nanoseconds",
             )
 
     def _ahead(self) -> Iterator[Problem]:

@@ -235,7 +235,7 @@ def _faults(
 ) -> Iterator[tuple[Verdict, str, str]]:
     """The problems of an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
-    if tree.unit_of(frame):
+    if tree.no_stamps(frame):
         # What they look like is among its facts, and the remedy with the problem of the tree.
         yield "warn" if stamp_ns is None else "fail", "no lookup at a time finds its samples", ""
     if not frame.static:

@@ -51,13 +51,26 @@ def waited_for_cpu_s() -> float:
 
     0.0 where the system does not tell, and in a simulation, in which computing takes no time.
     """
-    if is_simulated:
-        return 0.0
+    return 0.0 if is_simulated else _waited_s("/proc/thread-self/schedstat")
+
+
+def _waited_s(of_thread: str) -> float:
     try:
-        with open("/proc/thread-self/schedstat", "rb") as file:
+        with open(of_thread, "rb") as file:
             return int(file.read().split()[1]) / 1e9
     except (OSError, IndexError, ValueError):
         return 0.0
+
+
+def longest_wait_for_cpu_s() -> float:
+    """As `waited_for_cpu_s`, of the thread of this process that has waited the longest."""
+    waits_s = [0.0]
+    try:
+        for thread in os.listdir("/proc/self/task"):
+            waits_s.append(_waited_s(f"/proc/self/task/{thread}/schedstat"))
+    except OSError:
+        pass
+    return 0.0 if is_simulated else max(waits_s)
 
 
 # What tells one process from another.

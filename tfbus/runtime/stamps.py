@@ -39,13 +39,18 @@ _NEAR_NS = 86_400_000_000_000
 LATEST_OF_ANOTHER_UNIT = LATEST_STAMP_NS // 1_000
 
 
+def is_of_simulated_clock(now_ns: int) -> bool:
+    """Whether a clock that shows this is a simulated one, which began at 0."""
+    return now_ns < _LEAST_OF_A_REAL_CLOCK_NS
+
+
 def other_unit(stamp_ns: int, near_ns: int) -> str:
     """The unit, other than nanoseconds, in which a stamp is within a day of a time: "seconds",
     "milliseconds" or "microseconds"; "" if there is none.
 
     Near the time of a simulated clock, which begins at 0, any small stamp is right: "".
     """
-    if near_ns < _LEAST_OF_A_REAL_CLOCK_NS:
+    if is_of_simulated_clock(near_ns):
         return ""
     for unit, factor in _UNITS.items():
         if abs(stamp_ns * factor - near_ns) <= _NEAR_NS:

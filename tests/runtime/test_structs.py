@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import pytest
 
+from tests import live_bus
 from tfbus.runtime.structs import Struct, field, replace
 
 
@@ -184,7 +185,7 @@ def test_it_matches_by_position() -> None:
 
 
 @pytest.mark.real
-def test_a_node_starts_without_what_is_slow_to_import() -> None:
+def test_a_node_starts_without_what_is_slow_to_import(bus: live_bus.Bus) -> None:
     """dataclasses takes a third of the time in which a node starts, with inspect, which it
     imports; shutil 3 MB, with bz2 and lzma.
     """
@@ -193,7 +194,9 @@ def test_a_node_starts_without_what_is_slow_to_import() -> None:
         "with Node('probe') as node: TransformListener(Buffer(), node)\n"
         "print({'dataclasses', 'inspect', 'ast', 'shutil', 'shlex'} & sys.modules.keys())"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=bus.env, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "set()"
 
 

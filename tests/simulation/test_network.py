@@ -236,9 +236,13 @@ async def _do_nothing() -> None:
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [
-        (lambda network: network.partition("robto"), "no host 'robto', .*'robot'.* network.host"),
-        (lambda network: network.kill("robot/arn"), "no process 'robot/arn', but .*'robot/arm'"),
+        (
+            lambda network: network.partition("robto"),
+            "no host 'robto': .*network.host.*mean 'robot'",
+        ),
+        (lambda network: network.kill("robot/arn"), "no process 'robot/arn'; .*'robot/arm'"),
         (lambda network: network.partition("robot", ["robot"]), "'robot' is in two groups"),
+        (lambda network: network.kill("arm"), "no process 'arm'; did you mean 'robot/arm'"),
         (lambda network: network.run(until=lambda: False, timeout_s=1.0), "not hold after 1 s"),
         (lambda network: network.run(), "for how long"),
         (lambda network: network.run(-1.0), "seconds must be a number from 0 on, not -1.0"),

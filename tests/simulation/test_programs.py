@@ -237,3 +237,30 @@ def test_names_that_a_module_has_bound_are_virtual(monkeypatch: pytest.MonkeyPat
             module.sleep(5.0)
             assert network.now_ns - begun_ns >= 5_000_000_000
         assert [getattr(module, name) for name in bound] == [names[name] for name in bound]
+
+
+def _fail() -> None:
+    raise ImportError("no module named 'camera'")
+
+
+def test_what_waits_in_vain_names_the_programs_that_have_failed(network: Network) -> None:
+    """With the last line of their errors."""
+    network.program(network.host("robot"), _fail, name="broken")
+    with pytest.raises(SimulationError, match=r"robot/broken has ended with 1: .*no module named"):
+        network.run(until=lambda: False, timeout_s=1.0)
+
+
+def test_a_node_of_arguments_has_none_of_pytest_s(network: Network) -> None:
+    """A process of `start` has no arguments; those of the test stay as they are."""
+    before = [*sys.argv]
+    seen: list[list[str]] = []
+
+    def main() -> None:
+        with tfbus.Node.from_args("camera") as node:
+            seen.append(sys.argv[1:])
+            node.wait(0.1)
+
+    network.start(network.host("robot"), "camera", main)
+    network.run(1.0)
+    assert seen == [[]]
+    assert sys.argv == before

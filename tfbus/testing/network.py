@@ -21,7 +21,7 @@ from tfbus.testing.fabric import Fabric, Faults
 from tfbus.testing.links import Paths
 from tfbus.testing.of_python import random_numbers_of, standing_in
 from tfbus.testing.primitives import scheduler_names
-from tfbus.testing.processes import START_NS, Host, Process, ProcessTable
+from tfbus.testing.processes import OUTSIDE, START_NS, Host, Process, ProcessTable
 from tfbus.testing.programs import Program, module_of
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
@@ -65,7 +65,7 @@ class Network:
         self._in_force = ProcessTable(tasks, self._fabric)
         self._was_collecting = gc.isenabled()
         gc.disable()  # finalizers at any moment would make no two runs the same
-        self.outside = self.host("outside")
+        self.outside = self.host(OUTSIDE)
         self.tasks.main.place = self._table.add(self.outside, "main")
         names = scheduler_names(self.tasks)
         with ExitStack() as stack:
@@ -345,6 +345,7 @@ class Network:
                     waited_s = (end_ns - begun_ns) / 1e9
                     raise SimulationError(
                         f"the condition does not hold after {waited_s:g} s (seed {self.seed})"
+                        + "".join(map(_failure, self._table.processes()))
                     )
                 self.tasks.wait("a condition of the test", _LOOK_EVERY_S)
         return (self.tasks.now_ns - begun_ns) / 1e9
@@ -412,3 +413,12 @@ def without_settings() -> Iterator[None]:
         yield
     finally:
         os.environ.update(hidden)
+
+
+def _failure(process: Process) -> str:
+    """A line that says how a program has failed; "" for other processes."""
+    program, code = process.program, process.exit_code
+    if program is None or not code or code < 0:
+        return ""
+    said = program.stderr.strip().rpartition("\n")[2]
+    return f"\n{process.name} has ended with {code}: {said or 'it wrote no error'}"

@@ -2,15 +2,17 @@
 
 import random
 import signal
+import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from tfbus.testing.of_python import task_of
 from tfbus.testing.primitives import Waiting
 from tfbus.testing.tasks import SimulationError, Task, Tasks
+from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.testing.fabric import Fabric
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
+
+# The host of the test itself.
+OUTSIDE = "outside"
 
 # The time of all simulations at their start: 2026-01-01.
 START_NS = 1_767_225_600 * 10**9
@@ -78,6 +83,9 @@ class Process:
         self.begin: Callable[[], Process] | None = None
         # What it runs, where that is a program with arguments and output of its own.
         self.program: Program | None = None
+        # Otherwise the `sys.argv` of a main function, without pytest's arguments.
+        self.argv: list[str] = []
+        self._argv_of_others: list[str] = []
         # By its number for a signal that ended it; None while it runs, or where that is unknown.
         self.exit_code: int | None = None
         self.ended = Waiting(tasks)
@@ -96,11 +104,15 @@ class Process:
         """One of its tasks has the turn: what Python has once is that of this process."""
         if self.program is not None:
             self.program.enter()
+        elif self.argv:
+            self._argv_of_others, sys.argv = sys.argv, self.argv
 
     def leave(self) -> None:
         """A task of another process has the turn."""
         if self.program is not None:
             self.program.leave()
+        elif self.argv:
+            self.argv, sys.argv = sys.argv, self._argv_of_others
 
     # Signals, and its end
 
@@ -184,9 +196,9 @@ class ProcessTable:
     def host(self, name: str) -> Host:
         """The host of this name. Raises SimulationError if there is none."""
         if name not in self.hosts:
-            known = ", ".join(repr(each) for each in self.hosts)
+            known = did_you_mean(name, {*self.hosts} - {OUTSIDE})
             raise SimulationError(
-                f"the network has no host {name!r}, but {known}: make it by network.host({name!r})"
+                f"the network has no host {name!r}: make it by network.host({name!r}){known}"
             )
         return self.hosts[name]
 
@@ -208,15 +220,18 @@ class ProcessTable:
 
     def process(self, name: str) -> Process:
         """The latest process of the name "host/process". Raises SimulationError without one."""
-        names = []
+        for each in reversed([*self.processes()]):
+            if each.name == name:
+                return each
+        names = {each.name for each in self.processes() if each.host.name != OUTSIDE}
+        of_hosts = sorted(each for each in names if each.endswith(f"/{name}"))
+        known = f"; did you mean {of_hosts[0]!r}?" if of_hosts else did_you_mean(name, names)
+        raise SimulationError(f"the network has no process {name!r}{known}")
+
+    def processes(self) -> Iterator[Process]:
+        """All that there are or have been, host by host."""
         for host in self.hosts.values():
-            for each in reversed(host.processes):
-                if each.name == name:
-                    return each
-                names.append(repr(each.name))
-        raise SimulationError(
-            f"the network has no process {name!r}, but {', '.join(sorted(set(names)))}"
-        )
+            yield from host.processes
 
     def current_process(self) -> Process:
         """The process whose turn it is."""
@@ -241,6 +256,8 @@ class ProcessTable:
                 if not self.tasks.is_over:
                     self.end(process)
 
+        if process.program is None:
+            process.argv = sys.argv[:1]
         with self.tasks.within(process):
             thread = threading.Thread(target=run, name="MainThread", daemon=False)
             thread.start()

@@ -11,6 +11,7 @@ import secrets
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 import uuid
@@ -19,6 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter, sleep
+from types import ModuleType
 from typing import Any
 
 import numpy
@@ -251,6 +253,25 @@ def test_all_is_real_again_after_the_network() -> None:
 
 def _draw() -> list[object]:
     return [random.random(), random.Random().random(), secrets.token_hex(), uuid.uuid4()]
+
+
+class _Importing(ModuleType):
+    """A module that imports another once it is looked at."""
+
+    def __getattribute__(self, name: str) -> object:
+        sys.modules.setdefault("_imported_meanwhile", ModuleType("_imported_meanwhile"))
+        return super().__getattribute__(name)
+
+
+def test_a_module_may_import_others_while_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one does that loads lazily; the network after that begins all the same."""
+    monkeypatch.setitem(sys.modules, "_importing", _Importing("_importing"))
+    try:
+        for _ in range(2):
+            with Network():
+                pass
+    finally:
+        del sys.modules["_imported_meanwhile"]
 
 
 def test_random_numbers_are_of_the_seed() -> None:

@@ -48,21 +48,27 @@ class _Searched:
         """The places that have some of the values; a module is searched if it is new, or has new
         names.
         """
-        modules = list(sys.modules.values())
+        # Once, as a module that is looked at may import others.
+        named = list(sys.modules.items())
+        modules = [module for _, module in named]
         if modules != self._modules or list(map(len, self._namespaces)) != self._sizes:
             former = dict(
                 zip(map(id, self._modules), zip(self._sizes, self._found, strict=True), strict=True)
             )
-            self._modules, self._namespaces, self._found = modules, [], []
-            for name, module in list(sys.modules.items()):
+            namespaces: list[dict[str, Any]] = []
+            sizes: list[int] = []
+            places: list[tuple[_Swap, ...]] = []
+            for name, module in named:
                 is_real = name.partition(".")[0] in _REAL
                 namespace = {} if is_real else getattr(module, "__dict__", {})
                 size, found = former.get(id(module), (-1, ()))
                 if size != len(namespace):
                     found = tuple(_of_module(module, namespace, replaced))
-                self._namespaces.append(namespace)
-                self._found.append(found)
-            self._sizes = list(map(len, self._namespaces))
+                namespaces.append(namespace)
+                sizes.append(len(namespace))
+                places.append(found)
+            self._modules, self._namespaces = modules, namespaces
+            self._sizes, self._found = sizes, places
         return [swap for found in self._found for swap in found]
 
 

@@ -115,7 +115,10 @@ def test_a_thread_that_others_leave_no_cpu_has_waited_for_it() -> None:
     """More of them than CPUs: the system tells how long each was ready to run in vain."""
     if not scheduler.waited_for_cpu_s():
         needs.skip("a system that tells how long a thread has waited for a CPU")
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    others = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
     try:
         before_s = scheduler.waited_for_cpu_s()
         eventually(lambda: sum(range(10**6)) and scheduler.waited_for_cpu_s() - before_s > 0.01)

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, warn_if_starved, watch_nodes
+from tfbus.cli.bus import (
+    frames_at,
+    is_running,
+    listening,
+    moment_lines,
+    warn_if_starved,
+    watch_nodes,
+)
 from tfbus.cli.output import (
     first_lines,
     is_terminal,

@@ -46,7 +46,6 @@ def new_event_loop() -> "asyncio.AbstractEventLoop":
     return asyncio.new_event_loop()
 
 
-
 def waited_for_cpu_s() -> float:
     """For how long this thread has been ready to run in all while others had the CPUs, in s.
 

@@ -181,7 +181,7 @@ def step(
     The output is also kept in the file `log`.
     """
     say(title)
-    began_s = told_s = time.monotonic()
+    told_s = time.monotonic()
     with tempfile.TemporaryFile("w+b") as out:
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
         try:

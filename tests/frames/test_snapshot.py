@@ -168,7 +168,7 @@ class TestProblems:
         assert rates == {"world": None, "a": pytest.approx(10.0), "b": None, "c": None}
 
     def test_stamps_of_zero(self) -> None:
-        """They are one problem of their publisher; near the beginning of a simulation they are not."""
+        """They are one problem of their publisher; as a simulation begins they are right."""
         buffer = Buffer()
         buffer.set_transform(TransformStamped(0, "a", "b", Transform.identity()), authority="sim")
         (problem,) = self.problems(buffer, stream("sim", ("a", "b")))

@@ -36,7 +36,8 @@ _NS_PER_S = 1e9
 _NAMED = 5
 
 
-# The remedies of problems that have none of their own; those for stamps ahead or late are in the sentence.
+# The remedies of problems that have none of their own; of stamps ahead or late they are in the
+# sentence.
 REMEDIES: dict[ProblemKind, str] = {
     "loop": "swap parent and child of the edge that points the wrong way, or stop publishing it",
     "conflict": "stop one of the two, or rename one of the frames",

@@ -263,8 +263,8 @@ def _faults(
     elif (late_s := tree.late_s(frame)) is not None:
         yield (
             "warn",
-            f"its samples come {duration(late_s)} after their stamps: no lookup at the present time "
-            "finds one",
+            f"its samples come {duration(late_s)} after their stamps: no lookup at the present "
+            "time finds one",
             stamp_when_measured(stream, [frame.name]),
         )
 

@@ -181,7 +181,7 @@ def step(
     The output is also kept in the file `log`.
     """
     say(title)
-    began_s = told_s = time.monotonic()
+    told_s = time.monotonic()
     with tempfile.TemporaryFile("w+b") as out:
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
         try:
@@ -189,7 +189,7 @@ def step(
                 time.sleep(0.05)
                 if time.monotonic() - told_s >= _A_LINE_EVERY_S:
                     told_s = time.monotonic()
-                    say(f"  {told_s - began_s:.0f} s: {last_line(out.fileno())}")
+                    say(f"  {last_line(out.fileno())}")
         except KeyboardInterrupt:
             process.wait()
             sys.exit(130)

@@ -56,7 +56,7 @@ class Problem:
     `kind` is "loop" (edges form one), "conflict" (several living publishers), "gone" (a publisher
     is), "disconnected" and "orphan" (a tree, or a frame, apart from the largest tree), "silent"
     (announced, and never sent), "clock" (stamps of a simulated time), "unit" (stamps that are no
-    nanoseconds), "ahead" (stamps in the future) or "late" (each over 1 s after its stamp).
+    nanoseconds), "ahead" (stamps in the future) or "late" (over 1 s after its stamp).
     `frames` are the frames concerned.
     """
 

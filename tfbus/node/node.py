@@ -58,7 +58,7 @@ class Node:
     """A named member of the bus, from its construction until `close()` or the end of its `with`.
 
     All callbacks (topics, services, actions, timers, parameters) run one at a time on its own
-    thread: they need no locks among them, and there is nothing to spin. A callback that waits, for
+    thread: they need no locks, and there is nothing to spin. A callback that waits, for
     a lookup or a service, holds up the others, also those that send what it waits for. So let it be
     an `async def`, or give it a `callback_group`, whose callbacks run on further threads, at most
     `callback_threads` at once.
@@ -68,8 +68,8 @@ class Node:
     SIGTERM ends all later waits too. In a notebook or at Python's prompt Ctrl-C raises
     KeyboardInterrupt from any call. The node works until it is closed.
 
-    With `sim_time` in its settings its time, and the seconds of timers, `wait` and lookups, are
-    those of the topic `clock`.
+    `log` is its `logging.Logger`. With `sim_time` in its settings its time, and the seconds of
+    timers, `wait` and lookups, are those of the topic `clock`.
 
     `settings`, or `name`, `namespace`, `parameters` and the environment, say how to join the bus. A
     client waits for its router for at most `patience_s`. Raises BusError if it cannot join.

@@ -343,7 +343,7 @@ class Timer:
     """A callback that runs every `period_s` seconds until it is cancelled.
 
     Ticks that another callback held up are not made up for: the next one comes a whole number of
-    periods after the first. With `once` there is only the first.
+    periods after the first.
     """
 
     def __init__(

@@ -94,8 +94,8 @@ _OF_PLAY = {
     "start",
     type=MomentType(),
     metavar="TIME",
-    help="Start at this moment: 10 is 10 s after the beginning, -10 is 10 s before the end; or a "
-    "date and time, or seconds since 1970.",
+    help="Start at this moment: 10 is 10 s after the beginning, -10 before the end; or a date "
+    "and time, or seconds since 1970.",
 )
 @click.option(
     "--to",

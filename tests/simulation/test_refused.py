@@ -256,16 +256,25 @@ def _draw() -> list[object]:
 
 
 class _Importing(ModuleType):
-    """A module that imports another once it is looked at."""
+    """A module that imports another once it is looked at, and has one that is missing."""
 
     def __getattribute__(self, name: str) -> object:
         sys.modules.setdefault("_imported_meanwhile", ModuleType("_imported_meanwhile"))
         return super().__getattribute__(name)
 
 
-def test_a_module_may_import_others_while_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one does that loads lazily; the network after that begins all the same."""
-    monkeypatch.setitem(sys.modules, "_importing", _Importing("_importing"))
+class _Missing:
+    """Stands for a package that is missing."""
+
+    def __getattribute__(self, name: str) -> object:
+        raise ModuleNotFoundError(name)
+
+
+def test_modules_may_be_odd(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They import others while they are looked at, or hold names that raise if they are used."""
+    importing = _Importing("_importing")
+    vars(importing)["missing"] = _Missing()
+    monkeypatch.setitem(sys.modules, "_importing", importing)
     try:
         for _ in range(2):
             with Network():

@@ -153,7 +153,7 @@ def declare_signed_subscriber(
 def _ask_urgently(
     session: Session, key: str, callback: Callable[[str, bytes], None], *, others: bool
 ) -> None:
-    """Query what is retained by ourselves, too. Zenoh's query has the priority of topics: where
+    """Query what is retained by ourselves, too. Zenoh's query has the priority of topics: if
     transforms fill a link, as before that of datagrams is open, it comes after all of them.
     """
 

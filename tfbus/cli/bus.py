@@ -72,7 +72,7 @@ def look(session: "Session", *, warns: bool = True) -> Graph:
 
 
 def warn_if_starved(names: Collection[str]) -> None:
-    """Warn that what a command calls gone, robots or frames by their names, may be there, where
+    """Warn that what a command calls gone, robots or frames by their names, may be there, if
     this host was too busy for the command to hear of them.
     """
     starved_s = scheduler.longest_wait_for_cpu_s() if names else 0.0

@@ -153,7 +153,7 @@ class FleetWatch:
 
     def robots(self, moment: BusMoment, *, has_frames: bool = True) -> list[RobotStatus]:
         """The robots at a moment, worst first. One before the last moment begins again, as of a
-        recording that is played once more. Where the moment is one without frames, those that were
+        recording that is played once more. If the moment is one without frames, those that were
         seen last count, and ages are by the streams.
         """
         if self._counted and moment.at_ns < self._counted[-1][0]:

@@ -256,7 +256,7 @@ class RecordedFrames:
     # Items
 
     def apply(self, item: Item) -> Item | None:
-        """Apply the next item; it, as it is called here, None where it is not seen from here."""
+        """Apply the next item; it, as it is called here, None if it is not seen from here."""
         self._clock.log_ns = item.log_ns
         if isinstance(item, TransformItem):
             return self._apply_transforms(item)

@@ -49,7 +49,7 @@ def new_event_loop() -> "asyncio.AbstractEventLoop":
 def waited_for_cpu_s() -> float:
     """For how long this thread has been ready to run in all while others had the CPUs, in s.
 
-    0.0 where the system does not tell, and in a simulation, in which computing takes no time.
+    0.0 if the system does not tell, and in a simulation, in which computing takes no time.
     """
     return 0.0 if is_simulated else _waited_s("/proc/thread-self/schedstat")
 

@@ -77,21 +77,22 @@ _searched = _Searched()
 
 def _of_module(module: Any, namespace: dict[str, Any], replaced: Replaced) -> Iterator[_Swap]:
     for name, value in list(namespace.items()):
+        # By its type: a value may stand for a package that is missing, and raise if it is asked.
+        kind = type(value)
         if id(value) in replaced:
             yield partial(_swap_attribute, module, name)
-        elif getattr(value, "__module__", None) != namespace.get("__name__"):
-            continue
-        elif isinstance(value, FunctionType):
+        elif kind is FunctionType and value.__module__ == namespace.get("__name__"):
             yield from _of_function(value, replaced)
-        elif isinstance(value, type):
+        elif issubclass(kind, type) and value.__module__ == namespace.get("__name__"):
             yield from _of_class(value, replaced)
 
 
 def _of_class(owner: type, replaced: Replaced) -> Iterator[_Swap]:
     for name, value in list(vars(owner).items()):
-        if id(getattr(value, "__func__", value)) in replaced:
+        kind = type(value)
+        if id(value.__func__ if kind in (staticmethod, classmethod) else value) in replaced:
             yield partial(_swap_attribute, owner, name)
-        elif isinstance(value, FunctionType):
+        elif kind is FunctionType:
             yield from _of_function(value, replaced)
 
 
@@ -114,7 +115,7 @@ def _is_full(cell: Any) -> bool:
 
 
 def _other(value: Any, replaced: Replaced) -> Any:
-    """What takes the place of a value: another one, or itself."""
+    """The value in the place of this one: another, or itself."""
     return replaced.get(id(value), (value, value))[1]
 
 

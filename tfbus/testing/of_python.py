@@ -1,7 +1,7 @@
 """Python's own clocks, threads and signals, as the code of a simulated process finds them.
 
 A program under test reads `time.time()`, starts a `threading.Thread` or waits for a `queue.Queue`:
-in a simulated process these are the simulation's, also where they were bound before
+in a simulated process these are the simulation's, also if they were bound before
 (`from time import sleep`).
 Outside of its tasks, and for locks and programs of a module that is being imported, they stay
 Python's own: matplotlib asks a program for the fonts. Any other call that cannot be simulated is

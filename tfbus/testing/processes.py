@@ -101,7 +101,7 @@ class Process:
         return found
 
     def enter(self) -> None:
-        """One of its tasks has the turn: what Python has once is that of this process."""
+        """A task of its own has the turn: what Python has once is that of this process."""
         if self.program is not None:
             self.program.enter()
         elif self.argv:

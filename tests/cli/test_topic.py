@@ -314,7 +314,7 @@ class TestEcho:
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pose", "--field", "thta")
         assert (code, out) == (2, "")
-        assert err.endswith("no 'thta'; did you mean 'theta'?\n")
+        assert err.endswith("there is no field 'thta'; did you mean 'theta'?\n")
 
 
 def test_a_client_works_through_a_router(bus: Bus) -> None:

@@ -297,7 +297,7 @@ def test_tools_that_close_while_they_begin_to_watch_leave_nothing_open(
     viewer = bus.node("viewer")
     named = NamedMessages(viewer, lambda key, message, size: None)
     monkeypatch.setattr("tfbus.frames.named.StreamWatch", ClosedMeanwhile)
-    named.take("tf/arm", numbered(1))
+    named.decode("tf/arm", numbered(1))
     assert ended.wait(5.0)
     eventually(lambda: watches[0]._closed)
 

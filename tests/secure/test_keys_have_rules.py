@@ -54,6 +54,7 @@ RETAINED = {"static_transforms_key", "stream_key"}
 
 # Functions that take keys apart, or patterns of another kind.
 NO_KEYS = {
+    "changed_selector",
     "definitions_selector",
     "description_selector",
     "kept_selector",

@@ -167,6 +167,7 @@ def _ask_urgently(
 def _subscriber(
     session: Session, key: str, handler: Any, *, others: bool = False, only_new: bool = False
 ) -> Declaration:
+    zenoh_library.check_not_forked()
     history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
     with bus_errors(f"subscribe to {key}", session.settings.name):
         subscriber = RetainedSubscriber(

@@ -44,7 +44,7 @@ class GraphWatch:
     tokens and descriptions; closed by `close()`.
 
     `on_change(name, description)` is called for each node, for each change of its description, and
-    with None as soon as it is gone. The counts of a node of its buffers and delays, and which of its
+    with None as soon as it is gone. A node's counts of its buffers and delays, and which of its
     streams have no listener, are no change; of nodes that share a name the last started counts.
     `on_nodes(descriptions)` is called with all nodes after each question, at least every second,
     changed or not. Calls come one at a time, on a thread of its own.

@@ -298,7 +298,7 @@ def test_time_threads_and_waiting_come_from_the_scheduler() -> None:
 
 
 def _at_import(tree: ast.AST) -> Iterator[ast.AST]:
-    """What of a file runs when it is imported: all but the bodies of functions, and annotations."""
+    """The parts of a file that run at its import: not bodies of functions, nor annotations."""
     for name, value in ast.iter_fields(tree):
         is_body = name == "body" and isinstance(tree, FUNCTIONS)
         if not is_body and name not in ("annotation", "returns"):

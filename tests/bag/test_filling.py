@@ -142,7 +142,7 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
 
 
 def filling_of_one() -> tuple[Filling, _Keeper]:
-    """What fills a recording, and a recorder that keeps, without a bus."""
+    """The filling of a recording, and a recorder that keeps, without a bus."""
     recorder: Any = SimpleNamespace(now_ns=lambda: 0)
     session: Any = SimpleNamespace(watch_living=lambda key, callback: None)
     capture: Any = SimpleNamespace()

@@ -73,7 +73,7 @@ def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
 
 
 def test_a_command_that_got_no_cpu_says_so(fleet: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it calls missing or gone may be there; where nothing is, it says nothing."""
+    """Robots that it calls missing or gone may be there; without any it says nothing."""
     monkeypatch.setattr(scheduler, "longest_wait_for_cpu_s", lambda: 7.5)
     assert fleet.run("fleet").stderr == ""
     warning = " ".join(fleet.run("fleet", "--expect", "robot[1-3]").stderr.split())

@@ -53,7 +53,7 @@ class Seen:
 
 @pytest.fixture
 def seen(bus: Bus) -> Iterator[Seen]:
-    """What a node of the test sees."""
+    """The nodes that a node of the test sees."""
     found = Seen(bus.node("looker").session)
     yield found
     found.watch.close()

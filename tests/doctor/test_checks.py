@@ -522,7 +522,7 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
 def test_samples_that_come_long_after_their_stamps_are_found(
     nodes: tuple[NodeDescription, ...], changes: dict[str, Any], verdict: str, healthy: Examination
 ) -> None:
-    """Where they come often, and never sooner, and no simulated time may explain them."""
+    """Samples count as late if they come often, never sooner, and by no simulated time."""
     flow = {"delays_s": spread_of([5.0, 5.1])} | changes
     finding = CHECKS["stamps"](with_nodes(*nodes)(with_flow(**flow)(healthy)))
     assert finding.verdict == verdict

@@ -112,7 +112,7 @@ def test_a_busy_host_is_named_instead_of_the_callback_that_waited_for_a_cpu(
 
 @pytest.mark.real
 def test_a_thread_that_others_leave_no_cpu_has_waited_for_it() -> None:
-    """More of them than CPUs: the system tells how long each was ready to run in vain."""
+    """With more threads than CPUs, the system tells how long each was ready to run in vain."""
     if not scheduler.waited_for_cpu_s():
         needs.skip("a system that tells how long a thread has waited for a CPU")
     others = [

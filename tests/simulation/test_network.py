@@ -282,7 +282,7 @@ def test_a_fault_that_there_is_not_is_refused(network: Network) -> None:
 
 
 def test_a_process_that_has_ended_is_not_entered(network: Network) -> None:
-    """What happens in it would never happen."""
+    """Its calls would never happen."""
     arm = _tree(network, "robot", "arm")
     network.kill(arm)
     with pytest.raises(SimulationError, match="'robot/arm' does not run"), network.within(arm):

@@ -61,11 +61,17 @@ def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
                 yield owner, name, refusal
 
 
-def _socket(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a socket cannot be simulated: its other end is in real time. Use a topic or a service, or "
-        "give the node an object in its place that the test makes"
-    )
+def _refusing(sentence: str) -> Callable[..., NoReturn]:
+    def refuse(*_: object, **__: object) -> NoReturn:
+        raise SimulationError(sentence)
+
+    return refuse
+
+
+_socket = _refusing(
+    "a socket cannot be simulated: its other end is in real time. Use a topic or a service, or "
+    "give the node an object in its place that the test makes"
+)
 
 
 def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:
@@ -76,46 +82,35 @@ def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:
     )
 
 
-def _fork(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a process of the system cannot be simulated: it runs in real time. Run its main function "
-        "by network.program(host, main)"
-    )
+_fork = _refusing(
+    "a process of the system cannot be simulated: it runs in real time. Run its main function "
+    "by network.program(host, main)"
+)
 
+_end = _refusing(
+    "a signal to threads or groups of processes cannot be simulated: it would end the test. "
+    "Use os.kill(os.getpid(), number)"
+)
 
-def _end(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a signal to threads or groups of processes cannot be simulated: it would end the test. "
-        "Use os.kill(os.getpid(), number)"
-    )
+_alarm = _refusing(
+    "an alarm of the system cannot be simulated: it comes in real time, and would end the "
+    "test. Use a timer of the node, or threading.Timer"
+)
 
+_signal_wait = _refusing(
+    "a wait for a signal of the system cannot be simulated: it takes real time. Let "
+    "node.spin() wait, or threading.Event().wait()"
+)
 
-def _alarm(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "an alarm of the system cannot be simulated: it comes in real time, and would end the "
-        "test. Use a timer of the node, or threading.Timer"
-    )
+_thread_start = _refusing(
+    "a thread of _thread.start_new_thread cannot be simulated: it runs in real time. Use "
+    "threading.Thread"
+)
 
-
-def _signal_wait(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a wait for a signal of the system cannot be simulated: it takes real time. Let "
-        "node.spin() wait, or threading.Event().wait()"
-    )
-
-
-def _thread_start(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a thread of _thread.start_new_thread cannot be simulated: it runs in real time. Use "
-        "threading.Thread"
-    )
-
-
-def _session(*_: object, **__: object) -> NoReturn:
-    raise SimulationError(
-        "a session of Zenoh's own cannot be simulated: it has sockets. Use the topics and services "
-        "of a node"
-    )
+_session = _refusing(
+    "a session of Zenoh's own cannot be simulated: it has sockets. Use the topics and services "
+    "of a node"
+)
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def on_dds() -> Iterator[Subscriptions]:
     "opening", [on_zenoh, on_rospy, pytest.param(on_dds, marks=pytest.mark.real)]
 )
 def test_no_call_goes_on_after_its_subscription_is_closed(opening: Any) -> None:
-    """What closes it waits for the call, except the call itself."""
+    """Closing it waits for the call, unless the call itself closes it."""
     closed, calls = threading.Event(), list[str]()
 
     def close() -> None:

@@ -17,7 +17,7 @@ from setuptools.errors import CCompilerError, CompileError, ExecError, PlatformE
 
 # A .pxd file beside each has its C types, if it has any.
 KERNEL = (
-    "tfbus.core.kernel",
+    "tfbus.geometry.kernel",
     "tfbus.geometry.rotations",
     "tfbus.geometry.transform",
     "tfbus.geometry.columns",
@@ -25,7 +25,7 @@ KERNEL = (
     "tfbus.wire.transform_bytes",
     "tfbus.buffer.tree",
     "tfbus.buffer.insert_many",
-    "tfbus.core.batch_lookup",
+    "tfbus.geometry.batch_lookup",
     "tfbus.buffer.lock",
     "tfbus.buffer.store",
     "tfbus.buffer.lookup",
@@ -35,9 +35,9 @@ KERNEL = (
 
 # Those that do arithmetic on poses.
 HOT = (
-    "tfbus.core.kernel",
+    "tfbus.geometry.kernel",
     "tfbus.buffer.insert_many",
-    "tfbus.core.batch_lookup",
+    "tfbus.geometry.batch_lookup",
 )
 
 # The arithmetic of a pose is many small functions, which the compiler must inline into one, however

@@ -21,8 +21,8 @@ from benchmarks import machine
 from benchmarks.parts import Part, Table
 from benchmarks.report import amount
 from tfbus import Robot
+from tfbus.base.installation import installed_version
 from tfbus.buffer.buffer import COMPILED
-from tfbus.runtime.installation import installed_version
 
 # Limbs, and the joints of each, of which every third is fixed.
 ROBOTS = {"an arm": (1, 10), "a humanoid": (5, 15)}

@@ -30,8 +30,8 @@ import msgpack
 
 from benchmarks import machine
 from benchmarks.parts import Part, Table
+from tfbus.base.installation import installed_version
 from tfbus.buffer.buffer import COMPILED
-from tfbus.runtime.installation import installed_version
 from tfbus.view.screenshot import FLAGS
 
 RATE_HZ = 30.0

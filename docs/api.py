@@ -24,7 +24,7 @@ import tfbus.messages
 import tfbus.sensor_files
 import tfbus.testing
 import tfbus.view
-from tfbus.runtime.structs import Struct
+from tfbus.base.structs import Struct
 from tfbus.view import View
 
 PAGE = Path(__file__).parent / "reference" / "api.md"

@@ -26,8 +26,8 @@ import yaml
 from PIL import Image
 
 from tfbus import NodeSettings
+from tfbus.base.signals import StopSignals
 from tfbus.frames.command_listener import listening
-from tfbus.runtime.signals import StopSignals
 from tfbus.top.app import TopApp
 from tfbus.top.rows import TopSource
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS, find_browser

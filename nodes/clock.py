@@ -13,9 +13,9 @@ from dataclasses import replace
 import click
 
 from tfbus import Node, NodeSettings, Number, node_options
+from tfbus.base.wording import stamp_text
 from tfbus.command import Declared, Moment, MomentType, NodeCommand
 from tfbus.messages import Clock, Empty, SetClock
-from tfbus.wording import stamp_text
 
 # The time is published at most this often; shorter steps are joined.
 SHORTEST_TICK_S = 0.001

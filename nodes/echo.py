@@ -38,6 +38,7 @@ from tfbus import (
     fleet_options,
     node_options,
 )
+from tfbus.base.wording import listed
 from tfbus.command import (
     POSITIVE,
     BagChoice,
@@ -58,7 +59,6 @@ from tfbus.frames import (
     short_line,
     tf2_block,
 )
-from tfbus.wording import listed
 
 if TYPE_CHECKING:
     from tfbus import Node, TransformListener

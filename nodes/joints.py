@@ -26,9 +26,9 @@ from tfbus import (
     UrdfError,
     node_options,
 )
+from tfbus.base.wording import counted, did_you_mean, listed, printable
 from tfbus.command import Declared, NodeCommand, RawTerminal
 from tfbus.messages import JointState, RobotDescription
-from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .robot.board import Board
 from .robot.description import xacro_arguments

@@ -31,9 +31,9 @@ from tfbus import (
     UrdfError,
     node_options,
 )
+from tfbus.base.wording import counted, did_you_mean, listed, printable
 from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Empty, JointState, RobotDescription, RobotMesh, SetDescription
-from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .robot.description import DescriptionFile, xacro_arguments
 from .robot.joint_frames import JointFrames

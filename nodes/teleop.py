@@ -8,6 +8,7 @@ from collections.abc import Callable
 import click
 
 from tfbus import Node, NodeSettings, node_options
+from tfbus.base.wording import listed
 from tfbus.command import (
     Declared,
     KeyReader,
@@ -16,7 +17,6 @@ from tfbus.command import (
     namespaces_serving,
 )
 from tfbus.messages import RotateAbsolute, Twist, Vector3
-from tfbus.wording import listed
 
 BANNER = """\
 Reading from keyboard

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.buffer.store import Store
 from tfbus.geometry.columns import Columns
-from tfbus.listen.info import StreamState
 from tfbus.recording.items import Item, RecordedStream, TransformItem
+from tfbus.streams.info import StreamState
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 

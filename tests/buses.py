@@ -12,8 +12,8 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import Timer
+from tfbus.base import scheduler
+from tfbus.base.clock import Timer
 from tfbus.wire.keys import stream_key
 
 T = TypeVar("T")

@@ -9,9 +9,9 @@ import zenoh
 
 from tests.live_bus import free_port
 from tfbus import Node, NodeSettings
+from tfbus.bus.keystore import Keystore
+from tfbus.bus.rights import Identity, Rights, access_control
 from tfbus.bus.session import Session
-from tfbus.secure.keystore import Keystore
-from tfbus.secure.rights import Identity, Rights, access_control
 
 _QUICK = (
     "{scouting: {multicast: {enabled: false}, delay: 10},"

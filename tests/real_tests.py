@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tfbus.runtime import scheduler
+from tfbus.base import scheduler
 from tfbus.testing.of_python import is_importing
 
 MARKER = "real"

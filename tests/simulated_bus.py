@@ -133,6 +133,6 @@ def bare_host() -> Iterator[None]:
         patch("tfbus.doctor.examine.RosWatch.look_at_router", lambda watch: None),
         patch("tfbus.bus.interfaces.interface_of", interface),
         patch("tfbus.doctor.examine.local_scouts", dict),
-        patch("tfbus.runtime.installation.commit_of_clone", lambda: ""),
+        patch("tfbus.base.installation.commit_of_clone", lambda: ""),
     ):
         yield

@@ -6,7 +6,7 @@ import pytest
 
 import tfbus
 from tfbus import Buffer, NoDataException, TimeoutException, Transform
-from tfbus.wording import near_names
+from tfbus.base.wording import near_names
 
 
 @pytest.mark.parametrize(

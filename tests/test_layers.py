@@ -16,26 +16,18 @@ ROOT = Path(__file__).parents[1]
 # Lowest first. A package imports packages of lower storeys, and none of its own storey. A
 # folder of a package that is listed here is a room of its own.
 STOREYS = [
-    {"wording"},
-    {"errors", "names"},
-    {"runtime"},
-    {"core"},
+    {"base"},
     {"geometry", "messages"},
-    {"sensor_files", "trajectory"},
-    {"buffer", "robot", "wire"},
-    {"ros", "secure"},
+    {"buffer", "robot", "sensor_files", "wire"},
+    {"ros"},
     {"recording"},
     {"bus"},
-    {"discover", "testing"},
-    {"command"},
+    {"command", "testing"},
     {"node"},
-    {"broadcast", "listen"},
-    {"frames"},
-    {"bag", "inspect"},
-    {"monitor"},
-    {"compat", "doctor", "foxglove", "launch", "ros.bridge", "top", "view"},
+    {"streams"},
+    {"bag", "frames"},
+    {"compat", "doctor", "foxglove", "inspect", "launch", "ros.bridge", "top", "view"},
     {"cli"},
-    {"__main__"},
 ]
 RANK = {package: rank for rank, storey in enumerate(STOREYS) for package in storey}
 
@@ -114,7 +106,7 @@ LIBRARY = [path for path in sources("tfbus") if path.parent.name != "tfbus" or p
 
 def test_every_package_has_a_storey_and_says_its_job() -> None:
     """Each package stands on one storey; its __init__.py says its job in one sentence."""
-    assert {package_of(path) for path in sources("tfbus")} == {*RANK, "__init__"}
+    assert {package_of(path) for path in sources("tfbus")} == {*RANK, "__init__", "__main__"}
     for folder in {path.parent for path in LIBRARY} - {ROOT / "tfbus"}:
         said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
         assert said and len(said.split("\n\n")[0].splitlines()) <= 2, folder
@@ -140,40 +132,23 @@ def test_imports_point_downwards() -> None:
 
 # Each star stands on public names, on `frames`, and on the ground; besides, on no
 # package that is not listed here. `cli` opens the doors of the others.
-GROUND = {"errors", "frames", "inspect", "messages", "names", "runtime", "wording"}
+GROUND = {"base", "frames", "inspect", "messages"}
 STARS: dict[str, set[str]] = {
     "view": {
-        "bus",
-        "command",
-        "discover",
-        "geometry",
-        "listen",
-        "node",
-        "recording",
-        "robot",
-        "secure",
-        "wire",
+        *("bus", "command", "geometry", "node", "recording", "robot", "streams", "wire"),
     },
     "foxglove": {
-        *("bag", "bus", "discover", "geometry", "listen", "node", "recording", "robot", "ros"),
-        *("secure", "wire"),
+        *("bag", "bus", "geometry", "node", "recording", "robot", "ros", "streams", "wire"),
     },
-    "ros.bridge": {
-        *("broadcast", "bus", "command", "core", "discover", "geometry", "listen", "node", "ros"),
-        "wire",
-    },
-    "compat": {"buffer", "bus", "core", "discover", "node", "ros", "wire"},
-    "monitor": {"core", "geometry", "listen", "recording", "wire"},
-    "top": {"monitor"},
-    "doctor": {"buffer", "bus", "core", "discover", "monitor", "ros", "wire"},
-    "bag": {
-        *("broadcast", "bus", "core", "discover", "geometry", "listen", "node", "recording", "ros"),
-        "wire",
-    },
-    "launch": {"bus", "secure", "wire"},
+    "ros.bridge": {"bus", "command", "geometry", "node", "ros", "streams", "wire"},
+    "compat": {"buffer", "bus", "geometry", "node", "ros", "wire"},
+    "top": set(),
+    "doctor": {"buffer", "bus", "geometry", "ros", "wire"},
+    "bag": {"bus", "geometry", "node", "recording", "ros", "streams", "wire"},
+    "launch": {"bus", "wire"},
     "cli": {
-        *("bag", "buffer", "bus", "command", "compat", "discover", "doctor", "geometry", "launch"),
-        *("monitor", "node", "recording", "ros", "secure", "sensor_files", "top", "wire"),
+        *("bag", "buffer", "bus", "command", "compat", "doctor", "geometry", "launch", "node"),
+        *("recording", "ros", "sensor_files", "top", "wire"),
     },
 }
 
@@ -200,10 +175,10 @@ def test_a_star_stands_on_public_names_and_on_frames(star: str) -> None:
 
 
 def test_no_star_imports_another_star() -> None:
-    """But for the command line, the measurements of `monitor`, and the player of recordings."""
+    """But for the command line and the player of recordings."""
     leaning = {(star, other) for star, granted in STARS.items() for other in granted & STARS.keys()}
     leaning = {pair for pair in leaning if pair[0] != "cli"}
-    assert leaning <= {("top", "monitor"), ("doctor", "monitor"), ("foxglove", "bag")}
+    assert leaning <= {("foxglove", "bag")}
 
 
 @pytest.mark.parametrize(
@@ -271,18 +246,18 @@ def test_only_the_bus_imports_zenoh() -> None:
     assert unstable == {"retained.py"}
 
 
-# Python's own of these are in runtime/scheduler.py alone. Programs, bridges and windows have them,
+# Python's own of these are in base/scheduler.py alone. Programs, bridges and windows have them,
 # too, for which a simulation has stand-ins (testing/of_python.py), and files that have to do with
 # the real machine.
 WAITING = {"_thread", "queue", "sched", "select", "selectors", "threading", "time"}
 PROGRAMS = {
-    *("__main__", "cli", "command", "compat", "doctor", "foxglove", "launch", "ros", "ros.bridge"),
-    *("secure", "testing", "top", "view"),
+    *("cli", "command", "compat", "doctor", "foxglove", "launch", "ros", "ros.bridge"),
+    *("testing", "top", "view"),
 }
 REAL = {
-    "runtime/scheduler.py": "it is the one place",
-    "runtime/signals.py": "signals come to the main thread of a real process",
-    "runtime/callbacks.py": "what belongs to a thread of Python's",
+    "base/scheduler.py": "it is the one place",
+    "base/signals.py": "signals come to the main thread of a real process",
+    "base/callbacks.py": "what belongs to a thread of Python's",
     "buffer/lock.py": "C's own, or a lock that a signal handler may enter",
     "bus/callbacks.py": "the state that Python keeps of Zenoh's threads",
     "bus/neighbours.py": "the sockets of the real network",
@@ -291,7 +266,7 @@ REAL = {
 
 
 def test_time_threads_and_waiting_come_from_the_scheduler() -> None:
-    """The core takes time, threads and queues from runtime/scheduler.py."""
+    """The core takes time, threads and queues from base/scheduler.py."""
     core = [path for path in LIBRARY if package_of(path) not in PROGRAMS]
     users = {str(path.relative_to(ROOT / "tfbus")) for path in core if libraries(path) & WAITING}
     assert users == REAL.keys()
@@ -323,10 +298,10 @@ def test_names_of_the_scheduler_are_looked_up_when_they_are_used() -> None:
             assert not [text for text in bound if text.startswith("scheduler.")], path
 
 
-SCHEDULER = "tfbus.runtime.scheduler"
+SCHEDULER = "tfbus.base.scheduler"
 
 
-@pytest.mark.parametrize("package", ["core", "geometry", "buffer", "robot"])
+@pytest.mark.parametrize("package", ["geometry", "buffer", "robot"])
 def test_transforms_and_the_buffer_know_nothing_of_the_bus(package: str) -> None:
     """Transforms and the buffer are usable without Zenoh, msgpack and click."""
     used = {name for path in sources(f"tfbus/{package}") for name in libraries(path)}
@@ -343,7 +318,7 @@ def test_the_library_knows_no_node() -> None:
 DOORS = (
     "tfbus",
     "tfbus.messages",
-    "tfbus.wording",
+    "tfbus.base.wording",
     "tfbus.ros.bridge",
     "tfbus.command",
     "tfbus.foxglove",

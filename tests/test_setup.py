@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.runtime.installation import why_not_installed
+from tfbus.base.installation import why_not_installed
 
 pytestmark = pytest.mark.real
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.wording import (
+from tfbus.base.wording import (
     age,
     columns,
     counted,

@@ -28,7 +28,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    from tfbus.runtime.installation import InterpretedWarning, why_not_installed
+    from tfbus.base.installation import InterpretedWarning, why_not_installed
 
     if mistake := why_not_installed():
         sys.exit(f"Error: {mistake}")

@@ -1,21 +1,21 @@
 """The bus at one moment, live or recorded, and its changes: for dashboards and own checks."""
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from tfbus.discover.graph import Endpoint as Endpoint
-    from tfbus.discover.graph import ServiceInfo as ServiceInfo
-    from tfbus.discover.graph import TopicInfo as TopicInfo
+    from tfbus.bus.graph import Endpoint as Endpoint
+    from tfbus.bus.graph import ServiceInfo as ServiceInfo
+    from tfbus.bus.graph import TopicInfo as TopicInfo
     from tfbus.frames.changes import BusChange as BusChange
     from tfbus.frames.changes import Recorded as Recorded
     from tfbus.frames.moment import BusMoment as BusMoment
     from tfbus.frames.moment import FrameStatus as FrameStatus
     from tfbus.frames.snapshot import Problem as Problem
     from tfbus.frames.watch import Watch as Watch
-    from tfbus.listen.info import StreamInfo as StreamInfo
+    from tfbus.streams.info import StreamInfo as StreamInfo
     from tfbus.wire.descriptions import NodeDescription as NodeDescription
 
 _MODULE_OF = {
@@ -25,11 +25,11 @@ _MODULE_OF = {
     "FrameStatus": "tfbus.frames.moment",
     "Problem": "tfbus.frames.snapshot",
     "BusChange": "tfbus.frames.changes",
-    "StreamInfo": "tfbus.listen.info",
+    "StreamInfo": "tfbus.streams.info",
     "NodeDescription": "tfbus.wire.descriptions",
-    "TopicInfo": "tfbus.discover.graph",
-    "ServiceInfo": "tfbus.discover.graph",
-    "Endpoint": "tfbus.discover.graph",
+    "TopicInfo": "tfbus.bus.graph",
+    "ServiceInfo": "tfbus.bus.graph",
+    "Endpoint": "tfbus.bus.graph",
 }
 
 __all__ = sorted(_MODULE_OF)

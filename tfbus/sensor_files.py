@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.messages import CompressedImage, Image, PointCloud
 
 M = TypeVar("M")

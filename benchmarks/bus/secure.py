@@ -22,8 +22,8 @@ class ClosedPlace(Place):
     """A place on a closed bus, whose processes have one of this number of identities."""
 
     def __init__(self, folder: Path, identities: int) -> None:
-        from tfbus.secure.keystore import Keystore
-        from tfbus.secure.rights import Identity, Rights
+        from tfbus.bus.keystore import Keystore
+        from tfbus.bus.rights import Identity, Rights
 
         super().__init__(folder)
         self.endpoint = self.endpoint.replace("tcp/", "tls/")

@@ -26,7 +26,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.bag.raw_queue import TransformSource
-from tfbus.core.packed import STAMP_SIZE
+from tfbus.geometry.packed import STAMP_SIZE
 from tfbus.messages import Vector3
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.keys import transforms_key

@@ -13,10 +13,10 @@ from benchmarks.recordings import robot
 from benchmarks.recordings.cost import cpu_s, say_cost
 from benchmarks.recordings.robot import HOUR, LAST, PERIOD_NS
 from tfbus import Buffer, Recording
+from tfbus.base.installation import installed_version
 from tfbus.buffer.buffer import COMPILED
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.writer import Compression, RecordingWriter
-from tfbus.runtime.installation import installed_version
 
 _LOOKUPS = 100
 

@@ -5,9 +5,9 @@ missing or not known.
 from collections.abc import Sequence
 
 from tfbus import Robot, TransformStamped, UrdfError
+from tfbus.base.wording import printable
 from tfbus.command import frame_mistake
 from tfbus.messages import JointState
-from tfbus.wording import printable
 
 # A stamp that is older than the last of its joints by more than this is of a time that began again.
 _RESTARTED_NS = 1_000_000_000

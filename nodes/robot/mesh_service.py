@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tfbus import Robot, ServiceError
+from tfbus.base.wording import counted, listed, printable
 from tfbus.messages import RobotMesh
-from tfbus.wording import counted, listed, printable
 
 MOST_BYTES = 100_000_000
 PART_BYTES = 1_000_000

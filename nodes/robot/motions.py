@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Protocol
 
 from tfbus import Recording, Robot, TfbusError
+from tfbus.base.wording import counted, did_you_mean, listed, printable
 from tfbus.command import install_command
 from tfbus.messages import JointState
-from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .ranges import Range
 

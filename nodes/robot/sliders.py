@@ -4,8 +4,8 @@ import shutil
 import sys
 
 from tfbus import Node
+from tfbus.base.wording import columns, counted, cut, printable
 from tfbus.command import KeyReader, RawTerminal
-from tfbus.wording import columns, counted, cut, printable
 
 from .board import Board, Posture
 from .ranges import Range

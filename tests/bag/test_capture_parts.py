@@ -19,7 +19,7 @@ from tfbus.bag.raw_queue import (
     TransformSource,
 )
 from tfbus.bag.recorder import SnapshotCondition, Triggers
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.items import EventItem, RecordedStream
 from tfbus.wire.codec import as_map, encode_map
 from tfbus.wire.descriptions import StreamDescription

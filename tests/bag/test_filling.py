@@ -16,7 +16,7 @@ from tfbus import Node, NodeSettings, TransformBroadcaster
 from tfbus.bag.filling import Filling, _Gap, _Keeper
 from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.bag.kept import alone_in
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
 from tfbus.messages import Vector3
 from tfbus.recording.items import ALL, EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader

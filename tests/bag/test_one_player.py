@@ -16,12 +16,12 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: the extra foxglove")
 
 from tfbus.bag.player import Player
+from tfbus.base import scheduler
 from tfbus.cli.bag.play_run import follow
 from tfbus.foxglove import playback
 from tfbus.foxglove.protocol import PlaybackControl
 from tfbus.recording.playhead import FASTEST, SLOWEST, AtEnd, Progress
 from tfbus.recording.reader import RecordingReader
-from tfbus.runtime import scheduler
 from tfbus.testing.network import Network
 from tfbus.view.panels.markup import Channel
 from tfbus.view.panels.player import PlayerBar

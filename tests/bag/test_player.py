@@ -11,7 +11,7 @@ from tests.buses import DEADLINE_S, eventually
 from tests.fakes import Clock, InAThread, Tape, TapeState
 from tfbus import InvalidArgumentException
 from tfbus.bag.player import Player, ReadAhead
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.playhead import Pace, Progress

@@ -19,13 +19,13 @@ from tests.fakes import Lines
 from tfbus.bag.keeping import PartsWritten, Splits
 from tfbus.bag.raw_queue import EVENTS, Past, Raw, RawQueue, TopicSource, TransformSource
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers
+from tfbus.base import scheduler
+from tfbus.base.errors import TfbusError
+from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
-from tfbus.errors import TfbusError
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
-from tfbus.runtime import scheduler
-from tfbus.runtime.structs import replace
 from tfbus.wire.codec import as_map, encode_map
 from tfbus.wire.transforms import TransformReader
 

@@ -17,8 +17,8 @@ from tests.builders import S, at, x_of
 from tests.buses import eventually
 from tests.fakes import Clock as FakeClock
 from tests.fakes import InAThread, Lines
-from tests.listen.received import registry_of
 from tests.simulated_bus import Bus
+from tests.streams.received import registry_of
 from tfbus import (
     Buffer,
     InvalidNameError,
@@ -33,8 +33,6 @@ from tfbus.bag.replayed_stream import ReplayedNames, ReplayedStream, StreamEpoch
 from tfbus.bag.replayed_time import moved
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.info import StreamState
-from tfbus.listen.watch import StreamWatch
 from tfbus.messages import (
     Clock,
     Empty,
@@ -56,6 +54,8 @@ from tfbus.recording.items import (
 from tfbus.recording.playhead import Pace, PausableClock
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
+from tfbus.streams.info import StreamState
+from tfbus.streams.watch import StreamWatch
 from tfbus.wire.codec import as_map
 
 pytest.importorskip("mcap")

@@ -15,8 +15,8 @@ from tfbus.bag.capture import Capture
 from tfbus.bag.player import Player
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.replay import Republisher
+from tfbus.bus.ros_types import RosTypes
 from tfbus.bus.session import Session
-from tfbus.discover.ros_types import RosTypes
 from tfbus.recording.items import Selection, TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.builders import S, moved
-from tfbus.broadcast.sender import StreamOptions
+from tfbus.base.errors import InvalidArgumentException, LookupException
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
-from tfbus.core.sampling import Sampling
-from tfbus.errors import InvalidArgumentException, LookupException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import Transform, TransformStamped
+from tfbus.streams.sender import StreamOptions
 
 
 class Frame(StrEnum):

@@ -8,10 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, examples, moved
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.info import Change
-from tfbus.core.sampling import Sampling
-from tfbus.errors import (
+from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     FutureExtrapolationException,
@@ -23,9 +20,12 @@ from tfbus.errors import (
     SingleSampleException,
     TimeoutException,
 )
+from tfbus.base.wording import near_names
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.info import Change
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import Transform, TransformStamped
-from tfbus.wording import near_names
 
 
 def turned(stamp_ns: int, parent: str, child: str, yaw: float) -> TransformStamped:
@@ -413,7 +413,7 @@ def test_names_are_compared_when_an_error_is_read(monkeypatch):
         compared.append(frame)
         return near_names(frame, known)
 
-    monkeypatch.setattr("tfbus.errors.near_names", compare)
+    monkeypatch.setattr("tfbus.base.errors.near_names", compare)
     for timeout_s in (0.0, 1e-3):
         with pytest.raises((LookupException, TimeoutException)) as raised:
             buffer.lookup_transform("world", "robt", timeout_s=timeout_s)

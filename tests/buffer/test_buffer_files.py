@@ -185,7 +185,7 @@ def test_numpy_reads_the_file(tmp_path: Path) -> None:
 
 def test_an_error_while_writing_leaves_the_former_file(tmp_path: Path) -> None:
     """A file is replaced whole, and nothing is left beside it."""
-    from tfbus.runtime.whole_file import replacing
+    from tfbus.base.whole_file import replacing
 
     path = tmp_path / "a.npz"
     save(rich(), path)

@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from tests.builders import moved
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.formats import as_dot, as_text, as_yaml, show
-from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
 
 S = 1_000_000_000

@@ -8,9 +8,9 @@ import pytest
 
 from tests.builders import S, moved, store_of
 from tests.fakes import Lines
+from tfbus.base.errors import ExtrapolationException, InvalidArgumentException, TransformException
 from tfbus.buffer.buffer import Buffer
-from tfbus.core.sampling import Sampling
-from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
+from tfbus.geometry.sampling import Sampling
 
 
 def stamps_of(buffer: Buffer) -> list[int]:

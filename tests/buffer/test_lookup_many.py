@@ -8,16 +8,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tfbus.buffer import trajectories
-from tfbus.buffer.buffer import Buffer
-from tfbus.core.batch_lookup import by_time
-from tfbus.core.sampling import Sampling
-from tfbus.errors import (
+from tfbus.base.errors import (
     ConnectivityException,
     FutureExtrapolationException,
     InvalidArgumentException,
     LookupException,
 )
+from tfbus.buffer import trajectories
+from tfbus.buffer.buffer import Buffer
+from tfbus.geometry.batch_lookup import by_time
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import Transform, TransformStamped
 
 S = 1_000_000_000

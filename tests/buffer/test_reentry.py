@@ -10,9 +10,9 @@ import pytest
 
 from tests.builders import S, moved, store_of
 from tests.fakes import InAThread
+from tfbus.base.clock import Bell
+from tfbus.base.errors import FutureExtrapolationException, LookupException
 from tfbus.buffer.buffer import COMPILED, Buffer
-from tfbus.errors import FutureExtrapolationException, LookupException
-from tfbus.runtime.clock import Bell
 
 _BEGIN = """
 import gc, signal, weakref

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import store_of
+from tfbus.base.errors import ExtrapolationException
 from tfbus.buffer.buffer import Buffer
-from tfbus.core.sampling import Sampling
-from tfbus.errors import ExtrapolationException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import Transform, TransformStamped
 
 MS = 1_000_000

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.buses import eventually
 from tests.fakes import InAThread
 from tfbus import Buffer, LookupException, TimeoutException, Transform, TransformStamped
-from tfbus.runtime.clock import SimulatedClock
+from tfbus.base.clock import SimulatedClock
 
 SECOND = 1_000_000_000
 

@@ -16,9 +16,9 @@ import pytest
 
 from tests.builders import S, moved
 from tests.fakes import InAThread
+from tfbus.base.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.formats import as_yaml
-from tfbus.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped

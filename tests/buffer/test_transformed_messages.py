@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tfbus import Buffer, Transform, TransformStamped, messages
-from tfbus.errors import FutureExtrapolationException, InvalidArgumentException
+from tfbus.base.errors import FutureExtrapolationException, InvalidArgumentException
 
 S = 1_000_000_000
 MOUNT = Transform.from_rpy(0.4, -0.7, 2.1, xyz=(1.0, -2.0, 0.5))

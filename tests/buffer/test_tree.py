@@ -3,14 +3,14 @@
 import pytest
 
 from tests.builders import S, moved, x_of
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.formats import as_yaml
-from tfbus.buffer.info import Change
-from tfbus.errors import (
+from tfbus.base.errors import (
     ConnectivityException,
     LookupException,
     LoopException,
 )
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.formats import as_yaml
+from tfbus.buffer.info import Change
 
 
 def test_no_late_sample_brings_an_earlier_parent_back_above_itself() -> None:

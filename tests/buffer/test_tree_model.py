@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from tests.builders import examples, moved
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.files import load, save
-from tfbus.errors import (
+from tfbus.base.errors import (
     InvalidArgumentException,
     LookupException,
     LoopException,
     TransformException,
 )
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.files import load, save
 
 CACHE_NS = 60
 FRAMES = "abcde"

@@ -4,7 +4,7 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus import Buffer, ExtrapolationException, FutureExtrapolationException
-from tfbus.errors import PastExtrapolationException, SingleSampleException, StaleException
+from tfbus.base.errors import PastExtrapolationException, SingleSampleException, StaleException
 
 NOW_NS = 1_700_000_000 * S
 

@@ -9,17 +9,17 @@ import pytest
 from tests.builders import S, moved, store_of
 from tests.buses import DEADLINE_S, eventually, lookups_wait
 from tests.fakes import InAThread
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import LATER, LATEST
-from tfbus.buffer.lookup import Lookup as Question
-from tfbus.buffer.store import Waiter
-from tfbus.errors import (
+from tfbus.base.errors import (
     ExtrapolationException,
     FutureExtrapolationException,
     LookupException,
     PastExtrapolationException,
     TimeoutException,
 )
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.explain import LATER, LATEST
+from tfbus.buffer.lookup import Lookup as Question
+from tfbus.buffer.store import Waiter
 
 
 def waiting(buffer: Buffer, count: int = 1) -> None:

@@ -5,9 +5,9 @@ from typing import cast
 
 import pytest
 
+from tfbus.base.errors import BusError
+from tfbus.base.executor import Executor
 from tfbus.bus.query import AskUntil, Pauses
-from tfbus.errors import BusError
-from tfbus.runtime.executor import Executor
 
 
 class Asked:

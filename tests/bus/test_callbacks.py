@@ -39,7 +39,7 @@ with tfbus.Node("listener") as node, tfbus.TransformListener(buffer, node):
 # Zenoh tells of what is there already on the thread that asks, and swallows what is raised.
 INTERRUPTED = """
 import signal, threading, tfbus
-from tfbus.discover.presence import watch_nodes
+from tfbus.bus.presence import watch_nodes
 
 def on_node(name, alive):
     if threading.current_thread() is threading.main_thread():

@@ -15,12 +15,12 @@ from tests.recording.foreign_files import RawTransform, Sent, write_bag
 from tests.recordings import at as log_at
 from tests.recordings import publisher, sent, write
 from tfbus import Buffer, Trajectory
+from tfbus.base.errors import TfbusError
 from tfbus.buffer import trajectories
 from tfbus.cli import main
 from tfbus.cli.bag import VERBS
 from tfbus.cli.bag import command as group
 from tfbus.cli.bag.files import write_recording
-from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader

@@ -11,8 +11,8 @@ from click.testing import CliRunner, Result
 
 from tests import needs
 from tfbus import Recording
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.cli import main
-from tfbus.errors import InvalidArgumentException
 from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
 from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader

@@ -15,11 +15,11 @@ import tfbus
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import GoalHandle
+from tfbus.base.installation import version_and_origin
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.query import Query
 from tfbus.cli import JOBS, NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
-from tfbus.runtime.installation import version_and_origin
 from tfbus.testing.programs import Program
 from tfbus.wire.codec import encode_map
 

@@ -226,7 +226,7 @@ def test_a_description_of_a_newer_version_is_named_with_the_remedy(
         payload: bytes = msgpack.packb({**msgpack.unpackb(encode_stream(description)), "v": 2})
         return payload
 
-    monkeypatch.setattr("tfbus.broadcast.stream.encode_stream", newer)
+    monkeypatch.setattr("tfbus.streams.stream.encode_stream", newer)
     arm = bus.node("arm")
     broadcaster = TransformBroadcaster(arm, poses="compact")
     arm.create_timer(0.1, lambda: broadcaster.send_transform(at(1.0, "hand", arm.now_ns())))

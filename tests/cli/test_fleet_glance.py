@@ -10,9 +10,9 @@ import pytest
 from tests.buses import eventually, keep_sending, send_static
 from tests.recordings import described, gone, publisher, steadily, write
 from tests.simulated_bus import Bus
+from tfbus.base import scheduler
 from tfbus.cli.fleet import as_lines
 from tfbus.frames.fleet import RobotStatus, worst_first
-from tfbus.runtime import scheduler
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.simulated_bus import Bus
+from tfbus.base.errors import DecodeError
 from tfbus.cli.message import (
     complete_values,
     find_type,
@@ -16,7 +17,6 @@ from tfbus.cli.message import (
 )
 from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.topic.source import reader_of
-from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, JointState, Odometry, Path, PoseStamped, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map

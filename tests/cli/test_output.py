@@ -4,7 +4,7 @@ import pytest
 
 from tfbus.cli.output import paint, screen, table, yaml_text
 from tfbus.cli.topic.measure import BANDWIDTH, DELAY, RATE
-from tfbus.monitor.windows import WindowReading
+from tfbus.frames.windows import WindowReading
 
 
 class TestTables:

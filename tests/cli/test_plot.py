@@ -11,7 +11,7 @@ from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import TfbusError, Transform, TransformBroadcaster, TransformStamped
 from tfbus.frames.picture import PANELS, draw
-from tfbus.trajectory import Trajectory, of_checked
+from tfbus.geometry.trajectory import Trajectory, of_checked
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from tests.recordings import at, publisher, steadily, write
+from tfbus.base.errors import TfbusError
 from tfbus.command.recordings import BagChoice, bag_options, open_recording, wall
 from tfbus.command.types import parse_moment
-from tfbus.errors import TfbusError
 
 
 @pytest.fixture

@@ -21,11 +21,11 @@ from tests.tf2.steps import (
     Step,
 )
 from tests.tf2.versus import CACHE_TIME_S, TOLERANCE, Mismatch, Oracle, as_tf2_takes, is_meant
+from tfbus.base.errors import LoopException
 from tfbus.compat import tf2_ros
 from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.duration import Duration
 from tfbus.compat.rclpy.time import Time
-from tfbus.errors import LoopException
 
 pytestmark = pytest.mark.real
 

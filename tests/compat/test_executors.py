@@ -13,6 +13,8 @@ from tests.buses import DEADLINE_S, eventually
 from tests.compat.spinning import spin_until
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
+from tfbus.base.errors import TfbusError
+from tfbus.bus.remote_parameters import set_parameter
 from tfbus.compat import tf2_ros
 from tfbus.compat.geometry_msgs.msg import TransformStamped
 from tfbus.compat.rclpy.callback_groups import (
@@ -31,8 +33,6 @@ from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.time import Time
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Empty
-from tfbus.discover.parameters import set_parameter
-from tfbus.errors import TfbusError
 
 
 @contextmanager

@@ -21,6 +21,8 @@ from tests.compat.facts_of_interfaces import facts
 from tests.compat.spinning import publish_until, spin_until
 from tests.simulated_bus import Bus
 from tfbus import messages
+from tfbus.base.errors import DecodeError
+from tfbus.bus.presence import describe_nodes
 from tfbus.compat.diagnostic_msgs.msg import DiagnosticStatus
 from tfbus.compat.geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance
 from tfbus.compat.nav_msgs.msg import Odometry
@@ -31,8 +33,6 @@ from tfbus.compat.sensor_msgs.msg import Image, Imu, JointState, LaserScan
 from tfbus.compat.std_msgs.msg import Bool, ColorRGBA, Float32, Header, Int8, String
 from tfbus.compat.std_srvs.srv import SetBool, Trigger
 from tfbus.compat.visualization_msgs.msg import Marker, MarkerArray
-from tfbus.discover.presence import describe_nodes
-from tfbus.errors import DecodeError
 from tfbus.ros.definitions import interfaces_of, packages
 from tfbus.ros.message_classes import interface_class
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_message, type_name

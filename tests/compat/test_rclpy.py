@@ -12,6 +12,7 @@ from tests.buses import eventually, keep_sending, send_static
 from tests.compat.spinning import publish_until, spin_until
 from tests.simulated_bus import Bus
 from tfbus import ServiceError, messages
+from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.compat import rclpy as ported
 from tfbus.compat import tf2_ros
 from tfbus.compat.bus_types import BusType, bus_type_of
@@ -42,7 +43,6 @@ from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.std_srvs.srv import Trigger
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
-from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
 

@@ -20,7 +20,7 @@ from tests.docs.simulated_shell import start_script
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Recording, TransformListener
 from tfbus.buffer import trajectories
-from tfbus.discover.presence import describe_nodes, list_nodes
+from tfbus.bus.presence import describe_nodes, list_nodes
 from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
 from tfbus.testing.programs import Program
 

@@ -30,7 +30,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.messages import PointCloud
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import read_description

@@ -13,17 +13,17 @@ from typing import Any
 import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
+from tfbus.bus.identity_folder import SecureFolder
 from tfbus.bus.interfaces import Interface
+from tfbus.bus.rights import Identity, Rights
 from tfbus.doctor.examination import CHECKS, Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment
+from tfbus.frames.report import EdgeFlow, StreamFlow
 from tfbus.frames.snapshot import frame_tree
-from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import EdgeFlow, StreamFlow
-from tfbus.monitor.windows import spread_of
-from tfbus.secure.folder import SecureFolder
-from tfbus.secure.rights import Identity, Rights
+from tfbus.frames.windows import spread_of
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import (
     BufferDescription,
     DelayDescription,

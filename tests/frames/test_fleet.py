@@ -6,14 +6,14 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus import Buffer
-from tfbus.errors import InvalidArgumentException, LookupException
+from tfbus.base.errors import InvalidArgumentException, LookupException
+from tfbus.base.structs import replace
+from tfbus.base.wording import natural_order
 from tfbus.frames.fleet import FleetWatch, RobotStatus, worst_first
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import Problem, frame_tree
-from tfbus.listen.info import StreamInfo
-from tfbus.runtime.structs import replace
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import roster_of
-from tfbus.wording import natural_order
 
 
 def test_numbers_in_names_count_as_numbers() -> None:

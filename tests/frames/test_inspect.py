@@ -13,9 +13,9 @@ from tests.processes.sim_time import follower, start_clock
 from tests.recordings import at, described, gone, node, publisher, statics, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import FileError, InvalidArgumentException, MissingFileError, Node
+from tfbus.base import scheduler
 from tfbus.inspect import BusChange, BusMoment, Recorded, Watch
 from tfbus.messages import Vector3
-from tfbus.runtime import scheduler
 
 S = 1_000_000_000
 

@@ -14,9 +14,9 @@ import pytest
 from tests.builders import Row, S
 from tests.recordings import T0, at, described, gone, publisher, sent, statics
 from tfbus import NodeSettings
+from tfbus.base.errors import ExtrapolationException, LookupException, TfbusError
 from tfbus.command.recordings import BagChoice
 from tfbus.command.types import Moment
-from tfbus.errors import ExtrapolationException, LookupException, TfbusError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.recorded_poses import frames_of_bag, recorded_track, recorded_transform
 from tfbus.frames.recorded_poses import recorded_transforms as echoed

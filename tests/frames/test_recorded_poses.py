@@ -8,11 +8,11 @@ import pytest
 
 from tests.recordings import at, described, gone, publisher, sent, statics, steadily, write
 from tfbus import NodeSettings, Recording
+from tfbus.base.errors import TfbusError
 from tfbus.command.recordings import BagChoice
 from tfbus.command.types import parse_moment
-from tfbus.errors import TfbusError
 from tfbus.frames.recorded_poses import recorded_track, recorded_transform, recorded_transforms
-from tfbus.trajectory import Trajectory
+from tfbus.geometry.trajectory import Trajectory
 
 SETTINGS = NodeSettings("echo")
 SIM, ARM = publisher("sim"), publisher("arm")

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformStamped
+from tfbus.base.wording import duration
 from tfbus.frames import document
 from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.picture import Size, outline, tidy
 from tfbus.frames.snapshot import FrameTree, Problem, frame_tree
-from tfbus.listen.info import StreamInfo
-from tfbus.wording import duration
+from tfbus.streams.info import StreamInfo
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS

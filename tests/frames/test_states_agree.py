@@ -20,14 +20,14 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.base.clock import SimulatedClock
 from tfbus.doctor.examination import CHECKS, Examination
 from tfbus.frames.clocks import SimulatedTime
 from tfbus.frames.document import tree_lines
 from tfbus.frames.moment import BusMoment, stale_after_s, state
+from tfbus.frames.report import Report
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import Report
-from tfbus.runtime.clock import SimulatedClock
+from tfbus.streams.info import StreamInfo
 from tfbus.top.rows import frames_table
 from tfbus.view.frames import frames_of
 from tfbus.view.panels.tree import facts_of

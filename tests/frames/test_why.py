@@ -23,8 +23,8 @@ from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import frame_tree
 from tfbus.frames.why import Explanation, Step, explain, explain_recorded
-from tfbus.listen.info import StreamInfo
 from tfbus.recording.reader import RecordingReader
+from tfbus.streams.info import StreamInfo
 
 NOW_NS = 100_000_000_000
 S = 1_000_000_000
@@ -346,7 +346,7 @@ class TestCommand:
 
 def test_no_line_ends_within_an_option() -> None:
     """A line of `tfbus why` breaks at blanks, and never at the hyphen of an option."""
-    from tfbus.wording import wrapped
+    from tfbus.base.wording import wrapped
 
     for letters in range(50, 80):
         lines = wrapped(f"{'a' * letters} --sim-time and --namespace", 80, "  - ")

@@ -4,7 +4,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.why import explain
-from tfbus.listen.info import StreamInfo
+from tfbus.streams.info import StreamInfo
 
 
 def remedies(*streams: StreamInfo, reads_only: str = "") -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.builders import lengths, transforms, units
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped, check_stamp
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.builders import transforms
 from tfbus import Transform, TransformArray
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 
 rows = st.lists(transforms(), min_size=1, max_size=5)
 pairs = st.lists(st.tuples(transforms(), transforms()), min_size=1, max_size=5)

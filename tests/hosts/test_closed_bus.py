@@ -18,8 +18,8 @@ pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON o
 
 needs.module("cryptography")
 
-from tfbus.secure.keystore import Keystore  # noqa: E402 - needs it
-from tfbus.secure.rights import Identity  # noqa: E402 - needs it
+from tfbus.bus.keystore import Keystore  # noqa: E402 - needs it
+from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 PORT = 7447
 

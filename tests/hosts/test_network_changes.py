@@ -19,8 +19,8 @@ pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON o
 
 needs.module("cryptography")
 
-from tfbus.secure.keystore import Keystore  # noqa: E402 - needs it
-from tfbus.secure.rights import Identity  # noqa: E402 - needs it
+from tfbus.bus.keystore import Keystore  # noqa: E402 - needs it
+from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 NAMES = ("robot", "desk")
 # A link that is lost is noticed in less than the time of so many reports.

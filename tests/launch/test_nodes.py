@@ -12,7 +12,7 @@ import pytest
 from tests import simulated_bus
 from tests.buses import eventually
 from tests.live_bus import Bus, Process, free_port
-from tfbus.discover.presence import list_nodes
+from tfbus.bus.presence import list_nodes
 
 TALKER = """
     from tfbus import Node

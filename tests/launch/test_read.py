@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.yaml_file import FilePlace, YamlFileError
 from tfbus.bus.settings import NodeSettings
-from tfbus.errors import TfbusError
 from tfbus.launch import reader
 from tfbus.launch.arguments import Scope, show_arguments
 from tfbus.launch.child import check_startable, dry_run_line, program_of
@@ -23,7 +24,6 @@ from tfbus.launch.description import (
 )
 from tfbus.launch.find import find_launch_file, installed_launch_files
 from tfbus.launch.reader import read_arguments, read_launch_file
-from tfbus.runtime.yaml_file import FilePlace, YamlFileError
 
 
 def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:

@@ -24,7 +24,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.buses import DEADLINE_S
-from tfbus.errors import BusError
+from tfbus.base.errors import BusError
 from tfbus.launch.child import LaunchProgram, Timeouts
 from tfbus.launch.console import Console, Lines, OutputStream, safe_line
 from tfbus.launch.description import Respawn

@@ -7,8 +7,8 @@ import pytest
 from tests.buses import eventually, send_until
 from tests.simulated_bus import Bus
 from tfbus import GoalHandle, InvalidNameError, Node
-from tfbus.discover.graph import graph_of
-from tfbus.discover.presence import ask_nodes
+from tfbus.bus.graph import graph_of
+from tfbus.bus.presence import ask_nodes
 from tfbus.messages import Clock, RotateAbsolute, Spawn
 
 

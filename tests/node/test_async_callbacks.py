@@ -25,9 +25,9 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.base.arguments import is_async
 from tfbus.bus.session import Session
 from tfbus.messages import RotateAbsolute, Spawn
-from tfbus.runtime.arguments import is_async
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from tfbus import (
     TransformStamped,
     messages,
 )
-from tfbus.runtime import scheduler
+from tfbus.base import scheduler
 
 S = 1_000_000_000
 

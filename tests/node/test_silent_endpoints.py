@@ -12,11 +12,11 @@ import pytest
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import NodeSettings
+from tfbus.base import scheduler
+from tfbus.base.executor import Executor
 from tfbus.bus.session import Session
 from tfbus.node import surroundings
 from tfbus.node.surroundings import watch_endpoints
-from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor
 
 
 @pytest.mark.real

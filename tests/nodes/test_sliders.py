@@ -8,9 +8,9 @@ import pytest
 
 from tests.nodes.robots import ARM, FREE, arm
 from tfbus import Robot
+from tfbus.base.wording import columns
 from tfbus.nodes.robot.board import Board
 from tfbus.nodes.robot.sliders import Sliders
-from tfbus.wording import columns
 
 
 def plain(lines: list[str]) -> list[str]:

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tests.builders import at
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.messages import JointState, RobotDescription
 from tfbus.ros.definitions import SEPARATOR, TF_MESSAGE, Definition

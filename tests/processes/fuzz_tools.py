@@ -8,18 +8,18 @@ from typing import Any, cast
 
 from tfbus import Buffer
 from tfbus.buffer import formats
+from tfbus.bus.graph import graph_of
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.monitor import as_lines
 from tfbus.cli.output import first_lines, printable_text
-from tfbus.discover.graph import graph_of
 from tfbus.frames import document
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import edge_lines, tree_lines
+from tfbus.frames.meter import TransformMeter
 from tfbus.frames.moment import BusMoment
+from tfbus.frames.report import PairWatch, as_map, make_report
 from tfbus.frames.snapshot import frame_tree
-from tfbus.listen.info import StreamInfo
-from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import PairWatch, as_map, make_report
+from tfbus.streams.info import StreamInfo
 from tfbus.top.rows import chosen, frames_table, nodes_table, streams_table, topics_table
 from tfbus.view.frames import frames_of
 from tfbus.wire.descriptions import StreamDescription

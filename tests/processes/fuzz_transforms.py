@@ -26,8 +26,8 @@ from tests.builders import description
 from tests.processes.fuzz_tools import Tools
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
-from tfbus.listen.info import StreamInfo, StreamState, stream_info
-from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import stream_key

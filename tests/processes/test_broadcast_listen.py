@@ -21,8 +21,8 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
-from tfbus.listen.registry import Budget
-from tfbus.listen.watch import StreamWatch
+from tfbus.streams.registry import Budget
+from tfbus.streams.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 
 
@@ -251,7 +251,7 @@ def test_streams_without_a_node_are_not_counted_for_ever(
 ) -> None:
     """Streams without a token are forgotten when they take too much; those of a node stay."""
     budget = Budget(most_bytes=120_000, most_bytes_a_peer=60_000)
-    monkeypatch.setattr("tfbus.listen.listener.Budget", lambda: budget)
+    monkeypatch.setattr("tfbus.streams.listener.Budget", lambda: budget)
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         StaticTransformBroadcaster(sender).send_transform(at(1))

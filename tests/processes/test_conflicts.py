@@ -10,7 +10,7 @@ from tests.fakes import Lines
 from tests.processes.publishers import start
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Change, TransformListener
-from tfbus.listen.conflicts import Rule
+from tfbus.streams.conflicts import Rule
 
 
 class Listening:

@@ -17,7 +17,7 @@ from tests import simulated_bus
 from tests.buses import DEADLINE_S, eventually
 from tests.live_bus import Bus
 from tfbus import Node
-from tfbus.discover.presence import NodeWatch, list_nodes
+from tfbus.bus.presence import NodeWatch, list_nodes
 
 WAITS_IN_A_CALLBACK = """
 import tfbus

@@ -23,7 +23,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.listen.queries import AskedHistory
+from tfbus.streams.queries import AskedHistory
 
 S = 10**9
 

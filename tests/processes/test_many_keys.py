@@ -2,7 +2,7 @@
 
 import pytest
 
-import tfbus.listen.registry
+import tfbus.streams.registry
 from tests.builders import at
 from tests.buses import eventually
 from tests.fakes import Lines
@@ -19,7 +19,7 @@ def test_frames_that_come_and_go_leave_room_for_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The key of a frame that a split stream has taken out is not counted any more."""
-    monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 4)
+    monkeypatch.setattr(tfbus.streams.registry, "MOST_KEYS", 4)
     buffer = Buffer()
     with TransformListener(buffer, bus.node("receiver")) as listener:
         broadcaster = TransformBroadcaster(bus.node("sender"), split=True)
@@ -40,7 +40,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Dynamic transforms on too many keys are dropped, counted and logged once; static are kept."""
-    monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 2)
+    monkeypatch.setattr(tfbus.streams.registry, "MOST_KEYS", 2)
     buffer, sender, receiver = Buffer(), bus.node("sender"), bus.node("receiver")
     log = Lines(receiver.log)
     with TransformListener(buffer, receiver) as listener:

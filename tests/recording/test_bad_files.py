@@ -14,7 +14,7 @@ from mcap.writer import Writer
 
 from tests.builders import S, as_values, at, examples, in_recording
 from tfbus import Recording
-from tfbus.errors import DecodeError, TransformException
+from tfbus.base.errors import DecodeError, TransformException
 from tfbus.recording.items import EventItem, Item, TopicItem
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.reader import RecordingReader
@@ -185,7 +185,7 @@ def test_a_harmful_file_takes_no_memory(tmp_path: Path, name: str) -> None:
     path.write_bytes(MAGIC + with_start + HARMFUL[name]() + record(15, bytes(4)))
     code = f"""
 import resource
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.recording.reader import RecordingReader
 resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30))
 try:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.builders import at
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.recording.edit import Span, conflicting_epochs, cut, in_namespace, joined, without
 from tfbus.recording.items import (

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests import needs
 from tfbus import Transform, TransformStamped
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.recording.foxglove_frames import of_json, of_protobuf
 
 STAMP_NS = 1_700_000_000_123_456_789

@@ -24,7 +24,7 @@ from tests.recording.foreign_files import (
     write_foxglove_json,
     write_rosbag2,
 )
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.recording import foreign_files
 from tfbus.recording.foreign_files import opened
 from tfbus.recording.imported import Imported, imported

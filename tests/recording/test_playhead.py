@@ -4,7 +4,7 @@ import pytest
 
 from tests.builders import S
 from tests.fakes import Clock
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.playhead import AtEnd, Playhead, Progress
 
 START, END = 100 * S, 110 * S

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from tests.builders import at, examples
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
 from tfbus.recording.reader import RecordingReader

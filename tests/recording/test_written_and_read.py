@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, as_values, at, examples, in_recording
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import (
     EventItem,

@@ -3,7 +3,7 @@
 import pytest
 
 from tests import needs
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.rmw import (
     HUMBLE_GID_SIZE,

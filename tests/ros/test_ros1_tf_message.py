@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests import needs
 from tfbus import Transform, TransformStamped
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.ros.ros1 import decode_ros1_tf_message, encode_ros1_tf_message
 

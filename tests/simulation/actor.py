@@ -9,11 +9,11 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from tfbus.base.errors import BusError
 from tfbus.bus.query import Query
 from tfbus.bus.retained import ask_retained, declare_retained_publisher, declare_retained_subscriber
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.errors import BusError
 
 
 class Actor:

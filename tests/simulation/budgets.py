@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tests.builders import store_of
-from tests.listen.received import watch_of
-from tfbus.listen.listener import TransformListener
-from tfbus.runtime.executor import Executor
+from tests.streams.received import watch_of
+from tfbus.base.executor import Executor
+from tfbus.streams.listener import TransformListener
 from tfbus.testing.zenoh_session import ZenohSession
 
 if TYPE_CHECKING:

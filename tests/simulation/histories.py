@@ -12,10 +12,10 @@ import tfbus
 from tests.simulation.laws import Laws
 from tests.simulation.model import Publisher, Sent
 from tests.simulation.plans import LARGE, PLAIN, Action, Plan
-from tfbus.errors import TfbusError
+from tfbus.base import scheduler
+from tfbus.base.errors import TfbusError
 from tfbus.geometry.columns import Columns
-from tfbus.listen import clock_offset
-from tfbus.runtime import scheduler
+from tfbus.streams import clock_offset
 from tfbus.testing.network import Network
 from tfbus.testing.processes import START_NS, Process
 from tfbus.testing.tasks import SimulationError

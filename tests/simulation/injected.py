@@ -16,13 +16,13 @@ from weakref import WeakKeyDictionary
 
 from tests.simulation.histories import violation
 from tests.simulation.plans import Plan
-from tfbus.listen.conflicts import Claims, Starts
-from tfbus.listen.queries import StaticRecovery
-from tfbus.listen.registry import UnlistedFrames
-from tfbus.listen.stream_facts import Epochs, Listing, Verdict
-from tfbus.listen.watch import StreamWatch
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
+from tfbus.base.clock import Timer
+from tfbus.base.executor import Executor
+from tfbus.streams.conflicts import Claims, Starts
+from tfbus.streams.queries import StaticRecovery
+from tfbus.streams.registry import UnlistedFrames
+from tfbus.streams.stream_facts import Epochs, Listing, Verdict
+from tfbus.streams.watch import StreamWatch
 
 # The class of a function, the function, and the defect in its place. If a function is renamed, the
 # import of this file fails.

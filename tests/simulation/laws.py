@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import tfbus
-from tests.listen.received import registry_of, watch_of
 from tests.simulation.budgets import beyond
 from tests.simulation.model import Publisher
 from tests.simulation.plans import PLAIN
+from tests.streams.received import registry_of, watch_of
 from tfbus.buffer import trajectories
 from tfbus.testing.processes import Host, Process
 

@@ -3,7 +3,7 @@
 import pytest
 
 import tfbus
-from tfbus.runtime import scheduler
+from tfbus.base import scheduler
 from tfbus.testing import Network
 
 

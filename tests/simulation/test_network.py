@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 import tfbus
+from tfbus.bus.keystore import Keystore
+from tfbus.bus.rights import Identity
 from tfbus.messages import Vector3
 from tfbus.nodes import carrot
-from tfbus.secure.keystore import Keystore
-from tfbus.secure.rights import Identity
 from tfbus.testing import Network, Process, SimulationError
 
 

@@ -7,9 +7,9 @@ import pytest
 
 import tfbus
 from tests.simulation.stages import SimulatedStage
-from tfbus.broadcast.stream import Stream
+from tfbus.base import scheduler
 from tfbus.bus.session import Session
-from tfbus.runtime import scheduler
+from tfbus.streams.stream import Stream
 from tfbus.testing import Network
 
 

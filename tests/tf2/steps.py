@@ -10,7 +10,7 @@ from math import sqrt
 from typing import Any
 
 from tfbus import Buffer, Transform, TransformException, TransformStamped
-from tfbus.errors import ExtrapolationException, InvalidArgumentException, LoopException
+from tfbus.base.errors import ExtrapolationException, InvalidArgumentException, LoopException
 
 Pose = tuple[float, float, float, float, float, float, float]
 

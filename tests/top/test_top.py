@@ -18,11 +18,11 @@ from tfbus import (
     Transform,
     TransformStamped,
 )
+from tfbus.frames.meter import SpanMeter
 from tfbus.frames.moment import BusMoment
+from tfbus.frames.report import EDGES, EdgeFlow, Report
 from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import Empty
-from tfbus.monitor.meter import SpanMeter
-from tfbus.monitor.report import EDGES, EdgeFlow, Report
 from tfbus.top.rows import Cell, Row, ScreenTable, chosen, fitting, frames_table, nodes_table
 from tfbus.wire.descriptions import DelayDescription, NodeDescription
 

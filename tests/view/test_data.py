@@ -13,7 +13,7 @@ from tests.builders import S, moved
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet
-from tfbus.errors import SettingsError
+from tfbus.base.errors import SettingsError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import (

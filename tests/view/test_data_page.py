@@ -9,7 +9,7 @@ import pytest
 
 from tests.live_bus import Bus
 from tests.view.pages import Arm, View, eventually, start_view
-from tfbus.discover.presence import describe_nodes
+from tfbus.bus.presence import describe_nodes
 from tfbus.messages import Image, PointCloud, PoseStamped
 from tfbus.view.screenshot import CLOSE_NOTES
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tfbus import Buffer, SettingsError, Transform, TransformStamped
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
-from tfbus.listen.info import StreamInfo
+from tfbus.streams.info import StreamInfo
 from tfbus.view.frames import (
     FADED,
     Frames,

@@ -192,7 +192,7 @@ def test_no_other_page_can_frame_it(public: tuple[Process, str]) -> None:
 @pytest.mark.real
 def test_a_certificate_of_ones_own_is_served(bus: Bus, tmp_path: Path) -> None:
     """Browsers that trust it connect without a warning, under its names."""
-    from tfbus.secure.keystore import make_for_server
+    from tfbus.bus.keystore import make_for_server
 
     made = make_for_server(["127.0.0.1", "robot.example"], 1.0)
     path = tmp_path / "robot.pem"

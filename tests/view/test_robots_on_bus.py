@@ -12,7 +12,7 @@ from tests.buses import eventually
 from tests.live_bus import free_port
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet, Node, Robot
-from tfbus.errors import ServiceError
+from tfbus.base.errors import ServiceError
 from tfbus.messages import JointState, RobotDescription, RobotMesh
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
@@ -287,7 +287,7 @@ def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> 
     """It has no sliders, and its meshes are those on its machine."""
     needs.module("cryptography")
     from tests.closed_bus import ClosedBus
-    from tfbus.secure.rights import Identity
+    from tfbus.bus.rights import Identity
 
     bus = ClosedBus(tmp_path, Identity("arm", "publisher"), Identity("laptop", "reader"))
     bus.open()

@@ -5,7 +5,7 @@ from html import unescape
 
 import pytest
 
-from tfbus.discover.graph import Endpoint, TopicInfo
+from tfbus.bus.graph import Endpoint, TopicInfo
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 

@@ -18,7 +18,7 @@ import msgpack
 
 from tests.builders import EPOCH_NS, SAMPLE, STAMP_NS, at, description, payload
 from tfbus import messages
-from tfbus.runtime.installation import installed_version
+from tfbus.base.installation import installed_version
 from tfbus.wire import keys
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import (

@@ -11,7 +11,7 @@ from tests.builders import examples
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import messages
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_message
 
 HEADER = {"stamp": {"sec": 0, "nanosec": 7}, "frame_id": "lidar"}

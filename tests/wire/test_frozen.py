@@ -6,7 +6,7 @@ import pytest
 
 from tests.builders import rows_of
 from tests.wire.frozen_wire import FOLDER, frozen_now, lacks, message_types, read, values_of
-from tfbus.runtime.installation import installed_version
+from tfbus.base.installation import installed_version
 from tfbus.wire.codec import decode_message, encode_message
 from tfbus.wire.descriptions import (
     NodeDescription,

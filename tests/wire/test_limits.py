@@ -3,7 +3,7 @@
 import pytest
 
 from tfbus import SettingsError
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.limits import Limits, check_size, kind_of, size_text
 
 

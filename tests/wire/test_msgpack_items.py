@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.codec import decode_map, too_many_items, values_in
 
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=300)

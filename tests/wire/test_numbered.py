@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.builders import EPOCH_NS, STAMP_NS, description, examples, rows_of
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.descriptions import encode_stream, read_description
 from tfbus.wire.numbered import FrameNumbers, origin_of
 from tfbus.wire.transform_bytes import NameTables, scan_message

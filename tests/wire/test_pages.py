@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.pages import KeptMessage, Page, decode_page, encode_page, is_page
 
 MESSAGES = st.lists(

@@ -8,20 +8,20 @@ from itertools import chain
 from typing import Any, Literal
 
 from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, TransformSource
+from tfbus.base.errors import InvalidNameError
+from tfbus.base.log import LogOnce
+from tfbus.base.names import is_printable
+from tfbus.bus.graph import TopicInfo, graph_of
+from tfbus.bus.graph_watch import GraphWatch
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.graph import TopicInfo, graph_of
-from tfbus.discover.graph_watch import GraphWatch
-from tfbus.discover.ros_types import RosTypes
-from tfbus.errors import InvalidNameError
-from tfbus.listen.info import MOST_GONE, StreamState
-from tfbus.listen.watch import StreamWatch
-from tfbus.names import is_printable
+from tfbus.bus.ros_types import RosTypes
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
 from tfbus.recording.items import EventItem, EventKind, Selection, is_of_transforms
 from tfbus.ros.schema import MessageCodec
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.info import MOST_GONE, StreamState
+from tfbus.streams.watch import StreamWatch
 from tfbus.wire.codec import as_map, decode_message, is_of_ros
 from tfbus.wire.descriptions import (
     NodeDescription,

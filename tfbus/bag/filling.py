@@ -15,12 +15,13 @@ from tfbus.bag.keeping import Fill
 from tfbus.bag.kept import NODE, STREAM, wanted_of
 from tfbus.bag.raw_queue import EVENTS, Raw
 from tfbus.bag.recorder import Filled, Recorder
+from tfbus.base.errors import BusError, DecodeError, TfbusError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, duration, printable
 from tfbus.bus.session import Session
-from tfbus.errors import BusError, DecodeError, TfbusError
-from tfbus.listen.queries import AskPages, PagesInTurn
 from tfbus.recording.items import EventItem, EventKind, Selection
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.queries import AskPages, PagesInTurn
 from tfbus.wire.keys import (
     ALL_KEEPERS,
     ALL_KEEPERS_EVERYWHERE,
@@ -29,7 +30,6 @@ from tfbus.wire.keys import (
     relative,
 )
 from tfbus.wire.pages import KeptMessage, Page
-from tfbus.wording import counted, duration, printable
 
 # A link is silent for this time, or less, before it is known to be lost; what came meanwhile all
 # the same is left out.

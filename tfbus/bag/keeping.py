@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Protocol
 
 from tfbus.bag.raw_queue import MessageSource, Raw
-from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.recording.items import EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import printable
 
 ENDING = ".mcap"
 

@@ -6,20 +6,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import BusError, InvalidArgumentException, TfbusError
+from tfbus.base.structs import Struct
+from tfbus.base.wording import printable
 from tfbus.bus.query import Query
-from tfbus.errors import BusError, InvalidArgumentException, TfbusError
 from tfbus.node.node import Node
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import BusState
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.structs import Struct
 from tfbus.wire.codec import decode_message, encode_map, encode_message
 from tfbus.wire.keys import escape, kept_key
 from tfbus.wire.pages import KeptMessage, Page, encode_page
 from tfbus.wire.transforms import TransformMessage, encode_transforms
-from tfbus.wording import printable
 
 # In what such a recorder says of itself in its files: the next one goes on with them.
 KEPT = "kept"

@@ -8,11 +8,11 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import scheduler
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Playhead, Progress, stepped_ns
 from tfbus.recording.state import Playable, items_of_state
-from tfbus.runtime import scheduler
 
 # Items that are later than this, as on a machine that is too slow for the rate, delay all that
 # follow: they are not played in a burst.

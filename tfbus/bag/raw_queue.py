@@ -6,14 +6,14 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
+from tfbus.base import scheduler
+from tfbus.base.errors import DecodeError
+from tfbus.base.executor import Executor
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError
-from tfbus.listen.info import StreamState
-from tfbus.listen.queries import AskPages, PagesInTurn
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.ros.schema import MessageCodec
-from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor
+from tfbus.streams.info import StreamState
+from tfbus.streams.queries import AskPages, PagesInTurn
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import transforms_key_beside

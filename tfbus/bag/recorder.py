@@ -25,16 +25,16 @@ from tfbus.bag.keeping import (
     WrittenPart,
 )
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Past, Raw, RawQueue, SourceOf
-from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
-from tfbus.listen.conflicts import Claims
+from tfbus.base import scheduler
+from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, did_you_mean, duration, listed, printable
 from tfbus.recording.items import EventItem, Item, Selection
-from tfbus.runtime import scheduler
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.conflicts import Claims
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames, has_name
 from tfbus.wire.keys import namespace_of_node
-from tfbus.wording import counted, did_you_mean, duration, listed, printable
 
 _KINDS = ("gone", "conflict")
 

@@ -17,13 +17,15 @@ from tfbus.bag.replayed_time import (
     stamps_ahead_ns,
     with_stamps,
 )
-from tfbus.errors import (
+from tfbus.base.errors import (
     BusError,
     DecodeError,
     InvalidArgumentException,
     InvalidNameError,
     ServiceError,
 )
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, listed, printable
 from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
@@ -39,12 +41,10 @@ from tfbus.recording.items import (
 from tfbus.recording.playhead import Pace, Playhead, Progress, Stamps
 from tfbus.recording.reader import RecordingReader
 from tfbus.ros.definitions import Definition
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import encode_map, from_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
 from tfbus.wire.numbered import FLOAT64
-from tfbus.wording import counted, listed, printable
 
 # What the descriptions of replayed streams have as their host.
 RECORDED = "recorded"

@@ -6,22 +6,22 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from tfbus.broadcast.retained import (
+from tfbus.base import scheduler
+from tfbus.base.errors import BusError, InvalidArgumentException
+from tfbus.bus.network_session import Declaration
+from tfbus.bus.query import Query
+from tfbus.bus.retained import declare_retained_publisher
+from tfbus.geometry.columns import Columns
+from tfbus.node.node import Node
+from tfbus.recording.items import RecordedStream
+from tfbus.streams.retained import (
     FrameAnnouncer,
     FrameRows,
     HistorySpan,
     SentHistory,
     answer_from_history,
 )
-from tfbus.broadcast.sender import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
-from tfbus.bus.network_session import Declaration
-from tfbus.bus.query import Query
-from tfbus.bus.retained import declare_retained_publisher
-from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.geometry.columns import Columns
-from tfbus.node.node import Node
-from tfbus.recording.items import RecordedStream
-from tfbus.runtime import scheduler
+from tfbus.streams.sender import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.wire.descriptions import StreamDescription, encode_stream
 from tfbus.wire.keys import (
     check_namespace,

@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from typing import Any
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import DecodeError
+from tfbus.base import lazy_numpy as np
+from tfbus.base import scheduler
+from tfbus.base.errors import DecodeError
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.geometry.columns import Columns
 from tfbus.messages import Clock
 from tfbus.node.node import Node
@@ -14,7 +15,6 @@ from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import Pace, Playhead, Progress
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import Playable
-from tfbus.runtime import scheduler
 from tfbus.wire.codec import from_map
 from tfbus.wire.keys import CLOCK_TOPIC
 

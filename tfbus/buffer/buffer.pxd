@@ -2,7 +2,7 @@ cimport cython
 from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.lookup cimport Lookup
 from tfbus.buffer.store cimport Store
-from tfbus.core.kernel cimport Path
+from tfbus.geometry.kernel cimport Path
 from tfbus.geometry.columns cimport Columns
 from tfbus.geometry.transform cimport TransformStamped
 

@@ -12,6 +12,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from tfbus.base.arguments import SourceSignature, check_plain, is_async
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import (
+    ExtrapolationException,
+    InvalidArgumentException,
+    TransformException,
+)
+from tfbus.base.installation import InterpretedWarning, why_interpreted, why_not_installed
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
@@ -19,15 +27,10 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import ExpiredLookups, Store
-from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
-from tfbus.core.sampling import TF2, Contents, Held, Sampling
-from tfbus.errors import (
-    ExtrapolationException,
-    InvalidArgumentException,
-    TransformException,
-)
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
+from tfbus.geometry.sampling import TF2, Contents, Held, Sampling
 from tfbus.geometry.transform import (
     TransformStamped,
     check_frame_id,
@@ -36,9 +39,6 @@ from tfbus.geometry.transform import (
     make_stamped,
 )
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.runtime.arguments import SourceSignature, check_plain, is_async
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.installation import InterpretedWarning, why_interpreted, why_not_installed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     # These are imported where they are used, which few processes do: a process is to start soon.
     from tfbus.geometry.twist import TwistStamped
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 # Frames that are removed, or looked at, at a time: some 100 microseconds.
 _FRAMES_AT_A_TIME = 256

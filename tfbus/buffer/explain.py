@@ -4,10 +4,8 @@ import math
 from collections.abc import Collection, Iterable
 from typing import SupportsFloat, TypeVar
 
-from tfbus.buffer.tree import Tree
-from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
-from tfbus.core.sampling import Sampling
-from tfbus.errors import (
+from tfbus.base.callbacks import here
+from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     FutureExtrapolationException,
@@ -21,10 +19,12 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.runtime.callbacks import here
-from tfbus.runtime.stamps import Mistake, other_clock, other_unit, unit_hint
-from tfbus.runtime.structs import Struct
-from tfbus.wording import duration, stamp_text
+from tfbus.base.stamps import Mistake, other_clock, other_unit, unit_hint
+from tfbus.base.structs import Struct
+from tfbus.base.wording import duration, stamp_text
+from tfbus.buffer.tree import Tree
+from tfbus.geometry.kernel import ALL_STATIC, NO_DATA, History
+from tfbus.geometry.sampling import Sampling
 
 _Kind = TypeVar("_Kind", bound=ExtrapolationException)
 

@@ -18,13 +18,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.names import mistake_in
+from tfbus.base.whole_file import replacing
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer, default_max_samples
-from tfbus.core.kernel import LONGEST_NS, NO_DATA, QUATERNION_TOLERANCE
-from tfbus.core.sampling import Contents, Held, Pose, Sampling
-from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.names import mistake_in
-from tfbus.runtime.whole_file import replacing
-from tfbus.wording import printable
+from tfbus.geometry.kernel import LONGEST_NS, NO_DATA, QUATERNION_TOLERANCE
+from tfbus.geometry.sampling import Contents, Held, Pose, Sampling
 
 FORMAT = "tfbus buffer"
 VERSION = 1

@@ -9,17 +9,17 @@ import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.info import FrameInfo
-from tfbus.errors import (
+from tfbus.base import scheduler
+from tfbus.base.errors import (
     ConnectivityException,
     InvalidArgumentException,
     LookupException,
     TransformException,
 )
+from tfbus.base.wording import counted, printable, stamp_text
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.info import FrameInfo
 from tfbus.geometry.transform import TransformStamped
-from tfbus.runtime import scheduler
-from tfbus.wording import counted, printable, stamp_text
 
 # The rate that tf2 writes for static edges, which have none.
 _TF2_STATIC_RATE = 10000.0

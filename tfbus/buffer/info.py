@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import Literal
 
-from tfbus.runtime.structs import Struct
+from tfbus.base.structs import Struct
 
 # Reasons name frames, and frames come from the bus: without a limit they would fill the memory.
 MOST_REASONS = 100

@@ -1,8 +1,8 @@
 cimport cython
-from tfbus.core cimport packed
+from tfbus.geometry cimport packed
 from tfbus.geometry.columns cimport Columns
-from tfbus.core.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
-from tfbus.core.packed cimport edge_t
+from tfbus.geometry.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
+from tfbus.geometry.packed cimport edge_t
 from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.tree cimport Tree
 

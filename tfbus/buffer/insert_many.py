@@ -6,23 +6,29 @@ around every call, which lets others have it between rows if that takes long.
 
 from array import array
 
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.buffer.info import Rejections
 from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree
-from tfbus.core import packed
-from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT, History, Pose
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import InvalidArgumentException
+from tfbus.geometry import packed
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.kernel import (
+    LONGEST_NS,
+    QUATERNION_TOLERANCE,
+    UNIT_TO_THE_LAST_BIT,
+    History,
+    Pose,
+)
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 if not cython.compiled:
     # Compiled, they are functions of C.
-    from tfbus.core.kernel import append_rows, off_unit, unit
+    from tfbus.geometry.kernel import append_rows, off_unit, unit
 
 # Authorities whose last batch has its edges kept, and the fewest rows for which that pays.
 _MOST_TABLES = 1024

@@ -20,7 +20,7 @@ from typing import Any
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 _log = logging.getLogger(__name__)
 

@@ -7,18 +7,8 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import (
-    Freshness,
-    advice_after,
-    check_seconds,
-    may_come,
-    unknown_frame,
-    why_not,
-    without_waiting,
-)
-from tfbus.buffer.store import Question, Store, Waiter
-from tfbus.core.sampling import Sampling
-from tfbus.errors import (
+from tfbus.base.clock import Bell, Limit, limit_by
+from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     GapException,
@@ -29,8 +19,18 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.buffer.explain import (
+    Freshness,
+    advice_after,
+    check_seconds,
+    may_come,
+    unknown_frame,
+    why_not,
+    without_waiting,
+)
+from tfbus.buffer.store import Question, Store, Waiter
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.runtime.clock import Bell, Limit, limit_by
 
 
 class Lookup:

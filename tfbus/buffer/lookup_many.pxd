@@ -1,8 +1,8 @@
 cimport cython
 from tfbus.buffer.lookup cimport Lookup
 from tfbus.buffer.store cimport Store
-from tfbus.core.kernel cimport Path
-from tfbus.core.batch_lookup cimport fill
+from tfbus.geometry.kernel cimport Path
+from tfbus.geometry.batch_lookup cimport fill
 from tfbus.geometry.transform cimport TransformStamped
 
 cdef Py_ssize_t _CHUNK

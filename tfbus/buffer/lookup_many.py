@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.store import Store
-from tfbus.core.batch_lookup import by_time, fill
-from tfbus.core.kernel import Path
-from tfbus.core.sampling import Sampling
+from tfbus.geometry.batch_lookup import by_time, fill
+from tfbus.geometry.kernel import Path
+from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray, make_array
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 # Stamps for which the lock is held at a time: some microseconds.
 _CHUNK = 256

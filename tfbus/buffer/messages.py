@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus import messages
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.buffer.buffer import Buffer
-from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 

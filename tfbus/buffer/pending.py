@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
+from tfbus.base.clock import limit_by
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.store import Waiter
-from tfbus.runtime.clock import limit_by
 
 
 class PendingLookup:

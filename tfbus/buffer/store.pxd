@@ -1,7 +1,7 @@
 cimport cython
 from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.insert_many cimport BatchInserter
-from tfbus.core.kernel cimport Path
+from tfbus.geometry.kernel cimport Path
 from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.buffer.tree cimport Tree
 

@@ -14,17 +14,17 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
+from tfbus.base.errors import LookupException, PastExtrapolationException, TransformException
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.buffer.explain import unknown_frame
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.insert_many import BatchInserter
 from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree
-from tfbus.core.kernel import LONGEST_NS, NO_DATA, History, Path
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.errors import LookupException, PastExtrapolationException, TransformException
+from tfbus.geometry.kernel import LONGEST_NS, NO_DATA, History, Path
+from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.geometry.transform import TransformStamped, child_name
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import printable
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.
 Question = tuple[str, str, int | None]

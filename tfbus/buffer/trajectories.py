@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import ArrayLike
+from tfbus.base.wording import duration
 from tfbus.buffer.buffer import Buffer
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import ArrayLike
-from tfbus.core.sampling import Sampling
-from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.sampling import Sampling
+from tfbus.geometry.trajectory import Trajectory, of_checked, read_tables
 from tfbus.geometry.transform import check_text
-from tfbus.trajectory import Trajectory, of_checked, read_tables
-from tfbus.wording import duration
 
 
 def samples(buffer: Buffer, frame: str, *, parent: str | None = None) -> Trajectory:

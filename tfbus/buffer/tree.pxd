@@ -1,8 +1,8 @@
 cimport cython
-from tfbus.core cimport packed
-from tfbus.core.kernel cimport History
-from tfbus.core.kernel cimport Path, seek_as
-from tfbus.core.kernel cimport pose_t, chained, normalised
+from tfbus.geometry cimport packed
+from tfbus.geometry.kernel cimport History
+from tfbus.geometry.kernel cimport Path, seek_as
+from tfbus.geometry.kernel cimport pose_t, chained, normalised
 from tfbus.geometry.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2

@@ -7,9 +7,10 @@ holds its lock around every call, but for a `fill` that finds it free.
 from collections import deque
 from collections.abc import Iterable
 
+from tfbus.base.errors import InvalidArgumentException, LoopException
 from tfbus.buffer.info import Change, FrameInfo, Kind
-from tfbus.core import packed
-from tfbus.core.kernel import (
+from tfbus.geometry import packed
+from tfbus.geometry.kernel import (
     ALL_STATIC,
     CONFLICT,
     CROWDED,
@@ -23,14 +24,13 @@ from tfbus.core.kernel import (
     normalised,
     seek_as,
 )
-from tfbus.core.sampling import TF2, Held, Sampling
-from tfbus.errors import InvalidArgumentException, LoopException
+from tfbus.geometry.sampling import TF2, Held, Sampling
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 # What all kept paths may cost together, about 32 bytes each: 30,000 of three edges. Another one is
 # found again in a microsecond. A path costs that much, and 1 for each of its edges.

@@ -1,1 +1,3 @@
-"""Zenoh: one session, and what a process declares, sends and asks on it."""
+"""Zenoh: one session, open or closed, what a process declares and asks on it, and the members of
+a bus.
+"""

@@ -15,11 +15,11 @@ from typing import Any
 
 import zenoh
 
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.log import LogOnce
-from tfbus.runtime.signals import interrupt_again
+from tfbus.base.bounded import Bounded
+from tfbus.base.log import LogOnce
+from tfbus.base.signals import interrupt_again
+from tfbus.base.wording import printable
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
-from tfbus.wording import printable
 
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64

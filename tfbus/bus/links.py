@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import zenoh
 
-from tfbus.runtime import scheduler
-from tfbus.runtime.structs import Struct, field
+from tfbus.base import scheduler
+from tfbus.base.structs import Struct, field
 
 _CONNECT_WITHIN_S = 2.0
 

@@ -20,6 +20,9 @@ from typing import Any
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.addresses import is_local
+from tfbus.base.wording import listed
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
 from tfbus.bus.interfaces import NetworkWatch
@@ -39,9 +42,6 @@ from tfbus.bus.zenoh_sockets import (
     hold_back,
     shorten_close,
 )
-from tfbus.runtime import scheduler
-from tfbus.runtime.addresses import is_local
-from tfbus.wording import listed
 
 # Changes come in groups: an interface, its carrier, its addresses.
 _SETTLED_S = 0.05

@@ -15,6 +15,8 @@ from typing import Any, Self
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.errors import BusError
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.zenoh_library import (
@@ -23,8 +25,6 @@ from tfbus.bus.zenoh_library import (
     configure_zenoh_threads,
     first_sentence,
 )
-from tfbus.errors import BusError
-from tfbus.runtime import scheduler
 from tfbus.wire.limits import Limits, kind_of
 
 # A publisher that is sending when it ends ends as soon as that is done; or with its session.

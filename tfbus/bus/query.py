@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.errors import BusError, TfbusError
+from tfbus.base.executor import Executor
+from tfbus.base.structs import Struct
+from tfbus.base.wording import printable
 from tfbus.bus import zenoh_library
 from tfbus.bus.zenoh_library import bus_errors
-from tfbus.errors import BusError, TfbusError
-from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.structs import Struct
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
-from tfbus.wording import printable
 
 # What Zenoh puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"

@@ -14,16 +14,16 @@ from typing import Any, TypeVar
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.errors import BusError, SettingsError
+from tfbus.base.wording import printable
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.network_session import RETRY_S, Declaration, HeardWatch, NetworkSession
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.settings import check_endpoint
 from tfbus.bus.zenoh_library import bus_errors, first_sentence, is_router_missing
-from tfbus.errors import BusError, SettingsError
-from tfbus.runtime import scheduler
 from tfbus.wire.limits import size_text
-from tfbus.wording import printable
 
 # Where rmw_zenoh has its router.
 _ROUTER = "tcp/localhost:7447"

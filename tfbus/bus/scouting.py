@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.addresses import is_local
+from tfbus.base.bounded import Bounded
+from tfbus.base.structs import Struct
 from tfbus.bus.interfaces import Interface, scouted
 from tfbus.bus.links import Links, host_of, split_endpoint
 from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
-from tfbus.runtime import scheduler
-from tfbus.runtime.addresses import is_local
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.structs import Struct
 
 _VERSION = 9
 _SCOUT = 0x01

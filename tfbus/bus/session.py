@@ -8,6 +8,11 @@ from typing import Any, Literal
 
 import zenoh
 
+from tfbus.base import scheduler
+from tfbus.base.arguments import seconds_to_wait
+from tfbus.base.callbacks import Workers
+from tfbus.base.errors import BusError, RightsError
+from tfbus.base.structs import replace
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.links import speaks_tls
@@ -33,11 +38,6 @@ from tfbus.bus.zenoh_config import (
 )
 from tfbus.bus.zenoh_library import bus_errors, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
-from tfbus.errors import BusError, RightsError
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import seconds_to_wait
-from tfbus.runtime.callbacks import Workers
-from tfbus.runtime.structs import replace
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
 

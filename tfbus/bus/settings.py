@@ -8,16 +8,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from tfbus.errors import RightsError, SettingsError
-from tfbus.runtime import scheduler
-from tfbus.runtime.structs import Struct, field, replace
+from tfbus.base import scheduler
+from tfbus.base.errors import RightsError, SettingsError
+from tfbus.base.structs import Struct, field, replace
+from tfbus.base.wording import printable
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
 from tfbus.wire.numbered import FLOAT64, POSES
-from tfbus.wording import printable
 
 if TYPE_CHECKING:
-    from tfbus.secure.folder import SecureFolder
+    from tfbus.bus.identity_folder import SecureFolder
 
 
 # As on the command line and in the environment.
@@ -274,7 +274,9 @@ class NodeSettings(Struct):
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
-            from tfbus.secure.folder import open_folder  # YAML, which an open bus does not need
+            from tfbus.bus.identity_folder import (
+                open_folder,  # YAML, which an open bus does not need
+            )
 
             set_field(self, "secure", os.path.abspath(self.secure))
             set_field(self, "closed", open_folder(self.secure))

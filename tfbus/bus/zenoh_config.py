@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from tfbus.base.addresses import is_local
+from tfbus.base.errors import SettingsError
+from tfbus.base.limited_process import lockable_bytes
 from tfbus.bus.interfaces import scouted
 from tfbus.bus.links import split_endpoint
 from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import PROTOCOLS, Network, NodeSettings, network_of
 from tfbus.bus.zenoh_library import first_sentence
-from tfbus.errors import SettingsError
-from tfbus.runtime.addresses import is_local
-from tfbus.runtime.limited_process import lockable_bytes
 from tfbus.wire.limits import size_text
 
 if TYPE_CHECKING:
-    from tfbus.secure.folder import SecureFolder
+    from tfbus.bus.identity_folder import SecureFolder
 
 # Zenoh sends so many keep-alives in a lease; on links that lose packets twice as many, since four
 # in a row may be lost.
@@ -213,7 +213,7 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
 def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
     """The settings that make every link encrypted, and lets in only what the rights allow."""
-    from tfbus.secure.rights import access_control
+    from tfbus.bus.rights import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {

@@ -15,8 +15,8 @@ from typing import Any, Never
 
 import zenoh
 
-from tfbus.errors import BusError
-from tfbus.wording import printable
+from tfbus.base.errors import BusError
+from tfbus.base.wording import printable
 
 _networks: list[Any] = []
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
-from tfbus.runtime import scheduler
-from tfbus.runtime.structs import Struct
+from tfbus.base import scheduler
+from tfbus.base.structs import Struct
 
 T = TypeVar("T")
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import click
 
+from tfbus.base.limited_process import keep_freed_memory
+from tfbus.base.wording import did_you_mean
 from tfbus.cli.output import sentence
-from tfbus.runtime.limited_process import keep_freed_memory
-from tfbus.wording import did_you_mean
 
 _NO_QOS = "not needed: there is no QoS"
 _NO_DAEMON = "not needed: there is no daemon, each command asks the nodes"
@@ -347,8 +347,8 @@ def main(secure: str | None) -> None:
 
 
 def _print_version(context: click.Context) -> None:
+    from tfbus.base.installation import SLOWER, version_and_origin, why_interpreted
     from tfbus.buffer.buffer import COMPILED
-    from tfbus.runtime.installation import SLOWER, version_and_origin, why_interpreted
 
     click.echo(f"tfbus {version_and_origin()}")
     if not COMPILED:

@@ -10,15 +10,15 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tfbus.base import scheduler
+from tfbus.base.log import open_log
+from tfbus.base.wording import counted, duration, listed, printable
+from tfbus.bus.graph import Graph
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint, say, warn
 from tfbus.command.recordings import BagChoice, OpenBag, wall
-from tfbus.discover.graph import Graph
-from tfbus.runtime import scheduler
-from tfbus.runtime.log import open_log
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import stream_of
-from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.bus.session import Session
@@ -57,7 +57,7 @@ def look(session: "Session", *, warns: bool = True) -> Graph:
     """The topics and services. Warns of each description that it skips, and once of all nodes and
     streams that do not answer in time, if `warns`.
     """
-    from tfbus.discover.presence import ask_graph
+    from tfbus.bus.presence import ask_graph
 
     found = ask_graph(session, timeout_s=_PATIENCE_S)
     for error in found.unreadable if warns else ():
@@ -107,7 +107,7 @@ def warn_of_unanswered(names: Collection[str]) -> None:
 
 def out_of_reach(session: "Session") -> str:
     """A bus here that the session, which finds no node, gets no link to; "" for none."""
-    from tfbus.discover.presence import bus_out_of_reach
+    from tfbus.bus.presence import bus_out_of_reach
 
     return bus_out_of_reach(session)
 

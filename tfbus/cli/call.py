@@ -7,6 +7,10 @@ from typing import Any
 
 import click
 
+from tfbus.base.errors import ServiceError
+from tfbus.base.signals import StopSignals
+from tfbus.base.wording import did_you_mean
+from tfbus.bus.graph import ServiceInfo
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -27,12 +31,8 @@ from tfbus.cli.message import (
 from tfbus.cli.output import print_json
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, ServiceName
-from tfbus.discover.graph import ServiceInfo
-from tfbus.errors import ServiceError
-from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import relative
-from tfbus.wording import did_you_mean
 
 # An action may take any time: only silence ends the wait.
 _LONGEST_ACTION_S = 1e6

@@ -9,6 +9,16 @@ from dataclasses import asdict, replace
 
 import click
 
+from tfbus.base.wording import (
+    and_more,
+    counted,
+    cut,
+    duration,
+    listed,
+    natural_order,
+    near_names,
+    wrapped,
+)
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_in_span, span_lines
 from tfbus.cli.output import (
@@ -35,16 +45,6 @@ from tfbus.doctor.examination import (
 )
 from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import (
-    and_more,
-    counted,
-    cut,
-    duration,
-    listed,
-    natural_order,
-    near_names,
-    wrapped,
-)
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
 _NAME_WIDTH = 2 + max(map(len, CHECKS))

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.wording import counted, duration, listed
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, warn_if_starved
 from tfbus.cli.output import (
@@ -27,9 +29,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment
-from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening

@@ -8,6 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.whole_file import replacing
+from tfbus.base.wording import counted
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import (
     frames_at,
@@ -22,17 +27,12 @@ from tfbus.cli.output import json_option, longest_line, paint_state, print_lines
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, OutputFile, own_name
-from tfbus.errors import TfbusError
 from tfbus.frames import document
 from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.wording import listed
+from tfbus.bus.rights import RIGHTS, ROLES, Identity
 from tfbus.cli import Verbs
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
 from tfbus.command.types import Number
-from tfbus.errors import SettingsError, TfbusError
-from tfbus.runtime.installation import install_command
-from tfbus.secure.rights import RIGHTS, ROLES, Identity
-from tfbus.wording import listed
 
 if TYPE_CHECKING:
-    from tfbus.secure.keystore import Keystore, Listed
+    from tfbus.bus.keystore import Keystore, Listed
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,7 +61,7 @@ def _keystore_option(function: F) -> F:
 
 
 def _keystore() -> "type[Keystore]":
-    from tfbus.secure.keystore import Keystore
+    from tfbus.bus.keystore import Keystore
 
     return Keystore
 

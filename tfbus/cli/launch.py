@@ -11,12 +11,14 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.log import open_log
+from tfbus.base.signals import StopSignals
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, matching
-from tfbus.errors import TfbusError
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.child import (
     LaunchProgram,
@@ -36,8 +38,6 @@ from tfbus.launch.find import (
 from tfbus.launch.reader import read_arguments, read_description, read_launch_file
 from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
-from tfbus.runtime.log import open_log
-from tfbus.runtime.signals import StopSignals
 from tfbus.wire.numbered import POSES
 
 
@@ -283,8 +283,8 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
 
     A client waits for its router, until Ctrl-C or SIGTERM.
     """
+    from tfbus.bus.presence import NodeWatch
     from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
-    from tfbus.discover.presence import NodeWatch
 
     log = open_log("/launch", "launch", settings.log_level)
     signals = StopSignals()

@@ -18,11 +18,12 @@ from typing import Any, Protocol, get_args, get_origin, get_type_hints
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.wording import did_you_mean, wrapped
+from tfbus.bus.graph import TRANSFORMS_TYPE
 from tfbus.cli.output import as_json, paint, print_json, print_lines, width
 from tfbus.command.types import absolute, matching, names_at
-from tfbus.discover.graph import TRANSFORMS_TYPE
-from tfbus.errors import BusError, DecodeError
-from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import (
     OF_HEADER,
     as_map,
@@ -32,7 +33,6 @@ from tfbus.wire.codec import (
     renewed,
     type_name,
 )
-from tfbus.wording import did_you_mean, wrapped
 
 
 def supplied_type(name: str) -> type | None:
@@ -214,7 +214,7 @@ def _completed(expected: object, default: object, value: Any) -> Any:
 
 def read_map(text: str) -> dict[str, Any] | None:
     """The YAML map in a text; None for anything else."""
-    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
+    from tfbus.base.yaml_file import read_value  # YAML, which `--help` does not need
 
     value = read_value(text)
     return value if isinstance(value, dict) else None

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.wording import counted, cut_middle, duration, listed, stamp_text, wrapped
 from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import (
@@ -34,8 +36,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusMoment, BusView, faults, state
-from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import (
+from tfbus.frames.report import (
     EDGES,
     STREAMS,
     Column,
@@ -46,9 +47,8 @@ from tfbus.monitor.report import (
     as_map,
     make_report,
 )
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted, cut_middle, duration, listed, stamp_text, wrapped
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
@@ -127,7 +127,7 @@ def _measure_recorded(
     source: str | None,
     as_json: bool,
 ) -> None:
-    from tfbus.monitor.meter import MOST_LOOKS, measured
+    from tfbus.frames.meter import MOST_LOOKS, measured
 
     pair = None
     if target is not None and source is not None:
@@ -168,7 +168,7 @@ def _check(heard: BusView, report: Report, once: bool, of_bag: Sequence[str] = (
 
 def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Iterator[Report]:
     """A report after each period, until the node is shut down."""
-    from tfbus.monitor.meter import TransformMeter
+    from tfbus.frames.meter import TransformMeter
 
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):

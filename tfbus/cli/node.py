@@ -6,6 +6,9 @@ from collections.abc import Iterable
 
 import click
 
+from tfbus.base.errors import BusError
+from tfbus.base.wording import did_you_mean, printable
+from tfbus.bus.presence import ask_nodes, describe_nodes, list_nodes
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
 from tfbus.cli.bus import open_bus, say_if_empty, warn_of_unanswered
@@ -15,12 +18,9 @@ from tfbus.command.names import nodes_in
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName
-from tfbus.discover.presence import ask_nodes, describe_nodes, list_nodes
-from tfbus.errors import BusError
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
-from tfbus.wording import did_you_mean, printable
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import click
 
-from tfbus.wording import columns, counted, cut, cut_apart, printable
+from tfbus.base.wording import columns, counted, cut, cut_apart, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -9,6 +9,10 @@ from typing import IO, Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.errors import ParameterError, TfbusError
+from tfbus.base.wording import counted, did_you_mean, listed
+from tfbus.bus.presence import list_nodes
+from tfbus.bus.remote_parameters import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
@@ -27,12 +31,8 @@ from tfbus.cli.output import (
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName, ParameterName
-from tfbus.discover.parameters import full_name_of, parameter_of, parameters_of, set_parameter
-from tfbus.discover.presence import list_nodes
-from tfbus.errors import ParameterError, TfbusError
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
-from tfbus.wording import counted, did_you_mean, listed
 
 
 def _complete_pair(
@@ -306,7 +306,7 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
     A file without names of nodes is for any node. Raises click.BadParameter if it is not a map, or
     has nothing for this node.
     """
-    from tfbus.runtime.yaml_file import read_value  # YAML, which `--help` does not need
+    from tfbus.base.yaml_file import read_value  # YAML, which `--help` does not need
 
     content = read_value(file.read())
     if not isinstance(content, dict) or not content:

@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import LookupException, TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.wording import counted
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import listening
 from tfbus.cli.output import say
 from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
-from tfbus.core.sampling import Sampling
-from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer, track_from_file
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.installation import install_command
-from tfbus.trajectory import Trajectory
+from tfbus.geometry.sampling import Sampling
+from tfbus.geometry.trajectory import Trajectory
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening

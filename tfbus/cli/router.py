@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import click
 
+from tfbus.base.log import LogOnce, open_log
+from tfbus.base.signals import StopSignals
+from tfbus.bus.presence import watch_nodes
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
-from tfbus.discover.presence import watch_nodes
 from tfbus.node.surroundings import watch_members
-from tfbus.runtime.log import LogOnce, open_log
-from tfbus.runtime.signals import StopSignals
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
 _SAY_AGAIN_AFTER_S = 60.0

@@ -13,6 +13,9 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.errors import InvalidArgumentException, ServiceError
+from tfbus.base.wording import did_you_mean
+from tfbus.bus.graph import Graph, ServiceInfo
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
@@ -40,12 +43,9 @@ from tfbus.cli.output import (
 )
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName, matching
-from tfbus.discover.graph import Graph, ServiceInfo
-from tfbus.errors import InvalidArgumentException, ServiceError
 from tfbus.launch.find import installed_launch_files
 from tfbus.launch.service_manager import MARK, Service, container_text, unit_text
 from tfbus.wire.keys import relative
-from tfbus.wording import did_you_mean
 
 # There while systemd runs this machine.
 _SYSTEMD = Path("/run/systemd/system")

@@ -2,13 +2,13 @@
 
 import click
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.installation import install_command
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import is_terminal
 from tfbus.command.options import listening_options
 from tfbus.command.types import own_name
-from tfbus.errors import TfbusError
 from tfbus.frames.command_listener import listening
-from tfbus.runtime.installation import install_command
 from tfbus.wire.fleet import Fleet
 
 

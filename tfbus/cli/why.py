@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from tfbus.base.wording import age, stamp_text, wrapped
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
@@ -22,7 +23,6 @@ from tfbus.frames.why import (
 )
 from tfbus.recording.state import Statics
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import age, stamp_text, wrapped
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -75,7 +75,7 @@ def command(
     if statics is not None:
         raise click.UsageError("--statics is for a recording: give --bag")
     # Zenoh: no recording needs it
-    from tfbus.discover.presence import ask_nodes, frames_in_other_namespaces
+    from tfbus.bus.presence import ask_nodes, frames_in_other_namespaces
 
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S

@@ -4,12 +4,17 @@
 first used.
 """
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from tfbus.base.installation import install_command as install_command
+    from tfbus.base.whole_file import replacing as replacing
+    from tfbus.base.yaml_file import Value as Value
+    from tfbus.base.yaml_file import YamlFileError as YamlFileError
+    from tfbus.base.yaml_file import read_yaml_file as read_yaml_file
     from tfbus.command.names import namespaces_serving as namespaces_serving
     from tfbus.command.options import max_gap_option as max_gap_option
     from tfbus.command.options import roster_option as roster_option
@@ -28,11 +33,6 @@ if TYPE_CHECKING:
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
     from tfbus.command.types import own_name as own_name
-    from tfbus.runtime.installation import install_command as install_command
-    from tfbus.runtime.whole_file import replacing as replacing
-    from tfbus.runtime.yaml_file import Value as Value
-    from tfbus.runtime.yaml_file import YamlFileError as YamlFileError
-    from tfbus.runtime.yaml_file import read_yaml_file as read_yaml_file
 
 _MODULE_OF = {
     "bag_options": "tfbus.command.recordings",
@@ -48,16 +48,16 @@ _MODULE_OF = {
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "RawTerminal": "tfbus.command.terminal",
-    "Value": "tfbus.runtime.yaml_file",
-    "YamlFileError": "tfbus.runtime.yaml_file",
+    "Value": "tfbus.base.yaml_file",
+    "YamlFileError": "tfbus.base.yaml_file",
     "frame_mistake": "tfbus.command.types",
     "max_gap_option": "tfbus.command.options",
     "roster_option": "tfbus.command.options",
-    "install_command": "tfbus.runtime.installation",
+    "install_command": "tfbus.base.installation",
     "namespaces_serving": "tfbus.command.names",
     "own_name": "tfbus.command.types",
-    "read_yaml_file": "tfbus.runtime.yaml_file",
-    "replacing": "tfbus.runtime.whole_file",
+    "read_yaml_file": "tfbus.base.yaml_file",
+    "replacing": "tfbus.base.whole_file",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -11,15 +11,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tfbus.base.errors import TfbusError
 from tfbus.bus.settings import NodeSettings
-from tfbus.errors import TfbusError
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import namespace_of, relative_name
 
 if TYPE_CHECKING:
+    from tfbus.bus.presence import Described
     from tfbus.bus.session import Session
-    from tfbus.discover.presence import Described
     from tfbus.recording.items import EventItem
 
 # About as long as typing one line takes.
@@ -64,8 +64,8 @@ def live_names(settings: NodeSettings) -> LiveNames:
 
 def look_for_names(settings: NodeSettings) -> LiveNames:
     """The names now. Raises BusError if the bus cannot be joined."""
+    from tfbus.bus.presence import ask_graph
     from tfbus.bus.session import Session  # Zenoh, which cached names do not need
-    from tfbus.discover.presence import ask_graph
 
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
@@ -173,7 +173,7 @@ def nodes_in(events: "Iterable[EventItem]") -> dict[str, NodeDescription]:
 
 def namespaces_serving(session: "Session", service: str) -> list[str]:
     """The namespaces below that have this service or action, sorted; asks all nodes, within 1 s."""
-    from tfbus.discover.presence import ask_nodes
+    from tfbus.bus.presence import ask_nodes
 
     services = ask_nodes(session).graph(session.settings.namespace).services.values()
     return sorted(

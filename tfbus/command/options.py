@@ -12,14 +12,14 @@ from typing import Any, TypeVar, cast
 
 import click
 
+from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.signals import forget_interrupt
+from tfbus.base.wording import natural_order, printable
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, Number, RosterNames
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.errors import SettingsError, TfbusError
-from tfbus.runtime.signals import forget_interrupt
+from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.wire.numbered import POSES
-from tfbus.wording import natural_order, printable
 
 # In the context of a help that shows all.
 SHOWS_ALL = "tfbus.help_all"

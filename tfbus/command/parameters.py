@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import click
 
-from tfbus.errors import SettingsError
-from tfbus.runtime.yaml_file import read_value, read_yaml_file
-from tfbus.wording import listed, printable
+from tfbus.base.errors import SettingsError
+from tfbus.base.wording import listed, printable
+from tfbus.base.yaml_file import read_value, read_yaml_file
 
 Value = bool | int | float | str
 

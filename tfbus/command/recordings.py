@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.wording import counted, duration, printable
 from tfbus.command.types import Moment, MomentType
-from tfbus.errors import TfbusError
-from tfbus.runtime.installation import install_command
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, duration, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.part import Part

@@ -18,7 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from types import FrameType
 from typing import Any
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
 
 # Signals that end or stop a process by default. SIGINT and SIGTERM, which tfbus handles, end the
 # `with` and need nothing here.

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from tfbus.broadcast.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
+from tfbus.base.clock import Clock
+from tfbus.base.errors import DecodeError
+from tfbus.base.log import LogOnce
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.errors import DecodeError
 from tfbus.frames.named import NamedMessages
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.endpoint import NodeEndpoint
@@ -21,8 +22,7 @@ from tfbus.ros.definitions import STRING, TURTLE_POSE
 from tfbus.ros.message_classes import RosMessage
 from tfbus.ros.transforms import TFMessage, message_with, stamped_of
 from tfbus.ros.value_codec import UnfitError
-from tfbus.runtime.clock import Clock
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.broadcaster import StaticTransformBroadcaster, TransformBroadcaster
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.transform_bytes import TransformMessage
 

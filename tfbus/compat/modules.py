@@ -14,9 +14,9 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, NoReturn
 
+from tfbus.base.wording import did_you_mean, listed, near_names
 from tfbus.ros.definitions import FOLDERS_VARIABLE, interfaces_of, packages
 from tfbus.ros.message_classes import PACKAGE, interface_class
-from tfbus.wording import did_you_mean, listed, near_names
 
 
 def missing_names(module: str, instead: Mapping[str, str], otherwise: str) -> Callable[[str], Any]:

@@ -6,8 +6,8 @@ of the transform. Nothing that is given is changed.
 
 from typing import Any
 
+from tfbus.base import lazy_numpy as np
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
-from tfbus.core import lazy_numpy as np
 from tfbus.geometry.transform import Transform
 from tfbus.ros.message_classes import message_class
 from tfbus.ros.transforms import stamp_ns_of, transform_of

@@ -6,11 +6,7 @@ the `tfbus.Buffer` underneath.
 
 from typing import Any
 
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.formats import as_dot, as_yaml
-from tfbus.compat.rclpy.duration import Duration, seconds_of
-from tfbus.compat.rclpy.time import Time
-from tfbus.errors import (
+from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     FutureExtrapolationException,
@@ -20,8 +16,12 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.base.log import LogOnce, library_log
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.formats import as_dot, as_yaml
+from tfbus.compat.rclpy.duration import Duration, seconds_of
+from tfbus.compat.rclpy.time import Time
 from tfbus.ros.transforms import message_of, stamp_ns_of, stamped_of
-from tfbus.runtime.log import LogOnce, library_log
 
 __all__ = [
     "BufferCore",

@@ -2,10 +2,10 @@
 
 from typing import Any
 
+from tfbus.base import lazy_numpy as np
 from tfbus.compat.sensor_msgs_py.point_cloud2 import create_cloud, read_points
 from tfbus.compat.tf2_geometry_msgs import from_msg_msg, to_msg_msg
 from tfbus.compat.tf2_ros.buffer_interface import ConvertRegistration, TransformRegistration
-from tfbus.core import lazy_numpy as np
 from tfbus.ros.message_classes import message_class
 from tfbus.ros.transforms import Header, transform_of
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tfbus.core import lazy_numpy as np
+from tfbus.base import lazy_numpy as np
 
 __all__ = [
     "clip_matrix",

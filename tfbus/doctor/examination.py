@@ -7,11 +7,11 @@ from typing import Literal
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import FleetWatch, RobotStatus
+from tfbus.frames.meter import SpanMeter, measure
 from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
+from tfbus.frames.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.monitor.meter import SpanMeter, measure
-from tfbus.monitor.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 

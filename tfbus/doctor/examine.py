@@ -22,26 +22,26 @@ from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
+from tfbus.base import scheduler
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import BusError, DecodeError, SettingsError
+from tfbus.base.installation import version_and_origin, why_interpreted
 from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.bus.interfaces import interfaces
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.neighbours import scout
+from tfbus.bus.presence import Described, bus_out_of_reach
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
-from tfbus.discover.presence import Described, bus_out_of_reach
 from tfbus.doctor.examination import Examination, ExaminedHost, Participant, RosAround
-from tfbus.errors import BusError, DecodeError, SettingsError
 from tfbus.frames.command_listener import Listening, ask_others, wait_for_clock
 from tfbus.frames.fleet import FleetWatch
-from tfbus.listen.listener import TransformListener
-from tfbus.monitor.meter import TransformMeter
+from tfbus.frames.meter import TransformMeter
 from tfbus.node.node import Node
 from tfbus.ros.rmw import domain_of, is_domain
 from tfbus.ros.ros1 import Ros1Master
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.installation import version_and_origin, why_interpreted
+from tfbus.streams.listener import TransformListener
 from tfbus.wire.fleet import Fleet
 
 # What publishers keep shows the rates before.

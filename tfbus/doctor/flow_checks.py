@@ -3,7 +3,8 @@
 from collections import Counter
 from collections.abc import Iterator
 
-from tfbus.core import lazy_numpy as np
+from tfbus.base import lazy_numpy as np
+from tfbus.base.wording import counted, duration, listed
 from tfbus.doctor.examination import (
     Examination,
     Finding,
@@ -23,11 +24,10 @@ from tfbus.frames.clocks import (
     whose_clock,
 )
 from tfbus.frames.moment import state, why_another_time
+from tfbus.frames.report import EdgeFlow, EdgeSamples
 from tfbus.frames.snapshot import come_late, in_the_future, who, why_unreadable
 from tfbus.frames.track import gaps_in, least_gap_s
-from tfbus.listen.info import StreamInfo
-from tfbus.monitor.report import EdgeFlow, EdgeSamples
-from tfbus.wording import counted, duration, listed
+from tfbus.streams.info import StreamInfo
 
 
 @check("clock")

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 
+from tfbus.base.installation import SLOWER, compile_command
+from tfbus.base.wording import counted, listed, printable
 from tfbus.doctor.examination import Examination, Finding, check, found, ok, skipped
 from tfbus.ros.rmw import HIGHEST_DOMAIN, is_bridge
-from tfbus.runtime.installation import SLOWER, compile_command
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import counted, listed, printable
 
 _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 
+from tfbus.base.wording import counted, duration, listed, natural_order
 from tfbus.doctor.examination import (
     Examination,
     Finding,
@@ -15,7 +16,6 @@ from tfbus.doctor.examination import (
 )
 from tfbus.frames.moment import silent_s, state
 from tfbus.frames.snapshot import REMEDIES, ProblemKind, who
-from tfbus.wording import counted, duration, listed, natural_order
 
 # A sentence names at most this many namespaces.
 _NAMED = 5

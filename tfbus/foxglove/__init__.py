@@ -3,7 +3,7 @@
 Listed here is what the node `tfbus foxglove` uses.
 """
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False

@@ -18,7 +18,8 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 from websockets.typing import Subprotocol
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import printable
 from tfbus.foxglove.protocol import (
     CALLED,
     CONTROLLED,
@@ -38,7 +39,6 @@ from tfbus.foxglove.protocol import (
     text,
     texts,
 )
-from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from tfbus.foxglove.server import ServedChannel, Server

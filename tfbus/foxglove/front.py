@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, quote
 
-from tfbus.errors import TfbusError
-from tfbus.runtime import scheduler
-from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, machine_names
+from tfbus.base import scheduler
+from tfbus.base.addresses import names_to_open, names_to_open_elsewhere
+from tfbus.base.errors import TfbusError
+from tfbus.bus.server_access import AccessToken, PageGate, ServerTls, machine_names
 
 if TYPE_CHECKING:
     from tfbus.foxglove.server import Server  # websockets, which `tfbus foxglove --help` may lack

@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from tfbus import messages
+from tfbus.base.errors import DecodeError, ParameterError, ServiceError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import listed, printable
+from tfbus.bus.graph import Graph, ServiceInfo, graph_of
+from tfbus.bus.graph_watch import GraphWatch
+from tfbus.bus.remote_parameters import set_parameter
 from tfbus.bus.session import Session
-from tfbus.discover.graph import Graph, ServiceInfo, graph_of
-from tfbus.discover.graph_watch import GraphWatch
-from tfbus.discover.parameters import set_parameter
-from tfbus.errors import DecodeError, ParameterError, ServiceError
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections, NodeParameters, absolute, connections
@@ -23,20 +26,17 @@ from tfbus.foxglove.protocol import Capability, ClientChannel, ShownParameter
 from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import ServedService, Server
 from tfbus.foxglove.topics import LiveTopics, TransformChannels, json_of, json_schema, values_of
-from tfbus.listen.listener import TransformListener
-from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.messages import Twist
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher
 from tfbus.robot.robot import Robot
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.listener import TransformListener
+from tfbus.streams.passing_buffer import PassingBuffer
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import relative_name
-from tfbus.wording import listed, printable
 
 # A service answers at once; an action may take long, and the panel waits for its result.
 _TIMEOUT_S = 60.0

@@ -8,13 +8,13 @@ from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass, field
 from typing import Any
 
-from tfbus.discover.graph import graph_of
-from tfbus.errors import TfbusError
+from tfbus.base.callbacks import Workers
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import printable
+from tfbus.bus.graph import graph_of
 from tfbus.foxglove.protocol import ShownParameter, text
-from tfbus.listen.info import StreamInfo
-from tfbus.runtime.callbacks import Workers
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
-from tfbus.wording import printable
 
 Ends = Mapping[str, Sequence[str]]
 

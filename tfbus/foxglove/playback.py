@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.bag.player import Player
-from tfbus.errors import DecodeError, ParameterError, TfbusError
+from tfbus.base.errors import DecodeError, ParameterError, TfbusError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce, open_log
+from tfbus.base.signals import StopSignals, Wakeup
 from tfbus.foxglove.client import Requests
 from tfbus.foxglove.front import Front, Serving
 from tfbus.foxglove.nodes import Connections, NodeParameters, absolute, connections
@@ -29,9 +32,6 @@ from tfbus.recording.reader import RecordingReader, TopicSummary
 from tfbus.robot.robot import Robot
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce, open_log
-from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wire.fleet import Fleet

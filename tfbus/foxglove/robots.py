@@ -14,7 +14,10 @@ from typing import Any
 from urllib.parse import quote, unquote
 from xml.sax.saxutils import quoteattr
 
-from tfbus.errors import TfbusError, UrdfError
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import TfbusError, UrdfError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import listed, printable
 from tfbus.foxglove.server import Server
 from tfbus.foxglove.topics import ServedTopic
 from tfbus.messages import RobotDescription
@@ -24,11 +27,8 @@ from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described, remedy_of_missing
 from tfbus.robot.xml import Element, read_xml
 from tfbus.ros.schema import MessageCodecs
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map
 from tfbus.wire.fleet import FrameNames
-from tfbus.wording import listed, printable
 
 _SCHEME = "package://"
 

@@ -15,7 +15,10 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from tfbus.errors import TfbusError
+from tfbus.base.callbacks import Workers
+from tfbus.base.errors import TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.foxglove.client import Connection, Requests, ServedClient
 from tfbus.foxglove.nodes import Connections, graph_update
 from tfbus.foxglove.protocol import (
@@ -33,9 +36,6 @@ from tfbus.foxglove.protocol import (
     text,
     time_of,
 )
-from tfbus.runtime.callbacks import Workers
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import printable
 
 # Clients are told at most this many errors a second, since any client can cause them.
 _MOST_SAID = 20

@@ -16,10 +16,11 @@ from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from tfbus import messages
+from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError, TransformException
+from tfbus.base.log import LogOnce
 from tfbus.buffer.buffer import Buffer
-from tfbus.discover.graph import Graph, TopicInfo
-from tfbus.discover.ros_types import RosTypes
-from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError, TransformException
+from tfbus.bus.graph import Graph, TopicInfo
+from tfbus.bus.ros_types import RosTypes
 from tfbus.foxglove.nodes import absolute
 from tfbus.foxglove.server import ServedChannel, Server
 from tfbus.geometry.columns import Columns
@@ -29,7 +30,6 @@ from tfbus.node.topic import RawSubscription
 from tfbus.ros.definitions import MSGPACK, TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, type_name
 
 # A topic whose messages changed their schema this many times goes on as JSON.

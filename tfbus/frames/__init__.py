@@ -3,7 +3,7 @@
 Listed here is what nodes use: how `tfbus echo` writes a transform, and the bus that a page shows.
 """
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False

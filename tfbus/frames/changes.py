@@ -5,14 +5,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.wording import duration, listed
 from tfbus.frames.moment import BusMoment, FrameStatus, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.snapshot import Problem
 from tfbus.recording.items import EventItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import duration, listed
 
 ChangeKind = Literal[
     "frame appeared",

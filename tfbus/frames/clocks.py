@@ -9,13 +9,13 @@ frame: the present time is then never covered.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tfbus.listen.info import StreamInfo
+from tfbus.base.clock import Clock
+from tfbus.base.stamps import MOST_AHEAD_NS
+from tfbus.base.wording import counted
 from tfbus.recording.items import TopicItem
-from tfbus.runtime.clock import Clock
-from tfbus.runtime.stamps import MOST_AHEAD_NS
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import CLOCK_TOPIC
-from tfbus.wording import counted
 
 # Clocks of hosts that are synchronised differ by less; above this, lookups at a node's own "now"
 # fail or extrapolate.

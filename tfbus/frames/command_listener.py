@@ -6,21 +6,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
+from tfbus.base import scheduler
+from tfbus.base.clock import SYSTEM_CLOCK, Pace
+from tfbus.base.errors import TimeoutException
+from tfbus.base.stamps import MOST_AHEAD_NS
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.graph_watch import GraphWatch
+from tfbus.bus.presence import Described, ask_graph, ask_streams
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.graph_watch import GraphWatch
-from tfbus.discover.presence import Described, ask_graph, ask_streams
-from tfbus.errors import TimeoutException
 from tfbus.frames.clocks import simulated_time
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.listen.listener import TransformListener
+from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.node.node import Node
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import SYSTEM_CLOCK, Pace
-from tfbus.runtime.stamps import MOST_AHEAD_NS
+from tfbus.streams.listener import TransformListener
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 

@@ -12,14 +12,23 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tfbus.base.wording import (
+    age,
+    columns,
+    counted,
+    cut,
+    duration,
+    natural_order,
+    stamp_text,
+    wrapped,
+)
 from tfbus.buffer.formats import as_dot, as_yaml, branch
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.geometry.rotations import matrix_of
+from tfbus.geometry.trajectory import CSV_COLUMNS
 from tfbus.geometry.transform import TransformStamped
-from tfbus.trajectory import CSV_COLUMNS
-from tfbus.wording import age, columns, counted, cut, duration, natural_order, stamp_text, wrapped
 
 Paint = Callable[[str, State], str]
 

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from tfbus.base.wording import duration, listed, natural_order
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.moment import BusMoment, faults
 from tfbus.frames.snapshot import FrameTree, Problem
-from tfbus.listen.info import MOST_GONE, StreamInfo
+from tfbus.streams.info import MOST_GONE, StreamInfo
 from tfbus.wire.keys import namespace_of_node, relative
-from tfbus.wording import duration, listed, natural_order
 
 RobotState = Literal["gone", "missing", "there"]
 

@@ -30,16 +30,16 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Generic, Literal, Protocol, TypeVar
 
+from tfbus.base import structs
+from tfbus.base.wording import age, duration
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
-from tfbus.discover.graph import Graph, ServiceInfo, TopicInfo, graph_of
+from tfbus.bus.graph import Graph, ServiceInfo, TopicInfo, graph_of
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.snapshot import FrameTree, Problem
-from tfbus.listen.info import StreamInfo
-from tfbus.runtime import structs
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import namespace_of_node, relative_name, stream_key
-from tfbus.wording import age, duration
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")

@@ -3,16 +3,16 @@
 from collections.abc import Callable
 from functools import partial
 
-from tfbus.errors import DecodeError
-from tfbus.listen.info import StreamState
-from tfbus.listen.reception import NOT_NAMED, TIMES_HELD, TOO_MANY_WAIT
-from tfbus.listen.stream_facts import OF_EPOCH, OF_NAMES, PendingMessages
-from tfbus.listen.watch import StreamWatch
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import DecodeError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
 from tfbus.node.node import Node
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
+from tfbus.streams.info import StreamState
+from tfbus.streams.reception import NOT_NAMED, TIMES_HELD, TOO_MANY_WAIT
+from tfbus.streams.stream_facts import OF_EPOCH, OF_NAMES, PendingMessages
+from tfbus.streams.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import stream_of
 from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers

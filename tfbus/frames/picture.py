@@ -11,15 +11,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import TfbusError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import TfbusError
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.whole_file import replacing
+from tfbus.base.wording import columns, counted, cut
 from tfbus.frames.moment import State, facts, state
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.track import angular_speed, gaps_of, linear_speed, rpy_rad, seconds_of
-from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory import Trajectory
-from tfbus.wording import columns, counted, cut
+from tfbus.geometry.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

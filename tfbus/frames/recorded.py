@@ -13,10 +13,11 @@ from heapq import merge
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
+from tfbus.base.errors import DecodeError
+from tfbus.base.names import is_printable
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.discover.graph import where_to_look
-from tfbus.errors import DecodeError
+from tfbus.bus.graph import where_to_look
 from tfbus.frames.clocks import (
     NOT_SIMULATED,
     RecordedClock,
@@ -27,11 +28,7 @@ from tfbus.frames.clocks import (
 )
 from tfbus.frames.moment import BusMoment, key_of_stream
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.listen.conflicts import Conflicts
-from tfbus.listen.info import StreamInfo, StreamState, stream_info
-from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.listen.stream_facts import ReceptionHooks
-from tfbus.names import is_printable
+from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.recording.items import (
     ALL,
     EventItem,
@@ -44,11 +41,14 @@ from tfbus.recording.items import (
     Viewpoint,
 )
 from tfbus.recording.state import LastingStatics, Statics
+from tfbus.streams.conflicts import Conflicts
+from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.reception import DynamicReception, StreamReception
+from tfbus.streams.stream_facts import ReceptionHooks
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader

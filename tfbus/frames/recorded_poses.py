@@ -9,13 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
-from tfbus.buffer.explain import LATER, LATEST
-from tfbus.bus.settings import NodeSettings
-from tfbus.command.recordings import BagChoice, OpenBag
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.core.sampling import TF2, Sampling
-from tfbus.errors import (
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import (
     ExtrapolationException,
     FutureExtrapolationException,
     LookupException,
@@ -23,11 +18,16 @@ from tfbus.errors import (
     TfbusError,
     TransformException,
 )
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.buffer.explain import LATER, LATEST
+from tfbus.bus.settings import NodeSettings
+from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.frames.recorded import RecordedFrames
+from tfbus.geometry.sampling import TF2, Sampling
+from tfbus.geometry.trajectory import Trajectory, check_count, of_checked
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import Item, TransformItem
-from tfbus.trajectory import Trajectory, check_count, of_checked
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:

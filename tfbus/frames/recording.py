@@ -8,21 +8,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar, overload
 
-from tfbus.buffer import trajectories
-from tfbus.buffer.buffer import Buffer
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import ArrayLike, NDArray
-from tfbus.core.sampling import Sampling
-from tfbus.errors import (
+from tfbus.base import lazy_numpy as np
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import (
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
     NoDataException,
     TransformException,
 )
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
+from tfbus.base.stamps import other_clock
+from tfbus.base.wording import did_you_mean, near_names, printable
+from tfbus.buffer import trajectories
+from tfbus.buffer.buffer import Buffer
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.runs import FIRST_NS, LAST_NS
 from tfbus.frames.samples import RecordedSamples, SampledSpan, only, poses_of
+from tfbus.geometry.sampling import Sampling
+from tfbus.geometry.trajectory import Trajectory
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.items import (
@@ -37,12 +42,7 @@ from tfbus.recording.items import (
 )
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.state import STATICS, Statics
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.stamps import other_clock
-from tfbus.trajectory import Trajectory
 from tfbus.wire.codec import from_map
-from tfbus.wording import did_you_mean, near_names, printable
 
 M = TypeVar("M")
 

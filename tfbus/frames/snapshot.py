@@ -5,6 +5,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
+from tfbus.base.clock import Clock
+from tfbus.base.names import mistake_in
+from tfbus.base.stamps import is_of_simulated_clock, other_unit
+from tfbus.base.wording import counted, duration, listed, natural_order, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.clocks import (
@@ -16,12 +20,8 @@ from tfbus.frames.clocks import (
     is_late,
     whose_clock,
 )
-from tfbus.listen.info import StreamInfo
-from tfbus.names import mistake_in
-from tfbus.runtime.clock import Clock
-from tfbus.runtime.stamps import is_of_simulated_clock, other_unit
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, duration, listed, natural_order, printable
 
 ProblemKind = Literal[
     "loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock", "unit", "ahead", "late"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypeAlias
 
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.buffer.buffer import Buffer
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.trajectory import Trajectory, check_count, of_checked, read_echo
+from tfbus.geometry.trajectory import Trajectory, check_count, of_checked, read_echo
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

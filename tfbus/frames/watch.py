@@ -5,13 +5,13 @@ Apart from `changes`, which tools on recordings import, and with it no bus.
 
 from collections.abc import Iterator
 
+from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.changes import BusChange, Changes
 from tfbus.frames.command_listener import Listening, meet_publishers
 from tfbus.frames.moment import BusMoment
-from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.streams.listener import TransformListener
 from tfbus.wire.fleet import Fleet
 
 # Publishers that keep messages show their rates at once.

@@ -4,15 +4,16 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.info import FrameInfo
-from tfbus.errors import (
+from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     LookupException,
     TfbusError,
     TransformException,
 )
+from tfbus.base.wording import counted, duration, natural_order, near_names
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.info import FrameInfo
 from tfbus.frames.clocks import is_another_time
 from tfbus.frames.fleet import RobotStatus
 from tfbus.frames.moment import BusMoment, facts, is_stale, silent_s
@@ -28,9 +29,8 @@ from tfbus.frames.snapshot import (
     why_unreadable,
 )
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.info import StreamInfo
+from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, duration, natural_order, near_names
 
 Verdict = Literal["ok", "warn", "fail"]
 

@@ -1,1 +1,1 @@
-"""Transforms as values: one, many; nothing of time or network."""
+"""Transforms as values: one, many, or over time; and the compiled arithmetic below them."""

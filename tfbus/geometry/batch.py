@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.structs import Struct
 from tfbus.geometry.transform import (
     Transform,
     TransformStamped,
@@ -15,7 +16,6 @@ from tfbus.geometry.transform import (
     plain,
     stamped_list,
 )
-from tfbus.runtime.structs import Struct
 
 
 class TransformBatch(Struct, eq=False):

@@ -1,6 +1,6 @@
 cimport cython
-from tfbus.core cimport packed
-from tfbus.core.packed cimport edge_t
+from tfbus.geometry cimport packed
+from tfbus.geometry.packed cimport edge_t
 from tfbus.geometry.transform cimport TransformStamped, child_name
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE

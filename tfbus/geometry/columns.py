@@ -9,10 +9,10 @@ from collections.abc import Collection, Iterable, Iterator
 from struct import iter_unpack, unpack_from
 from typing import TYPE_CHECKING, Any
 
-from tfbus.core import packed
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.geometry import packed
 from tfbus.geometry.batch import TransformBatch, batch_of_checked
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.transform import (
     Transform,
     TransformStamped,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 
 class Columns:

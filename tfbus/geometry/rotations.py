@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from math import atan2, cos, hypot, pi, sin, sqrt
 from typing import TYPE_CHECKING
 
-from tfbus.core.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.geometry.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Angles = tuple[Floats, Floats, Floats]
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 Triple = tuple[float, float, float]
 

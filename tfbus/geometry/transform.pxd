@@ -1,5 +1,5 @@
 cimport cython
-from tfbus.core.kernel cimport (
+from tfbus.geometry.kernel cimport (
     pose_t, relative, lerp_slerp, sclerp, compose, exp_twist, invert, log_pose, normalised
 )
 

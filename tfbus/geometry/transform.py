@@ -14,7 +14,11 @@ from math import atan2, hypot, isfinite, pi, radians
 from operator import index
 from typing import TYPE_CHECKING, Any, overload
 
-from tfbus.core.kernel import (
+from tfbus.base.arguments import SourceSignature, called_as
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.names import mistake_in
+from tfbus.base.stamps import LATEST_STAMP_NS
+from tfbus.geometry.kernel import (
     IDENTITY,
     Pose,
     compose,
@@ -26,7 +30,6 @@ from tfbus.core.kernel import (
     relative,
     sclerp,
 )
-from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.rotations import (
     angles_of,
     euler_axes,
@@ -37,9 +40,6 @@ from tfbus.geometry.rotations import (
     quaternion_of_matrix,
     unit_quaternion,
 )
-from tfbus.names import mistake_in
-from tfbus.runtime.arguments import SourceSignature, called_as
-from tfbus.runtime.stamps import LATEST_STAMP_NS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -49,12 +49,12 @@ if TYPE_CHECKING:
     # What `T @ points` takes for points.
     Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 # The tolerance of a homogeneous matrix's last row, 0 0 0 1.
 LAST_ROW_WITHIN = 1e-9

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import index
 from typing import TYPE_CHECKING, Any, ClassVar, overload
 
-from tfbus.core.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.geometry.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.geometry.rotations import (
     angles_of_rows,
     are_rotations,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     # What picks rows: a slice, a mask (N,), or indices.
     Rows = slice | NDArray[np.bool_] | NDArray[np.intp] | Sequence[bool] | Sequence[int]
 else:
-    from tfbus.core import lazy_numpy as np
+    from tfbus.base import lazy_numpy as np
 
 # Below this angle quotients of sines lose digits, and the first terms of their series do not.
 _SMALL_ANGLE = 1e-3

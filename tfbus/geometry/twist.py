@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.geometry.transform import take
 from tfbus.geometry.transform_array import TransformArray
 

@@ -13,10 +13,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import did_you_mean
+from tfbus.base.yaml_file import FilePlace, Value, YamlFileError
 from tfbus.launch.description import Argument, LaunchArgumentError
-from tfbus.runtime.yaml_file import FilePlace, Value, YamlFileError
-from tfbus.wording import did_you_mean
 
 HERE = "here"
 

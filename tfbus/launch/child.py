@@ -14,11 +14,11 @@ from pathlib import Path
 from shutil import which
 from typing import TypeVar
 
+from tfbus.base.wording import did_you_mean
 from tfbus.bus.settings import NodeSettings
 from tfbus.launch.console import Console
 from tfbus.launch.description import DescribedProcess, Respawn
 from tfbus.wire.numbered import FLOAT64
-from tfbus.wording import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import IO
 
+from tfbus.base.wording import printable
 from tfbus.launch.service_manager import is_journal, journal_level
-from tfbus.wording import printable
 
 _LONGEST_LINE = 65536
 _MOST_LINES_WAITING = 1000

@@ -5,8 +5,8 @@ mistakes beside those in a file (YamlFileError).
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.errors import TfbusError
-from tfbus.runtime.yaml_file import FilePlace
+from tfbus.base.errors import TfbusError
+from tfbus.base.yaml_file import FilePlace
 
 
 @dataclass(frozen=True, slots=True)

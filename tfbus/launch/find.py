@@ -7,8 +7,8 @@ from pathlib import Path
 
 import yaml
 
+from tfbus.base.wording import did_you_mean
 from tfbus.launch.description import LaunchError
-from tfbus.wording import did_you_mean
 
 # Where a package may have them, besides its own folder.
 _FOLDERS = ("", "launch", "configs", "config")

@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import did_you_mean
+from tfbus.base.yaml_file import FilePlace, Value, read_yaml_file
+from tfbus.bus.identity_folder import open_folder
 from tfbus.bus.settings import check_network
-from tfbus.errors import TfbusError
 from tfbus.launch.arguments import (
     LaunchFields,
     Scope,
@@ -26,11 +29,8 @@ from tfbus.launch.description import (
     Respawn,
 )
 from tfbus.launch.find import find_in, find_launch_file
-from tfbus.runtime.yaml_file import FilePlace, Value, read_yaml_file
-from tfbus.secure.folder import open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
 from tfbus.wire.numbered import check_poses
-from tfbus.wording import did_you_mean
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),

@@ -11,8 +11,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from tfbus.errors import InvalidArgumentException
-from tfbus.wording import printable
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.wording import printable
 
 # It is told three times as often as it waits.
 _TOLD_AS_OFTEN = 3

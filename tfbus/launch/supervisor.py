@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import counted, listed
 from tfbus.launch.child import Child, Escalation, LaunchProgram, Timeouts
 from tfbus.launch.console import Console
-from tfbus.wording import counted, listed
 
 # There is no event for an empty process group.
 _GROUP_POLL_S = 0.02

@@ -6,8 +6,8 @@ from functools import cache
 from math import isfinite, prod
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 
 # Where a field with a former name is now, as a path; of a list, a path for each item.
 Former = Mapping[str, str | tuple[str, ...]]

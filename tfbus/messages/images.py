@@ -4,8 +4,8 @@ import re
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.messages.fields import (
     Float64Array,
     UInt8Array,

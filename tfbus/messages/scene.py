@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.messages.fields import (
     ColorsArray,
     Int8Array,

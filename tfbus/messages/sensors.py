@@ -5,8 +5,8 @@ from functools import lru_cache
 from math import inf
 from typing import Any, ClassVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import ArrayLike, NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
 from tfbus.messages.fields import (
     Float32Array,
     UInt8Array,

@@ -12,13 +12,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from tfbus.base import scheduler
+from tfbus.base.arguments import check_callback, check_plain, is_async, seconds_to_wait
+from tfbus.base.errors import BusError, DecodeError, ServiceError
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
-from tfbus.errors import BusError, DecodeError, ServiceError
 from tfbus.node.endpoint import Lane, NodeEndpoint, check_part
 from tfbus.node.service import Caller, Service, submit_or_refuse
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import check_callback, check_plain, is_async, seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
     decode_map,

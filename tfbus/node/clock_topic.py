@@ -2,17 +2,17 @@
 
 import logging
 
+from tfbus.base.clock import SimulatedClock
+from tfbus.base.errors import DecodeError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import stamp_text
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError
 from tfbus.messages import Clock
 from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.topic import REJECTED, warn_rejected
-from tfbus.runtime.clock import SimulatedClock
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
-from tfbus.wording import stamp_text
 
 # The last message is repeated after this time, for nodes that came late or lost it.
 _REPEAT_S = 0.2

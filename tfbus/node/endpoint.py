@@ -7,10 +7,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
-from tfbus.runtime.arguments import is_async, shown
-from tfbus.runtime.callbacks import CallbackGroup, Delays, join
-from tfbus.runtime.clock import Clock, SimulatedClock, Timer
-from tfbus.runtime.executor import Executor
+from tfbus.base.arguments import is_async, shown
+from tfbus.base.callbacks import CallbackGroup, Delays, join
+from tfbus.base.clock import Clock, SimulatedClock, Timer
+from tfbus.base.executor import Executor
 from tfbus.wire.codec import is_message_type, type_name
 
 

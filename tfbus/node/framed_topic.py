@@ -8,24 +8,24 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
-from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.pending import PendingLookup
-from tfbus.bus.session import Session
-from tfbus.errors import (
+from tfbus.base import scheduler
+from tfbus.base.arguments import is_async
+from tfbus.base.clock import Timer
+from tfbus.base.errors import (
     ConnectivityException,
     GapException,
     LookupException,
     TimeoutException,
     TransformException,
 )
+from tfbus.base.executor import Executor
+from tfbus.base.signals import StopSignals
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.pending import PendingLookup
+from tfbus.bus.session import Session
 from tfbus.geometry.transform import check_frame_id
 from tfbus.node.endpoint import Lane
 from tfbus.node.topic import Subscription
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import is_async
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.signals import StopSignals
 
 M = TypeVar("M")
 

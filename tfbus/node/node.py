@@ -6,10 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.base import scheduler
+from tfbus.base.arguments import check_callback, check_plain, seconds_to_wait
+from tfbus.base.callbacks import CallbackGroup
+from tfbus.base.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
+from tfbus.base.errors import ParameterError, SettingsError, TfbusError
+from tfbus.base.log import open_log
+from tfbus.base.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.bus import zenoh_library
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.errors import ParameterError, SettingsError, TfbusError
 from tfbus.node.endpoint import (
     CALLBACK_THREADS,
     Lane,
@@ -30,12 +36,6 @@ from tfbus.node.surroundings import (
     watch_members,
 )
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import check_callback, check_plain, seconds_to_wait
-from tfbus.runtime.callbacks import CallbackGroup
-from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
-from tfbus.runtime.log import open_log
-from tfbus.runtime.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:

@@ -12,12 +12,13 @@ import reprlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from tfbus.base.errors import BusError, ParameterError
+from tfbus.base.structs import Struct
+from tfbus.base.wording import did_you_mean, printable
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
-from tfbus.errors import BusError, ParameterError
 from tfbus.node.endpoint import Lane
 from tfbus.node.service import submit_or_refuse
-from tfbus.runtime.structs import Struct
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import (
     check_parameter,
@@ -27,7 +28,6 @@ from tfbus.wire.keys import (
     parameter_key,
     setting_key,
 )
-from tfbus.wording import did_you_mean, printable
 
 Value = bool | int | float | str | list[Any]
 
@@ -199,7 +199,7 @@ class Parameters:
 
 def _read_text(text: str) -> object:
     # YAML, only where a value comes as text
-    from tfbus.runtime.yaml_file import read_strangers_value
+    from tfbus.base.yaml_file import read_strangers_value
 
     return read_strangers_value(text)
 

@@ -1,11 +1,11 @@
 """The meshes of robots on other machines, as their robot_state serves them."""
 
-from tfbus.errors import TfbusError
+from tfbus.base import scheduler
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import printable
 from tfbus.messages import RobotMesh
 from tfbus.node.node import Node
 from tfbus.node.service import Client
-from tfbus.runtime import scheduler
-from tfbus.wording import printable
 
 # The largest file, how long it and one part of it may take, and how often it may change while it is
 # read.

@@ -8,13 +8,13 @@ from collections.abc import Callable, Coroutine
 from contextlib import ExitStack, suppress
 from typing import Any
 
+from tfbus.base import scheduler
+from tfbus.base.arguments import seconds_to_wait
+from tfbus.base.errors import ServiceError
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import new_cancellation
-from tfbus.errors import ServiceError
 from tfbus.node.endpoint import Lane, NodeEndpoint, check_part
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.

@@ -11,23 +11,23 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
 
+from tfbus.base import scheduler
+from tfbus.base.clock import Timer
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.executor import Executor
+from tfbus.base.installation import installed_version
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, listed, printable
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import id_in_file
-from tfbus.errors import BusError, DecodeError
 from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.parameters import Parameters
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.installation import installed_version
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import FILLED_BY_OTHERS, NodeDescription
 from tfbus.wire.keys import clock_key, node_key
-from tfbus.wording import counted, listed, printable
 
 # After a link to another process has opened, its declarations take a moment to arrive.
 _CHECK_AFTER_S = 0.3
@@ -116,7 +116,7 @@ def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: fl
     taken = id_in_file(settings.config)
     if taken is None:
         return
-    from tfbus.discover.presence import ask_nodes  # few files set an id
+    from tfbus.bus.presence import ask_nodes  # few files set an id
 
     with Session(settings, log, patience_s=patience_s, is_second=True) as session:
         session.settle()

@@ -6,14 +6,14 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
+from tfbus.base import scheduler
+from tfbus.base.arguments import is_async
+from tfbus.base.errors import DecodeError
+from tfbus.base.log import LogOnce
+from tfbus.base.signals import StopSignals, Wakeup
 from tfbus.bus.network_session import BytesPublisher, Declaration
 from tfbus.bus.session import Session
-from tfbus.errors import DecodeError
 from tfbus.node.endpoint import Lane, NodeEndpoint
-from tfbus.runtime import scheduler
-from tfbus.runtime.arguments import is_async
-from tfbus.runtime.log import LogOnce
-from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
 M = TypeVar("M")

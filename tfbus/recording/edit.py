@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import chain
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.wording import stamp_text
 from tfbus.recording.items import (
     ALL,
     CUT_OUT,
@@ -20,7 +21,6 @@ from tfbus.recording.items import (
 )
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import BusState
-from tfbus.wording import stamp_text
 
 # How far apart, by their clocks, two recorders may have received the same message: one with a
 # number, and one that is known by its content only.

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.whole_file import replacing
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.trajectory import FRAME_COLUMNS, POSE_COLUMNS
 from tfbus.recording.items import Item, TopicItem, TransformItem
-from tfbus.runtime.whole_file import replacing
-from tfbus.trajectory import FRAME_COLUMNS, POSE_COLUMNS
 
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import yaml
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import printable
 from tfbus.recording.imported import (
     ForeignChannel,
     ForeignFile,
@@ -31,7 +32,6 @@ from tfbus.recording.records import (
     united,
     unpack_zstd_file,
 )
-from tfbus.wording import printable
 
 # How a database of SQLite begins.
 _SQLITE = b"SQLite format 3\0"

@@ -9,9 +9,9 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from tfbus.core.packed import edge_bytes, pose_bytes, stamp_bytes
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import edge_bytes, pose_bytes, stamp_bytes
 
 _NS_PER_S = 1_000_000_000
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import DecodeError, InvalidNameError
+from tfbus.base.errors import DecodeError, InvalidNameError
+from tfbus.base.wording import stamp_text
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.recording import foxglove_frames
 from tfbus.recording.foxglove_frames import ns_of
 from tfbus.recording.items import (
@@ -35,7 +36,6 @@ from tfbus.wire.keys import (
     check_no_transforms,
     check_topic,
 )
-from tfbus.wording import stamp_text
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import message_of
 from tfbus.wire.fleet import Fleet, FrameNames, has_name
-from tfbus.wording import printable
 
 EventKind = Literal[
     "stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped", "filled"

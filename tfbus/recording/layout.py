@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import msgpack
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, EventKind, RecordedStream, TopicItem
 from tfbus.recording.records import of_zstd
 from tfbus.wire.codec import too_many_items
-from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from mcap.writer import Writer

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.wording import printable
 from tfbus.recording.records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -46,7 +47,6 @@ from tfbus.recording.records import (
     read_schema,
     records_in,
 )
-from tfbus.wording import printable
 
 # A summary, an attachment or a metadata record of more bytes is not read.
 _MOST_RECORD_BYTES = 512 * 2**20

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.recording.items import (
     EventItem,
     Item,
@@ -45,7 +46,6 @@ from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.message_type import PACKAGE, message_of
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader, equal_parts, read_many
-from tfbus.wording import printable
 
 Decode = Callable[[bytes], dict[str, Any]]
 

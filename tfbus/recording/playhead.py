@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import scheduler
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.items import ALL, Item, Selection
 from tfbus.recording.state import ItemsInOrder, last_item
-from tfbus.runtime import scheduler
 
 SLOWEST, FASTEST = 1e-3, 1e4
 

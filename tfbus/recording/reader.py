@@ -10,8 +10,10 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.errors import DecodeError, FileError, MissingFileError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError, FileError, MissingFileError
+from tfbus.base.log import LogOnce, library_log
+from tfbus.base.wording import printable
 from tfbus.recording.items import (
     ALL,
     RECORDING,
@@ -31,9 +33,7 @@ from tfbus.recording.records import Damage, united
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import Definition
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.runtime.log import LogOnce, library_log
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
-from tfbus.wording import printable
 
 T = TypeVar("T")
 

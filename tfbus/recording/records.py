@@ -12,7 +12,7 @@ from pathlib import Path
 from shutil import disk_usage
 from typing import NamedTuple
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.limits import size_text
 
 # What a disk keeps free where a file is unpacked onto it.

@@ -7,7 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from heapq import merge
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import counted, listed
 from tfbus.recording.items import ALL, Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.part import Part, UnreadItem, read_items
@@ -34,7 +35,6 @@ from tfbus.recording.records import (
 )
 from tfbus.recording.state import BusState
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, listed
 
 # The greatest opcode of MCAP's own; those from the second on are left to others.
 _LAST_OPCODE, _PRIVATE_OPCODES = 15, 0x80

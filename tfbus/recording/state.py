@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from tfbus.core.packed import edge_bytes
+from tfbus.base.bounded import Bounded
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import edge_bytes
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
-from tfbus.runtime.bounded import Bounded
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader

@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.lazy_numpy import NDArray
+from tfbus.base import lazy_numpy as np
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.recording.items import EventItem, Pause, Viewpoint, recorded_ns, waits_between
 from tfbus.recording.layout import Edge
 from tfbus.recording.part import StreamChannel

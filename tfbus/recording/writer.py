@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.installation import installed_version
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
     ABOUT,
@@ -27,7 +28,6 @@ from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
-from tfbus.runtime.installation import installed_version
 from tfbus.wire.codec import stamp_in
 
 Compression = Literal["zstd", "lz4", "none"]

@@ -16,15 +16,15 @@ from collections.abc import Container, Mapping, Sequence
 from math import cos, isfinite, sin
 from typing import Any, TypeAlias
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.kernel import IDENTITY, Pose, compose, normalised
-from tfbus.core.lazy_numpy import ArrayLike, NDArray
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
+from tfbus.base.wording import counted, did_you_mean
+from tfbus.geometry.kernel import IDENTITY, Pose, compose, normalised
 from tfbus.geometry.rotations import matrix_of, product
 from tfbus.geometry.transform import Transform, as_floats
 from tfbus.geometry.transform_array import TransformArray, make_array, rotate
 from tfbus.robot.model import Joint, Vector
-from tfbus.wording import counted, did_you_mean
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi
 from pathlib import Path
 
-from tfbus.errors import UrdfError
+from tfbus.base.errors import UrdfError
+from tfbus.base.names import MOST_LETTERS
+from tfbus.base.wording import did_you_mean, listed, printable
 from tfbus.geometry.transform import Transform
-from tfbus.names import MOST_LETTERS
 from tfbus.robot.mesh_files import file_beside, parts_of
 from tfbus.robot.xml import Element
-from tfbus.wording import did_you_mean, listed, printable
 
 Vector = tuple[float, float, float]
 

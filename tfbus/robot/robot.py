@@ -12,10 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core.kernel import IDENTITY, compose, invert, normalised
-from tfbus.core.lazy_numpy import ArrayLike, NDArray
-from tfbus.errors import InvalidArgumentException, UrdfError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import InvalidArgumentException, UrdfError
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
+from tfbus.base.wording import counted, did_you_mean, printable
+from tfbus.geometry.kernel import IDENTITY, compose, invert, normalised
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import Transform, make_transform
 from tfbus.geometry.transform_array import TransformArray
@@ -24,7 +25,6 @@ from tfbus.robot.mesh_files import MeshFiles, folder_of_source
 from tfbus.robot.model import Collision, Joint, Link, Model, Visual
 from tfbus.robot.urdf import read_model
 from tfbus.robot.xml import MOST_BYTES, decoded, read_xml
-from tfbus.wording import counted, did_you_mean, printable
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

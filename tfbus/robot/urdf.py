@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from math import hypot, inf, isfinite, isnan
 
-from tfbus.errors import UrdfError
+from tfbus.base.errors import UrdfError
+from tfbus.base.names import mistake_in
+from tfbus.base.wording import counted, listed, printable
 from tfbus.geometry.transform import Transform
-from tfbus.names import mistake_in
 from tfbus.robot.mesh_files import MeshFiles, MeshPathError
 from tfbus.robot.model import (
     POSITION_SIZES,
@@ -33,7 +34,6 @@ from tfbus.robot.model import (
     near,
 )
 from tfbus.robot.xml import Element, read_xml
-from tfbus.wording import counted, listed, printable
 
 _TYPES = listed([f"'{each}'" for each in POSITION_SIZES])
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")

@@ -18,11 +18,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tfbus.errors import UrdfError
+from tfbus.base.errors import UrdfError
+from tfbus.base.installation import install_command
+from tfbus.base.limited_process import command_of, limit_this_process
+from tfbus.base.wording import printable
 from tfbus.robot.mesh_files import MeshFiles
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.limited_process import command_of, limit_this_process
-from tfbus.wording import printable
 
 # A robot of a thousand links takes 3 s and 0.2 GB.
 MOST_CPU_S = 30.0

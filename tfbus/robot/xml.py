@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from tfbus.errors import UrdfError
-from tfbus.wording import printable
+from tfbus.base.errors import UrdfError
+from tfbus.base.wording import printable
 
 MOST_BYTES = 20_000_000
 MOST_ELEMENTS = 100_000

@@ -6,8 +6,8 @@ Bytes are written little-endian and read in both orders.
 
 import struct
 
-from tfbus.errors import DecodeError
-from tfbus.wording import counted, printable
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import counted, printable
 
 # What begins a message: the way it is encoded, and two bytes that say nothing here. All alignment
 # counts from behind it.

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus import messages
-from tfbus.core import lazy_numpy as np
-from tfbus.errors import DecodeError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import printable
 from tfbus.ros.definitions import STRING, Definition, known_definition, message_named
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
 from tfbus.ros.value_codec import UnfitError, array_of, buffer_of
 from tfbus.wire.codec import HEADER, renewed_map, with_header, without_header
-from tfbus.wording import printable
 
 _SECOND_NS = 1_000_000_000
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
 
-from tfbus.core import lazy_numpy as np
-from tfbus.errors import DecodeError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import printable
 from tfbus.ros.definitions import message_named
 from tfbus.ros.message_type import SCALARS, MessageType, Scalar, Sequence, Text, Type, rows_of
 from tfbus.ros.value_codec import array_of
-from tfbus.wording import printable
 
 Convert = Callable[[Any, str], Any]
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any, Literal
 
-from tfbus.core import lazy_numpy as np
-from tfbus.errors import DecodeError
-from tfbus.wording import printable
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import printable
 
 # Between a definition and those of the messages in it.
 SEPARATOR = "=" * 80

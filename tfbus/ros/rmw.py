@@ -16,7 +16,8 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import Any
 
-from tfbus.errors import SettingsError
+from tfbus.base.errors import SettingsError
+from tfbus.base.wording import printable
 from tfbus.ros.cdr import CdrReader, CdrWriter
 from tfbus.ros.definitions import SEPARATOR, Definition
 from tfbus.ros.message_type import (
@@ -30,7 +31,6 @@ from tfbus.ros.message_type import (
     message_of,
     messages_in,
 )
-from tfbus.wording import printable
 
 # The most that the ports of DDS leave room for.
 HIGHEST_DOMAIN = 232

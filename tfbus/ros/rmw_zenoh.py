@@ -12,9 +12,9 @@ from typing import Literal, NamedTuple, get_args
 
 from xxhash import xxh3_128_digest
 
-from tfbus.errors import InvalidNameError, SettingsError
+from tfbus.base.errors import InvalidNameError, SettingsError
+from tfbus.base.wording import did_you_mean, printable
 from tfbus.ros.rmw import dds_type
-from tfbus.wording import did_you_mean, printable
 
 # Distributions
 

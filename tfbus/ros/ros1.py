@@ -12,13 +12,13 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
-from tfbus.core.packed import POSE_SIZE, edge_bytes, stamp_bytes
-from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.wording import printable, stamp_text
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import POSE_SIZE, edge_bytes, stamp_bytes
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
-from tfbus.runtime.installation import install_command
-from tfbus.wording import printable, stamp_text
 
 DEFAULT_MASTER = "http://localhost:11311"
 

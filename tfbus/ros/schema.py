@@ -10,7 +10,8 @@ from functools import reduce
 from typing import Any, get_args, get_origin, get_type_hints
 
 from tfbus import messages
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.wording import printable
 from tfbus.messages.fields import ArrayOf
 from tfbus.ros.cdr import CdrWriter
 from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted
@@ -41,7 +42,6 @@ from tfbus.ros.message_type import (
 )
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
 from tfbus.wire.codec import type_name as name_of
-from tfbus.wording import printable
 
 # Beyond these, values are MessagePack: a schema for them would help no reader.
 _MOST_DEPTH = 12

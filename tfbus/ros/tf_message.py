@@ -11,14 +11,14 @@ from array import array
 from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core import packed
-from tfbus.core.lazy_numpy import NDArray
-from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.wording import printable, stamp_text
+from tfbus.geometry import packed
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 from tfbus.ros.cdr import HEADER, HEADER_SIZE, CdrReader, CdrWriter
-from tfbus.wording import printable, stamp_text
 
 _SECOND_NS = 1_000_000_000
 

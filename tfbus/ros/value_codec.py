@@ -12,8 +12,8 @@ from typing import Any
 
 import msgpack
 
-from tfbus.core import lazy_numpy as np
-from tfbus.errors import DecodeError
+from tfbus.base import lazy_numpy as np
+from tfbus.base.errors import DecodeError
 from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.ros.message_type import (
     BOOL,

@@ -1,6 +1,6 @@
 """A simulated network for tests: nodes run unchanged in virtual time, everything from one seed."""
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used. Each pytest imports the plugin.
 TYPE_CHECKING = False

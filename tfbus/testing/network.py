@@ -15,8 +15,8 @@ from numbers import Real
 from types import TracebackType
 from typing import Any
 
+from tfbus.base import scheduler
 from tfbus.bus import zenoh_library
-from tfbus.runtime import scheduler
 from tfbus.testing.fabric import Fabric, Faults
 from tfbus.testing.links import Paths
 from tfbus.testing.of_python import random_numbers_of, standing_in

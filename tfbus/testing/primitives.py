@@ -1,4 +1,4 @@
-"""Locks, events, queues and event loops of simulated tasks, by the names of runtime/scheduler.py.
+"""Locks, events, queues and event loops of simulated tasks, by the names of base/scheduler.py.
 
 Each has the methods of Python's own that tfbus uses, with the same meaning.
 """

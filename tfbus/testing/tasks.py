@@ -17,7 +17,7 @@ from functools import partial
 from heapq import heappop, heappush
 from typing import Any, Protocol
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
 
 # A task may run for this long in real time before the simulation calls it stuck.
 _STUCK_AFTER_S = 60.0

@@ -21,11 +21,11 @@ from textual.widgets import (
     TabPane,
 )
 
+from tfbus.base.signals import StopSignals
+from tfbus.base.wording import counted, duration
 from tfbus.frames.moment import State
-from tfbus.monitor.report import EDGES, STREAMS, Column
-from tfbus.runtime.signals import StopSignals
+from tfbus.frames.report import EDGES, STREAMS, Column
 from tfbus.top.rows import Row, ScreenTable, TopSource, chosen, fitting, is_service
-from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
 _HINT_EVERY_S = 2.0

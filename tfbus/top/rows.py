@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from tfbus.discover.graph import ServiceInfo, TopicInfo
-from tfbus.errors import TransformException
+from tfbus.base.errors import TransformException
+from tfbus.base.wording import cut, duration, natural_order, printable
+from tfbus.bus.graph import ServiceInfo, TopicInfo
 from tfbus.frames.command_listener import Listening
 from tfbus.frames.document import frame_lines
+from tfbus.frames.meter import TransformMeter
 from tfbus.frames.moment import State, faults, state
-from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import EDGES, STREAMS, Column, MeasuredEdge, Report, Value, make_report
-from tfbus.monitor.windows import MessageWindow
+from tfbus.frames.report import EDGES, STREAMS, Column, MeasuredEdge, Report, Value, make_report
+from tfbus.frames.windows import MessageWindow
 from tfbus.node.node import Node
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import cut, duration, natural_order, printable
 
 _SERVICE = "service"
 

@@ -4,7 +4,7 @@ Listed here is `show`, the page for a buffer of any program, and what nodes use:
 view`, and of a guest on its page.
 """
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tfbus.base.errors import TransformException
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
-from tfbus.errors import TransformException
 from tfbus.frames.moment import BusMoment, Fault, State, stale_after_s
 from tfbus.geometry.transform import Transform
 from tfbus.geometry.transform_array import TransformArray

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tfbus.base.addresses import is_local
+from tfbus.base.clock import SYSTEM_CLOCK, Clock
+from tfbus.base.errors import InvalidArgumentException, TfbusError
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.server_access import AccessToken, made_tls
 from tfbus.command import install_command
-from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recording import Recording
 from tfbus.frames.snapshot import frame_tree
 from tfbus.geometry.transform import Transform, check_frame_id
 from tfbus.recording.reader import RecordingReader
 from tfbus.robot.robot import Robot
-from tfbus.runtime.addresses import is_local
-from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
-from tfbus.secure.server_access import AccessToken, made_tls
 from tfbus.view.settings import ViewSettings
 
 _missing: ImportError | None = None

@@ -9,11 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
+from tfbus.base.addresses import names_to_open, names_to_open_elsewhere
+from tfbus.base.clock import SYSTEM_CLOCK, Clock
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
-from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
-from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
-from tfbus.runtime.log import LogOnce
 from tfbus.view.data.topics import DataSource, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.panels.panel import Panel
@@ -35,7 +36,6 @@ from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
 from tfbus.view.scene.texts import Texts
 from tfbus.view.server import Access, Guard, serve, stop
 from tfbus.view.settings import Selections, ViewSettings, ViewState
-from tfbus.wording import printable
 
 
 class PageHost(Protocol):

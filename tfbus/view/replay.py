@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus import messages
+from tfbus.base.clock import Clock
+from tfbus.base.errors import DecodeError
+from tfbus.base.signals import StopSignals
 from tfbus.buffer.buffer import Buffer
-from tfbus.discover.graph import Endpoint, TopicInfo
-from tfbus.errors import DecodeError
+from tfbus.bus.graph import Endpoint, TopicInfo
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.recording.reader import RecordingReader
-from tfbus.runtime.clock import Clock
-from tfbus.runtime.signals import StopSignals
 from tfbus.view.data.topics import (
     EVERY,
     MOST_CHOICES,

@@ -9,9 +9,12 @@ from pathlib import Path
 from threading import Lock
 from typing import Protocol
 
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_signed_subscriber
-from tfbus.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
 from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
 from tfbus.node.robot_meshes import RobotMeshes
@@ -21,15 +24,12 @@ from tfbus.recording.reader import RecordingReader
 from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot, read_described
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.log import LogOnce
 from tfbus.view.meshes.loader import MeshSource
 from tfbus.view.meshes.mesh import MeshError
 from tfbus.view.replay import Replay
 from tfbus.wire.codec import decode_message, is_of_ros
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import check_namespace, check_no_transforms
-from tfbus.wording import printable
 
 
 @dataclass(frozen=True, eq=False)

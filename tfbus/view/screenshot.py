@@ -22,8 +22,8 @@ from typing import Any
 
 from websockets.sync.client import connect
 
-from tfbus.errors import TfbusError
-from tfbus.runtime.whole_file import replacing
+from tfbus.base.errors import TfbusError
+from tfbus.base.whole_file import replacing
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 

@@ -22,9 +22,9 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from tfbus.errors import TfbusError
-from tfbus.runtime.addresses import own_names
-from tfbus.secure.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
+from tfbus.base.addresses import own_names
+from tfbus.base.errors import TfbusError
+from tfbus.bus.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
 from tfbus.view.lane import in_lanes
 
 _FORM = """\

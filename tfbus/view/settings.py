@@ -10,11 +10,11 @@ from typing import Any
 
 import yaml
 
-from tfbus.errors import SettingsError
-from tfbus.runtime.whole_file import replacing
-from tfbus.runtime.yaml_file import yaml_mistake
+from tfbus.base.errors import SettingsError
+from tfbus.base.whole_file import replacing
+from tfbus.base.wording import did_you_mean
+from tfbus.base.yaml_file import yaml_mistake
 from tfbus.wire.keys import relative
-from tfbus.wording import did_you_mean
 
 
 class PatternError(SettingsError):

@@ -10,11 +10,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from tfbus.base.wording import counted, duration, listed, printable
 from tfbus.frames.track import least_gap_between
 from tfbus.recording.items import EventItem, Pause, waits_between
 from tfbus.recording.part import Part
 from tfbus.recording.reader import RecordingReader
-from tfbus.wording import counted, duration, listed, printable
 
 Ints = NDArray[np.int64]
 

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origi
 
 import msgpack
 
-from tfbus.errors import BusError, DecodeError
-from tfbus.runtime.structs import Struct, fields_of
-from tfbus.wording import printable
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.structs import Struct, fields_of
+from tfbus.base.wording import printable
 
 # The header of a message in CDR: a zero, the encoding, and two bytes of options.
 _CDR_HEADER_SIZE = 4

@@ -4,12 +4,12 @@ import sys
 from array import array
 from typing import Any
 
-from tfbus.core.packed import POSE_SIZE
-from tfbus.names import MOST_LETTERS, is_printable, mistake_in
-from tfbus.runtime.structs import Struct, field, replace
+from tfbus.base.names import MOST_LETTERS, is_printable, mistake_in
+from tfbus.base.structs import Struct, field, replace
+from tfbus.base.wording import counted, duration, listed, printable
+from tfbus.geometry.packed import POSE_SIZE
 from tfbus.wire.codec import as_map, decode_message, encode_map
 from tfbus.wire.numbered import FLOAT64, FrameNumbers
-from tfbus.wording import counted, duration, listed, printable
 
 
 class ParameterDescription(Struct):

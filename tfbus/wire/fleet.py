@@ -7,12 +7,12 @@ fleet they are `robot7/base_link`, except frames that the robots share, such as 
 import re
 from collections.abc import Iterable, Iterator
 
-from tfbus.errors import InvalidArgumentException, InvalidNameError
+from tfbus.base.errors import InvalidArgumentException, InvalidNameError
+from tfbus.base.structs import replace
+from tfbus.base.wording import natural_order, printable
 from tfbus.geometry.transform import check_frame_id
-from tfbus.runtime.structs import replace
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import check_namespace
-from tfbus.wording import natural_order, printable
 
 # A stream repeats a few tables of names; after this many, or this many names, the cache starts
 # again.

@@ -7,9 +7,9 @@ part of no key here: Zenoh puts it in front (its `namespace` setting).
 
 import re
 
-from tfbus.errors import InvalidNameError
-from tfbus.names import is_printable
-from tfbus.wording import printable
+from tfbus.base.errors import InvalidNameError
+from tfbus.base.names import is_printable
+from tfbus.base.wording import printable
 
 TRANSFORMS = "tf"
 STATIC_TRANSFORMS = "tf_static"

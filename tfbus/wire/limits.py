@@ -5,10 +5,10 @@ A message is reached by its key, which also says its kind: `kind_of`.
 
 import re
 
-from tfbus.errors import DecodeError, SettingsError
-from tfbus.runtime.structs import Struct, fields_of
+from tfbus.base.errors import DecodeError, SettingsError
+from tfbus.base.structs import Struct, fields_of
+from tfbus.base.wording import printable
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
-from tfbus.wording import printable
 
 _UNITS = {"": 1, "B": 1, "kB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _SIZE = r"(\d{1,12})\s*(|B|kB|MB|GB)"

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
-from tfbus.core cimport packed
-from tfbus.core.packed cimport octets_t, pose_t
+from tfbus.geometry cimport packed
+from tfbus.geometry.packed cimport octets_t, pose_t
 from tfbus.geometry.columns cimport Columns
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _BYTES_OF_KIND, _BYTES_OF_ROW, _MOST_BYTES, _MOST_BYTES_A_NUMBER

@@ -13,11 +13,11 @@ import math
 from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
 
-from tfbus.core import packed
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE, Pose
-from tfbus.errors import InvalidArgumentException
+from tfbus.base import scheduler
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.geometry import packed
 from tfbus.geometry.columns import Columns, rows_of
-from tfbus.runtime import scheduler
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE, Pose
 
 # How a stream can send its poses; the first is the default, as version 1 has them.
 FLOAT64, FLOAT32, COMPACT = POSES = ("float64", "float32", "compact")

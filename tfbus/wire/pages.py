@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgpack
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.wire.codec import decode_map, too_many_items, unpacked
 
 # Pages of other versions are refused.

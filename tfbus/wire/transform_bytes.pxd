@@ -1,6 +1,6 @@
 cimport cython
-from tfbus.core cimport packed
-from tfbus.core.packed cimport octets_t
+from tfbus.geometry cimport packed
+from tfbus.geometry.packed cimport octets_t
 from tfbus.geometry.columns cimport Columns
 from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.wire.numbered cimport FrameNumbers, NumberedRows

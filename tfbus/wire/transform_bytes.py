@@ -6,18 +6,18 @@ Compiled if there is a C compiler (`transform_bytes.pxd` has the C types).
 
 import sys
 
-from tfbus.core import packed
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
+from tfbus.base import scheduler
+from tfbus.geometry import packed
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.transform import TransformStamped, child_name
-from tfbus.runtime import scheduler
 from tfbus.wire.numbered import FrameNumbers
 
 try:
     import cython
 except ImportError:
-    from tfbus.core import cython_stub as cython
+    from tfbus.base import cython_stub as cython
 
 # Whether scanning is fast, a fraction of a microsecond: interpreted, msgpack and numpy are faster.
 # Numbers are read as they stand, so it takes a little-endian machine.

@@ -11,9 +11,10 @@ from typing import Any
 
 import msgpack
 
-from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import counted
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.wire.codec import decode_map
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.numbered import MOST_ROWS, FrameNumbers, pack_poses
@@ -25,7 +26,6 @@ from tfbus.wire.transform_bytes import (
     scan_message,
 )
 from tfbus.wire.transform_bytes import TransformMessage as TransformMessage
-from tfbus.wording import counted
 
 # The bytes of MessagePack before an integer of eight bytes. Each `seq` is written so, since packing
 # it by msgpack would take as long as the columns.

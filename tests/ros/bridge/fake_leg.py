@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from tests.buses import DEADLINE_S
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
 from tfbus.ros.bridge.legs import LegSettings, OnMessage, RosPublisher, RosTopic
 
 

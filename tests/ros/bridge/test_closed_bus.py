@@ -21,7 +21,7 @@ pytestmark = pytest.mark.real
 needs.module("cryptography")
 
 from tests.closed_bus import ClosedBus  # noqa: E402 - needs it
-from tfbus.secure.rights import Identity  # noqa: E402 - needs it
+from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 Closed = Callable[..., ClosedBus]
 

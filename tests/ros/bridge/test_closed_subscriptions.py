@@ -14,11 +14,11 @@ import pytest
 from tests import needs
 from tests.buses import send_until
 from tests.ros.bridge.dds_domain import claim_domain
+from tfbus.base.log import LogOnce
 from tfbus.ros.bridge.legs import Endable, LegSettings, OnMessage, RosTopic
 from tfbus.ros.bridge.legs.rospy import RospySubscription
 from tfbus.ros.bridge.legs.zenoh import ZenohSubscription
 from tfbus.ros.definitions import STRING
-from tfbus.runtime.log import LogOnce
 
 CHATTER = RosTopic("/chatter", STRING)
 LOG = logging.getLogger("leg")

@@ -11,7 +11,7 @@ import pytest
 from tests import needs
 from tests.buses import DEADLINE_S, eventually, send_until
 from tests.ros.bridge.dds_domain import claim_domain
-from tfbus.errors import SettingsError, TfbusError
+from tfbus.base.errors import SettingsError, TfbusError
 from tfbus.ros.bridge.legs import TRANSFORMS_READER_DEPTH, Leg, LegSettings, RosTopic
 from tfbus.ros.bridge.legs import open_leg as open_by_name
 from tfbus.ros.bridge.legs.dds import configuration, dropped_datagrams, udp_sockets

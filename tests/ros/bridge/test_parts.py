@@ -14,15 +14,15 @@ from tests.builders import S, at
 from tests.fakes import Clock
 from tests.ros.bridge.fake_leg import FakeRos, FakeSubscription
 from tests.simulated_bus import Bus
-from tfbus.errors import TfbusError
+from tfbus.base.clock import Timer
+from tfbus.base.errors import TfbusError
+from tfbus.base.executor import Executor
 from tfbus.geometry.columns import Columns
 from tfbus.ros.bridge.bridge import Bridge
 from tfbus.ros.bridge.common import BridgeOptions, Crossed, RosFrameNames
 from tfbus.ros.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
 from tfbus.ros.bridge.routes import RateLimit, invalid_rows
 from tfbus.ros.bridge.topic_table import TopicTable
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:

@@ -12,7 +12,7 @@ from tests.ros.bridge.conftest import Bridged
 from tests.ros.bridge.fake_leg import FakeRos
 from tests.simulated_bus import Bus
 from tfbus import Node
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.messages import Clock
 from tfbus.ros.bridge import ros_clock
 from tfbus.ros.bridge.bridge import Bridge

@@ -6,8 +6,8 @@ from typing import Any, cast
 
 import click
 
+from tfbus.base.errors import TfbusError
 from tfbus.cli import Verbs
-from tfbus.errors import TfbusError
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.

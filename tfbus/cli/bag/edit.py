@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tfbus.base.errors import DecodeError, InvalidNameError, TfbusError
+from tfbus.base.names import is_printable
+from tfbus.base.wording import counted, did_you_mean, listed, printable
 from tfbus.cli.bag.files import (
     FRAMES,
     STREAMS,
@@ -28,8 +31,6 @@ from tfbus.cli.bag.files import (
 from tfbus.cli.output import first_lines, print_lines, say, warn
 from tfbus.command.recordings import BagChoice, OpenBag, open_recording
 from tfbus.command.types import Moment, MomentType
-from tfbus.errors import DecodeError, InvalidNameError, TfbusError
-from tfbus.names import is_printable
 from tfbus.recording.edit import (
     Span,
     conflicting_epochs,
@@ -45,7 +46,6 @@ from tfbus.recording.recover import Salvage, items_of_all
 from tfbus.recording.writer import Compression
 from tfbus.wire.fleet import has_name
 from tfbus.wire.keys import check_namespace
-from tfbus.wording import counted, did_you_mean, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.foreign_files import ForeignFiles

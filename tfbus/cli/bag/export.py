@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.wording import counted, did_you_mean, duration
 from tfbus.cli.bag.files import RECORDING, new_file, with_progress
 from tfbus.cli.message import supplied_type
 from tfbus.cli.output import say, warn
 from tfbus.command.options import max_gap_option
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, Moment, MomentType
-from tfbus.core.sampling import Sampling
-from tfbus.errors import BusError, DecodeError
+from tfbus.geometry.sampling import Sampling
+from tfbus.geometry.trajectory import Trajectory
 from tfbus.messages import CompressedImage, Image, PointCloud
 from tfbus.recording.exported import (
     write_topic_csv,
@@ -32,10 +34,8 @@ from tfbus.sensor_files import (
     write_ply,
     write_png,
 )
-from tfbus.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, did_you_mean, duration
 
 if TYPE_CHECKING:
     import numpy as np

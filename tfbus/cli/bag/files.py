@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from tfbus.base.errors import InvalidArgumentException, TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.signals import StopSignals
+from tfbus.base.whole_file import taking_place_of
+from tfbus.base.wording import counted, duration, listed, printable
 from tfbus.cli.output import counted_transforms, many, say, warn
 from tfbus.command.options import Several
 from tfbus.command.types import FrameName, OutputFile, TopicName
-from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, Selection, TransformItem
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.signals import StopSignals
-from tfbus.runtime.whole_file import taking_place_of
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader

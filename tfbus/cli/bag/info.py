@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import and_more, columns, counted, cut, duration, printable
 from tfbus.cli.bag.files import RECORDING
 from tfbus.cli.output import (
     counted_transforms,
@@ -21,14 +23,12 @@ from tfbus.cli.output import (
     width,
 )
 from tfbus.command.recordings import open_recording
-from tfbus.errors import TfbusError
 from tfbus.frames.track import least_gap_s
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.reader import topics_of
 from tfbus.recording.summary import Flow, RecordedStreamFacts, Summary, TopicFacts, summary_of
 from tfbus.wire.limits import size_text
-from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
 _S = 1_000_000_000
 _LABEL = 10

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import printable
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Answering
 from tfbus.cli.bag.files import (
@@ -17,9 +19,7 @@ from tfbus.cli.bag.files import (
 )
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Moment, MomentType, Number
-from tfbus.errors import TfbusError
 from tfbus.recording.playhead import FASTEST, SLOWEST, Stamps
-from tfbus.wording import printable
 
 # How often the time is published, as ros2 bag does.
 _CLOCK_HZ = 40.0

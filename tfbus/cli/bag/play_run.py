@@ -14,18 +14,18 @@ from tfbus.bag.player import Player
 from tfbus.bag.replay import Republisher, serve
 from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
+from tfbus.base.errors import TfbusError
+from tfbus.base.wording import counted, cut, did_you_mean, duration, printable
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import StatusLine
 from tfbus.cli.output import is_terminal, paint, width
 from tfbus.command.recordings import open_recording, wall
 from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
-from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.recording.items import Selection, is_of_transforms
 from tfbus.recording.playhead import AtEnd, Playhead, Progress, Stamps, nearest_rate
 from tfbus.recording.reader import RecordingReader
-from tfbus.wording import counted, cut, did_you_mean, duration, printable
 
 _LOOK_EVERY_S = 0.1
 _LOG_EVERY_S = 10.0

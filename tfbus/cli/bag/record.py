@@ -5,13 +5,13 @@ from typing import Any
 
 import click
 
+from tfbus.base.errors import TfbusError
+from tfbus.base.installation import install_command
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Answering
 from tfbus.cli.bag.files import CALLED_IN_ROS, NO_SERVICES, SelectionOptions, selecting
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import POSITIVE, ByteSize, Number, SpanOrSize, TopicName
-from tfbus.errors import TfbusError
-from tfbus.runtime.installation import install_command
 
 # A file begins with what is in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000

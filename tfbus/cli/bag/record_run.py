@@ -25,6 +25,12 @@ from tfbus.bag.keeping import (
 from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
 from tfbus.bag.raw_queue import Past, RawQueue
 from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import InvalidArgumentException, RightsError, ServiceError
+from tfbus.base.executor import Executor
+from tfbus.base.wording import duration, listed, printable
+from tfbus.bus.graph import where_to_look
+from tfbus.bus.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
     Rating,
@@ -38,19 +44,13 @@ from tfbus.cli.bag.record_status import (
 from tfbus.cli.bus import is_running
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.command.terminal import typed_keys
-from tfbus.discover.graph import where_to_look
-from tfbus.discover.presence import bus_out_of_reach, frames_in_other_namespaces
-from tfbus.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
 from tfbus.recording.items import RECORDING, Selection, is_of_transforms, lacks_statics
 from tfbus.recording.layout import CUSTOM
 from tfbus.recording.writer import Compression, RecordingWriter
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import check_no_transforms
 from tfbus.wire.limits import size_text
-from tfbus.wording import duration, listed, printable
 
 _LOOK_EVERY_S = 0.5
 _LOG_EVERY_S = 10.0

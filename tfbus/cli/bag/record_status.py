@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.bag.keeping import WrittenPart
+from tfbus.base.wording import counted, cut, duration, listed, printable
 from tfbus.cli.output import counted_transforms, many, paint, width
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, cut, duration, listed, printable
 
 # Rates are those of this time.
 _RATES_OVER_S = 3.0

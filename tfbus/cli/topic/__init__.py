@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import BusError, InvalidArgumentException
+from tfbus.base.wording import counted, did_you_mean
+from tfbus.bus.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
 from tfbus.cli.bus import look, look_once, open_bus, say_if_empty
@@ -55,13 +59,9 @@ from tfbus.cli.topic.source import (
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
-from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
-from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.recording.reader import topics_of
-from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import encode_message, type_name
 from tfbus.wire.keys import relative
-from tfbus.wording import counted, did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.bus.network_session import HeardWatch

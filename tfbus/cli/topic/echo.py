@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.wording import counted, stamp_text
+from tfbus.bus.graph import TRANSFORMS_TYPE
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Answering
 from tfbus.cli.bus import look
@@ -38,11 +41,8 @@ from tfbus.cli.topic.source import (
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName, matching
-from tfbus.discover.graph import TRANSFORMS_TYPE
-from tfbus.errors import BusError, DecodeError
 from tfbus.wire.codec import type_name as type_name_of
 from tfbus.wire.keys import relative
-from tfbus.wording import counted, stamp_text
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node

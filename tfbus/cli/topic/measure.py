@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.wording import counted
+from tfbus.bus.graph import TRANSFORMS_TYPE
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Answering
 from tfbus.cli.bus import look
@@ -28,15 +32,11 @@ from tfbus.cli.topic.source import (
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
-from tfbus.discover.graph import TRANSFORMS_TYPE
-from tfbus.errors import BusError, DecodeError
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.monitor.windows import MessageWindow, Spread, WindowReading, spread_of
-from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.frames.windows import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.wire.codec import decode_map, stamp_in
 from tfbus.wire.keys import relative
 from tfbus.wire.transforms import newest_stamp
-from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node

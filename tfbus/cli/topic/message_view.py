@@ -10,12 +10,12 @@ from typing import Any
 
 import click
 
+from tfbus.base.errors import DecodeError
+from tfbus.base.wording import did_you_mean
 from tfbus.cli.output import OneLine, as_text
-from tfbus.errors import DecodeError
 from tfbus.messages import CompressedImage, Image, OccupancyGrid, PointCloud
 from tfbus.wire.codec import from_map, is_in_ros_layout, without_header
 from tfbus.wire.limits import size_text
-from tfbus.wording import did_you_mean
 
 _PART = re.compile(r"[^.\[\]]+")
 

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from struct import iter_unpack
 from typing import TYPE_CHECKING, Any
 
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import did_you_mean
+from tfbus.bus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.message import supplied_type
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import own_name
-from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.errors import BusError, DecodeError
+from tfbus.frames.windows import WindowReading
 from tfbus.geometry.columns import Columns
-from tfbus.monitor.windows import WindowReading
 from tfbus.recording.items import Selection, TopicItem, TransformItem, recorded_ns
 from tfbus.recording.reader import (
     RecordedTopic,
@@ -29,7 +31,6 @@ from tfbus.recording.reader import (
 )
 from tfbus.ros.counterparts import with_arrays
 from tfbus.ros.definitions import message_named
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, stamp_in
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wire.transforms import (
@@ -38,7 +39,6 @@ from tfbus.wire.transforms import (
     encode_transforms,
     is_numbered,
 )
-from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node

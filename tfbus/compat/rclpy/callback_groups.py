@@ -1,6 +1,6 @@
 """ROS's rclpy.callback_groups: the groups of tfbus."""
 
-from tfbus.runtime.callbacks import (
+from tfbus.base.callbacks import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
     ReentrantCallbackGroup,

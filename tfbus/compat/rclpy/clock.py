@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from tfbus.base.clock import SYSTEM_CLOCK
+from tfbus.base.clock import Clock as TfbusClock
 from tfbus.compat.rclpy.time import ClockType, Time
-from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.runtime.clock import Clock as TfbusClock
 
 __all__ = ["Clock", "ClockType", "ROSClock"]
 

@@ -5,9 +5,9 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from tfbus.base import scheduler
+from tfbus.base.signals import StopSignals
 from tfbus.compat.rclpy.exceptions import NotInitializedException
-from tfbus.runtime import scheduler
-from tfbus.runtime.signals import StopSignals
 
 if TYPE_CHECKING:
     from tfbus.compat.rclpy.node import Node

@@ -9,17 +9,17 @@ from concurrent.futures import Future as Answer
 from functools import partial
 from typing import Any
 
+from tfbus.base.callbacks import CallbackGroup
+from tfbus.base.clock import Clock, timer_name
+from tfbus.base.clock import Timer as TfbusTimer
+from tfbus.base.errors import ServiceError
 from tfbus.compat.bus_types import BusType, TransformsPublisher
 from tfbus.compat.rclpy.task import Future, Work
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.errors import ServiceError
 from tfbus.node.endpoint import NodeEndpoint
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
-from tfbus.runtime.callbacks import CallbackGroup
-from tfbus.runtime.clock import Clock, timer_name
-from tfbus.runtime.clock import Timer as TfbusTimer
 
 # How often a call that waits for its service looks whether the client is still open.
 _LOOKS_EVERY_S = 0.5

@@ -8,11 +8,11 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+from tfbus.base.executor import Executor as Threads
+from tfbus.base.signals import Wakeup
 from tfbus.compat.rclpy import context
 from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.task import Future, Job, Work
-from tfbus.runtime.executor import Executor as Threads
-from tfbus.runtime.signals import Wakeup
 
 __all__ = [
     "Executor",

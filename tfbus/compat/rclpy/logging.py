@@ -6,7 +6,7 @@ import time
 from enum import IntEnum
 from typing import Any
 
-from tfbus.runtime.log import open_log
+from tfbus.base.log import open_log
 
 __all__ = [
     "LoggingSeverity",

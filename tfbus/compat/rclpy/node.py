@@ -3,6 +3,10 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from tfbus.base.callbacks import join
+from tfbus.base.structs import replace
+from tfbus.bus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
+from tfbus.bus.presence import ask_graph, ask_nodes
 from tfbus.compat import bus_types as of
 from tfbus.compat.rclpy import context as contexts
 from tfbus.compat.rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
@@ -20,16 +24,12 @@ from tfbus.compat.rclpy.parameter import (
 from tfbus.compat.rclpy.qos import applied
 from tfbus.compat.rclpy.task import Work
 from tfbus.compat.rclpy.time import ClockType
-from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.discover.presence import ask_graph, ask_nodes
 from tfbus.node.action import CancelGoal
 from tfbus.node.node import Node as TfbusNode
 from tfbus.ros.counterparts import LIVE_COUNTERPARTS
 from tfbus.ros.definitions import TF_MESSAGE, interfaces_of
 from tfbus.ros.message_classes import message_class
 from tfbus.ros.transforms import TFMessage
-from tfbus.runtime.callbacks import join
-from tfbus.runtime.structs import replace
 
 NamesAndTypes = list[tuple[str, list[str]]]
 

@@ -7,6 +7,8 @@ from concurrent.futures import TimeoutError as NotYet
 from enum import IntEnum
 from typing import Any
 
+from tfbus.base.callbacks import MutuallyExclusiveCallbackGroup
+from tfbus.base.errors import ParameterError
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.compat.rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
@@ -15,11 +17,9 @@ from tfbus.compat.rclpy.exceptions import (
 )
 from tfbus.compat.rclpy.task import Work
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.errors import ParameterError
 from tfbus.node.node import Node as TfbusNode
 from tfbus.node.parameters import Parameter as TfbusParameter
 from tfbus.ros.message_classes import message_class
-from tfbus.runtime.callbacks import MutuallyExclusiveCallbackGroup
 
 __all__ = ["Parameter", "ParameterValue"]
 
@@ -309,7 +309,7 @@ class RclpyParameters:
         return name in self._node.settings.parameters
 
     def _given(self, name: str) -> Any:
-        from tfbus.runtime.yaml_file import read_value
+        from tfbus.base.yaml_file import read_value
 
         return read_value(self._node.settings.parameters[name])
 

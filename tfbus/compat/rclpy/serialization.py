@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.ros.definitions import standard_definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.wire.codec import from_map

@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import Any, NamedTuple
 
+from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, Ran
+from tfbus.base.signals import Wakeup
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.runtime.callbacks import SLOW_S, CallbackGroup, Delays, Ran
-from tfbus.runtime.signals import Wakeup
 
 __all__ = ["Future"]
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.ros.message_classes import RosMessage
 
 __all__ = ["set_message_fields"]

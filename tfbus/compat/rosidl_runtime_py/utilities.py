@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tfbus.errors import DecodeError
+from tfbus.base.errors import DecodeError
 from tfbus.ros.message_classes import interface_class
 
 __all__ = ["get_action", "get_interface", "get_message", "get_service"]

@@ -5,7 +5,7 @@ from collections import namedtuple
 from collections.abc import Iterable
 from typing import Any
 
-from tfbus.core import lazy_numpy as np
+from tfbus.base import lazy_numpy as np
 from tfbus.ros.message_classes import message_class
 
 __all__ = [

@@ -6,14 +6,14 @@ from concurrent.futures import Future as Ended
 from functools import partial
 from typing import Any
 
+from tfbus.base import scheduler
+from tfbus.base.errors import TransformException
 from tfbus.compat.rclpy.duration import Duration, seconds_of
 from tfbus.compat.rclpy.node import Node, tfbus_node_of
 from tfbus.compat.rclpy.task import Future, Run
 from tfbus.compat.tf2_py import BufferCore, in_ros_words
 from tfbus.compat.tf2_ros.buffer_interface import BufferInterface
-from tfbus.errors import TransformException
 from tfbus.ros.transforms import message_of, stamp_ns_of
-from tfbus.runtime import scheduler
 
 __all__ = ["Buffer"]
 

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as TfbusBroadcaster
+from tfbus.base.arguments import called_as
 from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_broadcaster import as_tfbus
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
-from tfbus.runtime.arguments import called_as
+from tfbus.streams.broadcaster import StaticTransformBroadcaster as TfbusBroadcaster
 
 __all__ = ["StaticTransformBroadcaster"]
 

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 from typing import Any
 
-from tfbus.broadcast.broadcaster import TransformBroadcaster as TfbusBroadcaster
+from tfbus.base.arguments import called_as
 from tfbus.compat.rclpy.node import node_of_transforms
 from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
 from tfbus.geometry.transform import TransformStamped
 from tfbus.ros.transforms import stamped_of
-from tfbus.runtime.arguments import called_as
+from tfbus.streams.broadcaster import TransformBroadcaster as TfbusBroadcaster
 
 __all__ = ["TransformBroadcaster"]
 

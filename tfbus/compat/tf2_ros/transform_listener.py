@@ -4,12 +4,12 @@ import threading
 from contextlib import suppress
 from typing import Any
 
+from tfbus.base.arguments import called_as
 from tfbus.compat.rclpy.exceptions import NotInitializedException
 from tfbus.compat.rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tfbus.compat.rclpy.node import Node, node_of_transforms, tfbus_node_of
 from tfbus.compat.tf2_ros.buffer import Buffer
-from tfbus.listen.listener import TransformListener as TfbusListener
-from tfbus.runtime.arguments import called_as
+from tfbus.streams.listener import TransformListener as TfbusListener
 
 __all__ = ["DEFAULT_STATIC_TF_TOPIC", "DEFAULT_TF_TOPIC", "TransformListener"]
 

@@ -3,7 +3,7 @@
 Listed here is what the nodes `tfbus ros2` and `tfbus ros1` use.
 """
 
-from tfbus.runtime.lazy_exports import exported
+from tfbus.base.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False

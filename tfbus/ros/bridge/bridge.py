@@ -3,7 +3,10 @@
 import time
 from contextlib import ExitStack
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, listed, printable
 from tfbus.node.node import Node
 from tfbus.ros.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
 from tfbus.ros.bridge.common import (
@@ -21,9 +24,6 @@ from tfbus.ros.bridge.to_ros import ToRos
 from tfbus.ros.bridge.topics import TopicBridge, TopicTable
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.rmw import is_bridge
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import counted, listed, printable
 
 # How often it looks who is there.
 _POLL_EVERY_S = 1.0

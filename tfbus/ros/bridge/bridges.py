@@ -5,19 +5,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from tfbus.errors import DecodeError, RightsError, TfbusError
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import DecodeError, RightsError, TfbusError
+from tfbus.base.wording import printable
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
 from tfbus.ros.bridge.common import Common
 from tfbus.ros.bridge.ros_sources import RosSource
 from tfbus.ros.rmw import is_bridge
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES, full_name, node_key
-from tfbus.wording import printable
 
 TOPIC = "ros_bridges"
 

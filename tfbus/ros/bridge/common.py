@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal
 
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.names import mistake_in
+from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
-from tfbus.listen.info import StreamState
-from tfbus.listen.watch import StreamWatch
-from tfbus.names import mistake_in
 from tfbus.node.node import Node
 from tfbus.ros.bridge.legs import Leg
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import printable
+from tfbus.streams.info import StreamState
+from tfbus.streams.watch import StreamWatch
 
 ClockWay = Literal["auto", "to-ros", "from-ros", "off"]
 

@@ -5,7 +5,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from tfbus.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
+from tfbus.base.errors import DecodeError, InvalidArgumentException, RightsError, TfbusError
+from tfbus.base.wording import counted, printable
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.ros.bridge.bridges import Bridges, CrossingRule
@@ -25,7 +26,6 @@ from tfbus.ros.bridge.topic_table import TopicTable
 from tfbus.ros.definitions import ODOMETRY, TF_MESSAGE
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.wording import counted, printable
 
 # Names come from ROS.
 _MOST_STATICS = 100_000

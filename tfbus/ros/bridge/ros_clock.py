@@ -5,7 +5,11 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from tfbus.errors import DecodeError, RightsError, TfbusError
+from tfbus.base import scheduler
+from tfbus.base.errors import DecodeError, RightsError, TfbusError
+from tfbus.base.executor import Executor
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.ros.bridge.bridges import RosBridge
@@ -14,11 +18,7 @@ from tfbus.ros.bridge.legs import Endable, Leg, RosSender, RosTopic
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
 from tfbus.ros.rmw import is_bridge
-from tfbus.runtime import scheduler
-from tfbus.runtime.executor import Executor
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import decode_message
-from tfbus.wording import printable
 
 TOPIC = RosTopic("/clock", CLOCK, depth=1)
 

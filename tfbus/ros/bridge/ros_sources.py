@@ -3,20 +3,20 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from tfbus.broadcast.sender import StreamOptions, TransformSender
-from tfbus.broadcast.stream import NodeStreams, Stream
-from tfbus.errors import RightsError
+from tfbus.base import scheduler
+from tfbus.base.errors import RightsError
+from tfbus.base.names import is_printable
+from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.conflicts import name_some
-from tfbus.listen.stream_facts import lines_of
-from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.ros.bridge.common import Common
 from tfbus.ros.bridge.routes import RateLimit, Routes
-from tfbus.runtime import scheduler
+from tfbus.streams.conflicts import name_some
+from tfbus.streams.sender import StreamOptions, TransformSender
+from tfbus.streams.stream import NodeStreams, Stream
+from tfbus.streams.stream_facts import lines_of
 from tfbus.wire.keys import escape
-from tfbus.wording import printable
 
 
 class RosStream:

@@ -5,14 +5,14 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tfbus.core import lazy_numpy as np
-from tfbus.core import packed
-from tfbus.core.kernel import QUATERNION_TOLERANCE
-from tfbus.core.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
+from tfbus.base import lazy_numpy as np
+from tfbus.base import scheduler
+from tfbus.base.clock import Timer
+from tfbus.base.executor import Executor
+from tfbus.geometry import packed
 from tfbus.geometry.columns import Columns, rows_of
-from tfbus.runtime import scheduler
-from tfbus.runtime.clock import Timer
-from tfbus.runtime.executor import Executor
+from tfbus.geometry.kernel import QUATERNION_TOLERANCE
+from tfbus.geometry.packed import EDGE_SIZE, ONE_EDGE, POSE_SIZE, STAMP_SIZE
 
 # Frames come from the network: routes of at most this many tables of frames are kept.
 _MOST_TABLES = 1000

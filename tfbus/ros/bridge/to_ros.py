@@ -3,17 +3,17 @@
 import threading
 from collections.abc import Callable
 
+from tfbus.base.errors import InvalidArgumentException, TfbusError, TransformException
+from tfbus.base.wording import printable
 from tfbus.buffer.info import Change
-from tfbus.errors import InvalidArgumentException, TfbusError, TransformException
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.listen.listener import TransformListener
-from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.ros.bridge.common import Common
 from tfbus.ros.bridge.legs import RosSender
 from tfbus.ros.bridge.routes import RateLimit, Route, Routes, chosen, route
 from tfbus.ros.tf_message import TFMessageWriter
-from tfbus.wording import printable
+from tfbus.streams.listener import TransformListener
+from tfbus.streams.passing_buffer import PassingBuffer
 
 # Changes after which other static transforms hold.
 _OF_STATICS = (

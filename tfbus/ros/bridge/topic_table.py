@@ -14,8 +14,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
-from tfbus.errors import DecodeError, TfbusError
-from tfbus.names import mistake_in
+from tfbus.base.errors import DecodeError, TfbusError
+from tfbus.base.names import mistake_in
+from tfbus.base.wording import did_you_mean, printable
+from tfbus.base.yaml_file import Value, read_yaml_file
 from tfbus.ros.counterparts import (
     AS_IN_ROS,
     BY_ROS_TYPE,
@@ -35,8 +37,6 @@ from tfbus.ros.definitions import (
 )
 from tfbus.ros.message_type import MessageType, message_of
 from tfbus.ros.value_codec import UnfitError
-from tfbus.runtime.yaml_file import Value, read_yaml_file
-from tfbus.wording import did_you_mean, printable
 
 Direction = Literal["both", "to-ros", "from-ros", "off"]
 DIRECTIONS: tuple[Direction, ...] = ("both", "to-ros", "from-ros", "off")

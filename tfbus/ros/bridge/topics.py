@@ -8,9 +8,11 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from tfbus import messages
-from tfbus.discover.graph import Graph, TopicInfo, graph_of
-from tfbus.discover.graph_watch import GraphWatch
-from tfbus.errors import DecodeError, TfbusError
+from tfbus.base.errors import DecodeError, TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import listed, printable
+from tfbus.bus.graph import Graph, TopicInfo, graph_of
+from tfbus.bus.graph_watch import GraphWatch
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
 from tfbus.ros.bridge.bridges import RosBridge
@@ -23,11 +25,9 @@ from tfbus.ros.message_type import MessageType, Sequence, Text, Type, message_of
 from tfbus.ros.rmw import is_bridge
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
-from tfbus.runtime.log import LogOnce
 from tfbus.wire.codec import as_map, decode_map, encode_map, from_map
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import CLOCK_TOPIC
-from tfbus.wording import listed, printable
 
 # Fields of ROS that name frames.
 _FRAMES = ("frame_id", "child_frame_id")

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus import messages
+from tfbus.base.errors import TransformException
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
-from tfbus.errors import TransformException
 from tfbus.geometry.transform import Transform
 from tfbus.messages import CompressedImage, Image
 from tfbus.view.data.markers import item_of
@@ -30,7 +31,6 @@ from tfbus.view.data.shapes import (
 from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
 from tfbus.wire.fleet import FrameNames
-from tfbus.wording import printable
 
 Picture = NDArray[np.uint8]
 

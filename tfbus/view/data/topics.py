@@ -9,20 +9,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from tfbus import messages
+from tfbus.base import scheduler
+from tfbus.base.errors import TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
-from tfbus.discover.graph import TopicInfo, graph_of
-from tfbus.discover.graph_watch import GraphWatch
-from tfbus.errors import TfbusError
+from tfbus.bus.graph import TopicInfo, graph_of
+from tfbus.bus.graph_watch import GraphWatch
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher, Subscription
-from tfbus.runtime import scheduler
-from tfbus.runtime.log import LogOnce
 from tfbus.view.settings import TopicSettings, ViewSettings
 from tfbus.wire.codec import type_name
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of_node, relative
-from tfbus.wording import printable
 
 # Of the others the newest message is all that is drawn.
 EVERY = (messages.Marker, messages.MarkerArray, messages.Log, messages.Odometry)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from tfbus.errors import TfbusError
-from tfbus.runtime.limited_process import command_of
+from tfbus.base.errors import TfbusError
+from tfbus.base.limited_process import command_of
 from tfbus.view.meshes.mesh import (
     KINDS,
     LONGEST_S,

@@ -15,7 +15,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.errors import TfbusError
+from tfbus.base.errors import TfbusError
 
 # The largest file, and the most triangles in it.
 MOST_BYTES = 100_000_000

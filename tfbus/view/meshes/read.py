@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.resolvers import Resolver
 
+from tfbus.base.installation import install_command
+from tfbus.base.limited_process import limit_this_process
 from tfbus.robot.mesh_files import BESIDE
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.limited_process import limit_this_process
 from tfbus.view.meshes.mesh import (
     KINDS,
     MOST_BYTES,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import viser
 
-from tfbus.errors import SettingsError
+from tfbus.base.errors import SettingsError
 from tfbus.view.frames import Frames
 from tfbus.view.panels.markup import Html
 from tfbus.view.settings import (

@@ -8,7 +8,8 @@ from typing import Any
 import viser
 
 from tfbus import messages
-from tfbus.discover.graph import TopicInfo
+from tfbus.base.wording import printable
+from tfbus.bus.graph import TopicInfo
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
@@ -16,7 +17,6 @@ from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import RANGES, ViewState
 from tfbus.wire.keys import namespace_of_node
-from tfbus.wording import printable
 
 _COLORS = ("auto", "flat", "height")
 _IMAGES = (messages.Image, messages.CompressedImage)

@@ -12,8 +12,8 @@ from typing import Any, Protocol
 
 import viser
 
+from tfbus.base.wording import stamp_text
 from tfbus.frames.moment import State
-from tfbus.wording import stamp_text
 
 # One sign per state; their shapes alone distinguish them.
 _SIGNS: dict[State, str] = {

@@ -10,6 +10,7 @@ from typing import Any
 
 import viser
 
+from tfbus.base.wording import and_more, counted, duration, listed, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.clocks import MOST_SKEW_S
 from tfbus.frames.fleet import FleetWatch, RobotStatus
@@ -36,7 +37,6 @@ from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import Guest
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.settings import Playback, Selections, ViewState
-from tfbus.wording import and_more, counted, duration, listed, printable
 
 
 class TimePanel:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
+from tfbus.base.wording import printable
 from tfbus.geometry.transform import Transform
 from tfbus.view.data.topics import TOOLS, Tool
 from tfbus.view.frames import Floats
 from tfbus.view.panels.tools import MEASURE, Aim, ToolsPanel, measured_text, sent_text
 from tfbus.view.scene.camera import Cameras, Ray, Viewport
 from tfbus.view.scene.drawn import Drawn, place_of, unit_mesh
-from tfbus.wording import printable
 
 Place = tuple[float, float, float]
 

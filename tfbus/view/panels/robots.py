@@ -11,6 +11,7 @@ from typing import Any
 
 import viser
 
+from tfbus.base.wording import counted, listed, printable
 from tfbus.robot.model import Joint
 from tfbus.view.frames import Frames
 from tfbus.view.panels.controls import Control, FrameDropdown
@@ -18,7 +19,6 @@ from tfbus.view.panels.markup import Channel, Html, event, sign
 from tfbus.view.robots import Joints, ShownRobot
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.settings import RANGES, SHAPES, ViewState
-from tfbus.wording import counted, listed, printable
 
 # More sliders are slow to show.
 _MOST_SLIDERS = 100

@@ -14,11 +14,11 @@ from typing import Any
 
 import viser
 
+from tfbus.base.wording import counted, printable
 from tfbus.view.data.topics import TOOLS, Tool, ToolPublishers
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.settings import ViewState
-from tfbus.wording import counted, printable
 
 # Names are typed letter by letter: the publishers follow once they have been left alone so long.
 _AFTER_S = 1.0

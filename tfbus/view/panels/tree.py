@@ -7,15 +7,15 @@ from html import escape
 
 import viser
 
+from tfbus.base.errors import TransformException
+from tfbus.base.wording import and_more, duration, listed
 from tfbus.buffer.buffer import Buffer
-from tfbus.errors import TransformException
 from tfbus.frames.document import Numbers, tf2_block
 from tfbus.geometry.transform import TransformStamped
 from tfbus.view.frames import Frames, Placed, ViewFrame
 from tfbus.view.panels.controls import FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, clock_time, event, sign, unless_it_left
 from tfbus.view.settings import NameFilter, Selections, ViewSettings, ViewState
-from tfbus.wording import and_more, duration, listed
 
 # More rows are slow to show; the filter narrows them.
 MOST_ROWS = 150

@@ -15,11 +15,12 @@ import numpy as np
 import viser
 
 from tfbus import messages
+from tfbus.base import scheduler
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import counted, did_you_mean, listed, printable
 from tfbus.buffer.buffer import Buffer
-from tfbus.discover.graph import TopicInfo
+from tfbus.bus.graph import TopicInfo
 from tfbus.geometry.transform import Transform
-from tfbus.runtime import scheduler
-from tfbus.runtime.log import LogOnce
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import Text
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
@@ -28,7 +29,6 @@ from tfbus.view.meshes.loader import ReadMesh
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.items import DrawnItems, NotDrawnError, some_points, way_to
 from tfbus.view.settings import TopicSettings, ViewSettings
-from tfbus.wording import counted, did_you_mean, listed, printable
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.

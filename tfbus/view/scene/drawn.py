@@ -13,7 +13,7 @@ import viser
 from numpy.typing import ArrayLike, NDArray
 from trimesh import creation
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform
 from tfbus.view.frames import Floats, Placed
 from tfbus.view.panels.markup import Channel

@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 import viser
 
+from tfbus.base.wording import printable
 from tfbus.geometry.transform import Transform
 from tfbus.view.data.layer import PlacedItem
 from tfbus.view.data.shapes import (
@@ -27,7 +28,6 @@ from tfbus.view.frames import Floats
 from tfbus.view.meshes.loader import ReadMesh
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.drawn import FIXED_NODE, place_of, scale_of_depth, unit_mesh
-from tfbus.wording import printable
 
 # A topic, and which of its items.
 Place = tuple[str, object]

@@ -12,7 +12,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from tfbus.errors import InvalidArgumentException
+from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.wording import printable
 from tfbus.robot.mesh_files import MeshFiles, file_below, package_folder, parts_of
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.frames import Floats, Frames, Placed
@@ -22,7 +23,6 @@ from tfbus.view.robots import RobotSource, ShownRobot, source_at
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.drawn import FIXED_NODE, unit_mesh
 from tfbus.view.settings import ViewSettings
-from tfbus.wording import printable
 
 # For shapes without a colour, and for those that collide.
 _GREY = (180, 182, 186)

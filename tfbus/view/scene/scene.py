@@ -14,6 +14,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from tfbus.base.wording import listed
 from tfbus.frames.moment import State
 from tfbus.geometry.transform import Transform
 from tfbus.view.frames import (
@@ -28,7 +29,6 @@ from tfbus.view.frames import (
 from tfbus.view.scene.camera import Viewport
 from tfbus.view.scene.drawn import FIXED_NODE
 from tfbus.view.settings import Selections, ViewSettings
-from tfbus.wording import listed
 
 Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from tfbus.base.callbacks import CallbackGroup
+from tfbus.base.errors import TfbusError
 from tfbus.compat.rclpy.action.server import ENDINGS, CancelGoal, GoalInfo, GoalStatus, uuid_of
 from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.task import Future
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.errors import TfbusError
 from tfbus.node.action import GOAL_TIMEOUT_S, SentGoal
-from tfbus.runtime.callbacks import CallbackGroup
 
 __all__ = ["ActionClient", "ClientGoalHandle"]
 

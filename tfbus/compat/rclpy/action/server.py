@@ -6,13 +6,13 @@ from enum import Enum
 from functools import partial
 from typing import Any
 
+from tfbus.base.arguments import is_async
+from tfbus.base.errors import DecodeError, ServiceError
 from tfbus.compat.rclpy.endpoints import ask_while_spun
 from tfbus.compat.rclpy.node import Node
 from tfbus.compat.rclpy.type_support import TakesTypes
-from tfbus.errors import DecodeError, ServiceError
 from tfbus.node.action import GoalHandle
 from tfbus.ros.message_classes import interface_class, message_class
-from tfbus.runtime.arguments import is_async
 
 GoalStatus: Any = message_class("action_msgs/msg/GoalStatus")
 GoalInfo: Any = message_class("action_msgs/msg/GoalInfo")

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
 
+from tfbus.base.wording import listed, printable
 from tfbus.ros.definitions import Definition
-from tfbus.wording import listed, printable
 
 # What it calls for each message: `on_message(payload, gid)`; the gid is that of the publisher.
 OnMessage = Callable[[bytes, str], None]

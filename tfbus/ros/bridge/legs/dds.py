@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from tfbus.errors import SettingsError, TfbusError
+from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import did_you_mean, listed, printable
 from tfbus.ros.bridge.legs import (
     LEAST_READER_DEPTH,
     Calls,
@@ -40,9 +43,6 @@ from tfbus.ros.rmw import (
     graph_definition,
     type_hash,
 )
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import did_you_mean, listed, printable
 
 try:
     from cyclonedds.core import (

@@ -12,7 +12,8 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.sub import DataReader
 
-from tfbus.errors import DecodeError
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import DecodeError
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import (
     PLACEHOLDER,
@@ -24,7 +25,6 @@ from tfbus.ros.message_type import (
     message_of,
 )
 from tfbus.ros.rmw import dds_type, decode_nodes
-from tfbus.runtime.bounded import Bounded
 
 # Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
 # Cyclone answers each question about types, also one meant for others, with those it knows. For a

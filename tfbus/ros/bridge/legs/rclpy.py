@@ -9,7 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from tfbus.errors import SettingsError, TfbusError
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import printable
 from tfbus.ros.bridge.legs import (
     LEAST_READER_DEPTH,
     Calls,
@@ -23,9 +26,6 @@ from tfbus.ros.bridge.legs import (
     RosTopic,
     unheard,
 )
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import printable
 
 try:
     import rclpy

@@ -11,10 +11,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tfbus.errors import DecodeError, SettingsError, TfbusError
+from tfbus.base.errors import DecodeError, SettingsError, TfbusError
+from tfbus.base.log import LogOnce
 from tfbus.ros.bridge.legs import Calls, LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State, Ros1Type, ros1_type
-from tfbus.runtime.log import LogOnce
 
 # Where Debian has it, and ROS Noetic.
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")

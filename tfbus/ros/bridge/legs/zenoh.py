@@ -12,8 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import TfbusError
+from tfbus.base.installation import install_command
+from tfbus.base.log import LogOnce
+from tfbus.base.wording import listed, printable
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
-from tfbus.errors import TfbusError
 from tfbus.ros.bridge.legs import (
     Calls,
     Endable,
@@ -25,11 +30,6 @@ from tfbus.ros.bridge.legs import (
     RosTopic,
 )
 from tfbus.ros.rmw import domain_of, type_hash
-from tfbus.runtime import scheduler
-from tfbus.runtime.bounded import Bounded
-from tfbus.runtime.installation import install_command
-from tfbus.runtime.log import LogOnce
-from tfbus.wording import listed, printable
 
 try:
     from tfbus.ros.rmw_zenoh import (

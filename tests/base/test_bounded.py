@@ -1,0 +1,34 @@
+"""Tables of a bounded size."""
+
+from tfbus.base.bounded import Bounded
+
+
+def test_the_item_that_was_assigned_longest_ago_goes() -> None:
+    """An item that is assigned again stays, and a look at one does not keep it."""
+    table: Bounded[str, int] = Bounded(2)
+    table["a"] = 1
+    table["b"] = 2
+    table["a"] = 3
+    assert table["b"] == 2
+    table["c"] = 4
+    assert dict(table) == {"a": 3, "c": 4}
+
+
+def test_items_that_go_are_counted_and_handed_on() -> None:
+    """Those that are removed by others are not."""
+    gone: list[tuple[int, str]] = []
+    table: Bounded[int, str] = Bounded(1, lambda key, value: gone.append((key, value)))
+    table[1] = "one"
+    table[2] = "two"
+    del table[2]
+    table[3] = "three"
+    assert table.evicted == 1
+    assert gone == [(1, "one")]
+
+
+def test_a_table_is_filled_in_other_ways_too() -> None:
+    """`update` and `setdefault` leave no more items than there may be."""
+    table: Bounded[int, int] = Bounded(2)
+    table.update({1: 1, 2: 2, 3: 3})
+    table.setdefault(4, 4)
+    assert list(table) == [3, 4]

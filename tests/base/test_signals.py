@@ -1,0 +1,140 @@
+"""Ctrl-C and SIGTERM, in a script and in an interactive session."""
+
+import math
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.buses import eventually
+from tests.fakes import InAThread
+from tfbus.base import scheduler
+from tfbus.base.lazy_exports import exported
+from tfbus.base.signals import SignalHandlers, SignalledStop, StopSignals
+
+
+@pytest.fixture
+def signals(monkeypatch: pytest.MonkeyPatch) -> Iterator[StopSignals]:
+    """Signals of the process of the test, which got none before; by default it is a script."""
+    monkeypatch.setattr(scheduler.of_process(SignalHandlers), "_interrupted_s", -math.inf)
+    installed = StopSignals()
+    yield installed
+    installed.uninstall()
+
+
+@pytest.fixture
+def at_a_prompt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process is an interactive session, as a notebook is."""
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def a_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tests are no interactive session, even if pytest was started in one."""
+    monkeypatch.delattr(sys, "ps1", raising=False)
+
+
+def sent_while_waiting(number: int, signals: StopSignals) -> Callable[[], object]:
+    """Send a signal as soon as the main thread is in `wait`; call what it returns to join."""
+
+    def send() -> None:
+        eventually(lambda: signals._is_held)
+        os.kill(os.getpid(), number)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    return sender.join
+
+
+def test_ctrl_c_in_a_script_ends_the_wait_in_progress_only(signals: StopSignals) -> None:
+    """The next wait of the main thread takes its time again, and ends at the next Ctrl-C."""
+    for _ in range(2):
+        join = sent_while_waiting(signal.SIGINT, signals)
+        assert signals.wait(None)
+        join()
+        assert not signals.wait(0.0)
+    assert signals.stopped
+
+
+def test_sigterm_ends_this_wait_and_all_later_ones(signals: StopSignals) -> None:
+    """After SIGTERM nothing waits any longer."""
+    join = sent_while_waiting(signal.SIGTERM, signals)
+    assert signals.wait(None)
+    join()
+    assert signals.wait(None)
+
+
+def test_ctrl_c_in_a_script_ends_the_waits_of_other_threads_for_good(signals: StopSignals) -> None:
+    """A thread of a script does not keep it alive after Ctrl-C."""
+    other = InAThread(signals.wait)
+    join = sent_while_waiting(signal.SIGINT, signals)
+    signals.wait(None)
+    join()
+    assert other.result() is True
+    assert InAThread(signals.wait).result() is True
+
+
+def test_ctrl_c_at_a_prompt_raises_and_changes_nothing(
+    signals: StopSignals, at_a_prompt: None
+) -> None:
+    """In a notebook the wait raises KeyboardInterrupt; what waits in other threads goes on."""
+    other = InAThread(signals.wait)
+    join = sent_while_waiting(signal.SIGINT, signals)
+    with pytest.raises(KeyboardInterrupt):
+        signals.wait(None)
+    join()
+    assert not signals.stopped
+    assert not signals.wait(0.0)
+    assert other.is_waiting
+    signals.stop()
+    assert other.result() is True
+
+
+def test_a_signal_while_it_is_held_is_told_once(signals: StopSignals) -> None:
+    """A signal that comes before a wait begins ends that wait, and no other."""
+    with signals.held():
+        os.kill(os.getpid(), signal.SIGINT)
+        assert signals.wait(None)
+        assert not signals.wait(0.0)
+
+
+def test_ctrl_c_counts_though_an_import_swallows_it(
+    signals: StopSignals, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Modules that are compiled clear all exceptions at their start: it raises after the import."""
+    lines = (
+        "import signal",
+        "try:",
+        "    signal.raise_signal(signal.SIGINT)",
+        "except BaseException:",
+        "    pass",
+        "name = 1",
+    )
+    (tmp_path / "swallowing.py").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        exported("tfbus", {"name": "swallowing"})[0]("name")
+    assert sys.modules.pop("swallowing").name == 1
+    assert signals.stopped
+
+
+def test_outside_of_a_wait_ctrl_c_raises_keyboard_interrupt(signals: StopSignals) -> None:
+    """A blocking call ends; a later wait takes its time."""
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert signals.stopped
+    assert not signals.wait(0.0)
+
+
+def test_as_python_ends_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes the names of a module away before the last objects of its classes end."""
+    unraisable: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    stop = SignalledStop()
+    monkeypatch.setattr("tfbus.base.signals.os", None)
+    del stop
+    assert unraisable == []

@@ -1,0 +1,86 @@
+"""A client that gets no link to a router hears why: one of the two is on a closed bus."""
+
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests import needs
+from tests.live_bus import free_port
+from tfbus import BusError, NodeSettings
+from tfbus.bus.links import speaks_tls
+from tfbus.bus.session import Session
+
+pytestmark = pytest.mark.real
+
+needs.module("cryptography")
+
+from tfbus.bus.keystore import Keystore  # noqa: E402 - needs it
+from tfbus.bus.rights import Identity  # noqa: E402 - needs it
+
+LOG = logging.getLogger("test")
+
+
+def identity(folder: Path, name: str) -> str:
+    """The folder of an identity of an authority of its own."""
+    keystore = Keystore.init(folder, days=10)
+    keystore.add(Identity(name, "router"), days=5)
+    return str(keystore.path / name)
+
+
+Router = Callable[[str, str], str]
+
+
+@pytest.fixture
+def router(tmp_path: Path) -> Iterator[Router]:
+    sessions: list[Session] = []
+
+    def started(protocol: str, secure: str) -> str:
+        endpoint = f"{protocol}/127.0.0.1:{free_port()}"
+        settings = NodeSettings("hub", mode="router", listen=(endpoint,), secure=secure)
+        sessions.append(Session(settings, LOG))
+        return endpoint
+
+    yield started
+    for session in sessions:
+        session.close()
+
+
+def refusal(endpoint: str, secure: str = "") -> str:
+    """Why a client of this identity cannot join by the endpoint."""
+    settings = NodeSettings("eye", mode="client", connect=(endpoint,), secure=secure)
+    with pytest.raises(BusError) as caught:
+        Session(settings, LOG).close()
+    return str(caught.value)
+
+
+def test_an_open_client_learns_that_the_bus_is_closed(router: Router, tmp_path: Path) -> None:
+    """And how to join it."""
+    closed = router("tls", identity(tmp_path / "keys", "hub"))
+    address = closed.removeprefix("tls/")
+    said = refusal(f"tcp/{address}")
+    assert f"a closed bus is at tcp/{address}" in said
+    assert f"--secure DIR, and --connect tls/{address}" in said
+
+
+def test_a_closed_client_learns_that_the_bus_is_open(router: Router, tmp_path: Path) -> None:
+    """And how to join it."""
+    opened = router("tcp", "")
+    address = opened.removeprefix("tcp/")
+    said = refusal(f"tls/{address}", identity(tmp_path / "keys", "eye"))
+    assert "an open bus" in said and f"--connect tcp/{address}" in said
+
+
+def test_an_identity_of_another_authority_learns_that(router: Router, tmp_path: Path) -> None:
+    """The router is there, and takes no link from it."""
+    closed = router("tls", identity(tmp_path / "keys", "hub"))
+    said = refusal(closed, identity(tmp_path / "others", "eye"))
+    assert f"the closed bus at {closed} gives this identity no link" in said
+
+
+def test_where_nothing_answers_it_says_so() -> None:
+    """As ever."""
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    assert speaks_tls(nowhere) is None
+    assert f"no router answers at {nowhere}" in refusal(nowhere)

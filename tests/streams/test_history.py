@@ -1,0 +1,282 @@
+"""What streams sent before a listener met them: how long lookups of the past wait for it."""
+
+import heapq
+import itertools
+from collections.abc import Callable
+from random import Random
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from tests.builders import at, store_of
+from tests.buses import eventually, send_until
+from tests.simulated_bus import Bus
+from tfbus import Buffer, Node, TransformBroadcaster, TransformListener
+from tfbus.base import scheduler
+from tfbus.base.executor import Executor
+from tfbus.buffer.trajectories import samples
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.streams.queries import AskedHistory, AskPages, PagesInTurn
+from tfbus.streams.reception import StreamReception
+from tfbus.wire.pages import Page, encode_page
+
+
+def test_minutes_without_a_link_come_back_behind_what_is_sent_now(bus: Bus) -> None:
+    """The gap comes by pages on a narrow link that is cut again meanwhile: all of it, while what is
+    sent now is as fresh as ever.
+    """
+    network = bus.network
+    robot, base = network.host("robot"), network.host("base")
+    # The gap takes half a minute on this link.
+    network.path(robot, base, delay_s=0.05, bytes_a_second=12_000.0)
+    with network.process(robot, "sim"):
+        node = Node("sim")
+        broadcaster = TransformBroadcaster(node, history_s=3600.0)
+    sent: list[int] = []
+    frames = ["robot", *(f"link{number}" for number in range(5))]
+    random = Random(1).random
+
+    def send() -> None:
+        sent.append(node.now_ns())
+        broadcaster.send_transform([at(random(), frame, sent[-1]) for frame in frames])
+
+    node.create_timer(0.2, send)
+    buffer = Buffer(cache_time_s=3600.0)
+    with network.process(base, "listener"):
+        listener = TransformListener(buffer, Node("listener"), history_s=3600.0)
+
+    def missing() -> int:
+        return len({*sent[:-10]} - {*samples(buffer, "robot").stamps_ns.tolist()})
+
+    network.run(until=lambda: "robot" in buffer.frames())
+    for away_s in (900.0, 20.0):
+        network.partition(robot, base)
+        network.run(away_s)
+        network.heal()
+        network.run(until=lambda: listener.streams()[0].alive)
+        for _ in range(12):
+            network.run(0.5)
+            age_ns = node.now_ns() - buffer.lookup_transform("world", "robot").stamp_ns
+            assert age_ns < 1.0e9
+        came = len(sent) - missing()
+        assert missing() > 100 and came > 100
+    for _ in range(60):
+        network.run(5.0)
+    assert not missing()
+
+
+class Past:
+    """A history of ten seconds, and in the place of the bus questions that the test answers."""
+
+    name = "sim"
+
+    def __init__(self, history_s: float = 10.0) -> None:
+        self.buffer = Buffer()
+        self.questions: list[tuple[str, Callable[[Answer], None], Callable[[], None]]] = []
+        self.kept: list[bytes] = []
+        self._now_s = 0.0
+        self._order = itertools.count()
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        here: Any = self
+        self.history = AskedHistory(
+            cast(Session, here), self.buffer, cast(Executor, here), history_s
+        )
+
+    def ask(self, key: str = "tf/sim") -> None:
+        self.history.ask(key, cast(StreamReception, self))
+
+    def ask_later(
+        self, key: str, _: None, answer: Any, end: Any, *, timeout_s: float, priority: str
+    ) -> None:
+        assert priority == "background"
+        self.questions.append((key, answer, end))
+
+    def receive_kept(self, payload: bytes) -> None:
+        self.kept.append(payload)
+
+    def submit(self, what: str, job: Callable[[], None]) -> None:
+        self.after(0.0, job)
+
+    def after(self, delay_s: float, job: Callable[[], None]) -> Any:
+        heapq.heappush(self._due, (self._now_s + delay_s, next(self._order), job))
+        return SimpleNamespace(cancel=lambda: None)
+
+    def run(self, end_s: float) -> None:
+        while self._due and self._due[0][0] <= end_s:
+            self._now_s, _, job = heapq.heappop(self._due)
+            job()
+        self._now_s = end_s
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether lookups of the past wait."""
+        return bool(store_of(self.buffer).expected_pasts)
+
+
+def test_the_past_is_expected_from_the_first_message_until_it_has_come() -> None:
+    """It is asked for once, and comes in any number of answers."""
+    past = Past()
+    past.history.meet("sim")
+    assert past.is_expected
+    past.ask()
+    past.ask()
+    ((selector, answer, end),) = past.questions
+    assert selector == "tf/sim?last_s=10;page=4000"
+    answer(Answer("tf/sim", b"first"))
+    answer(Answer("tf/sim", b"second"))
+    past.run(1.0)
+    assert past.is_expected
+    end()
+    past.run(1.0)
+    assert not past.is_expected
+    assert past.kept == [b"first", b"second"]
+
+
+def test_all_questions_to_a_stream_have_to_end() -> None:
+    """As those for the keys of a split one; and what is not answered is asked again."""
+    past = Past()
+    for key in ("tf/sim/a", "tf/sim/b"):
+        past.ask(key)
+    (_, answer, end), (_, _, end_unanswered) = past.questions
+    answer(Answer("tf/sim/a", b"first"))
+    end()
+    end_unanswered()
+    past.run(1.0)
+    assert past.is_expected
+    (again,) = past.questions[2:]
+    assert again[0].startswith("tf/sim/b")
+    again[1](Answer("tf/sim/b", b"second"))
+    again[2]()
+    past.run(1.0)
+    assert not past.is_expected
+
+
+def test_the_past_is_expected_for_five_seconds() -> None:
+    """Where no description comes, and so no question is asked."""
+    past = Past()
+    past.history.meet("sim")
+    past.run(4.9)
+    assert past.is_expected
+    past.run(5.1)
+    assert not past.is_expected
+
+
+def test_a_question_that_is_open_for_longer_still_has_its_answer() -> None:
+    """Lookups no longer wait for it."""
+    past = Past()
+    past.ask()
+    past.run(6.0)
+    assert not past.is_expected
+    past.questions[0][1](Answer("tf/sim", b"late"))
+    past.questions[0][2]()
+    past.run(7.0)
+    assert past.kept == [b"late"]
+
+
+def test_nothing_is_expected_of_a_stream_that_keeps_nothing() -> None:
+    """Unless it is asked all the same, as for a stream of before."""
+    past = Past()
+    past.history.meet("sim")
+    past.history.keeps_nothing("sim")
+    assert not past.is_expected
+    past.ask()
+    past.history.keeps_nothing("sim")
+    assert past.is_expected
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_without_a_history_and_after_the_end_nothing_is_expected(is_closed: bool) -> None:
+    """Nor is anything asked where no history is wanted."""
+    past = Past(10.0 if is_closed else 0.0)
+    if is_closed:
+        past.history.meet("other")
+        past.history.close()
+    past.history.meet("sim")
+    if not is_closed:
+        past.ask()
+    assert not past.is_expected
+    assert past.questions == []
+
+
+def test_an_answer_after_the_end_is_expected_by_none() -> None:
+    """A question may be on its way when the listener is closed."""
+    past = Past()
+    past.history.close()
+    past.ask()
+    past.questions[0][1](Answer("tf/sim", b"late"))
+    past.questions[0][2]()
+    past.run(1.0)
+    assert not past.is_expected
+
+
+def test_a_stream_that_is_back_is_asked_again() -> None:
+    """Answers to the former question are no longer taken."""
+    past = Past()
+    past.ask()
+    past.history.leave(["tf/sim", "tf/unknown"], "sim")
+    past.ask()
+    (_, former, _), (_, present, _) = past.questions
+    former(Answer("tf/sim", b"former"))
+    present(Answer("tf/sim", b"present"))
+    assert past.kept == [b"present"]
+
+
+def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
+    """They wait until it has described itself, not for the five seconds of others."""
+    broadcaster = TransformBroadcaster(bus.node("sim"), history_s=0.0)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener"), history_s=10.0) as listener:
+        send_until(
+            lambda: broadcaster.send_transform(at(1, "robot")),
+            lambda: bool(store_of(buffer).expected_pasts),
+        )
+        begun_s = scheduler.monotonic()
+        eventually(lambda: not store_of(buffer).expected_pasts)
+        assert scheduler.monotonic() - begun_s < 4.0
+        assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]
+
+
+def _pages(on_message: Callable[[Answer], object] | None) -> AskPages:
+    def nothing(*_: object) -> None:
+        pass
+
+    return AskPages(
+        cast(Session, SimpleNamespace(ask_later=None)),
+        cast(Executor, None),
+        str,
+        on_page=nothing,
+        on_message=on_message,
+        on_over=nothing,
+        turns=cast(PagesInTurn, None),
+    )
+
+
+def test_a_stray_answer_completes_nothing_where_only_pages_are_taken() -> None:
+    """Where earlier versions answer with messages, it is all of them."""
+    asking = _pages(None)
+    assert not asking._take(Answer("key", b"stray"), 0.1) and not asking.is_complete
+    asking = _pages(lambda _: None)
+    assert asking._take(Answer("key", b"message"), 0.1) and asking.is_complete
+
+
+def test_a_page_whose_next_is_itself_is_no_answer() -> None:
+    """It would be asked for without end."""
+    asking = _pages(None)
+    answer = Answer("key", encode_page(Page([], "1.2")))
+    assert asking._take(answer, 0.1)
+    assert not asking._take(answer, 0.1)
+
+
+def test_a_turn_ends_though_its_question_fails() -> None:
+    """Others wait for it."""
+
+    def full() -> str:
+        raise OSError("the disk is full")
+
+    asking, ended = _pages(None), []
+    asking._selector = full
+    with pytest.raises(OSError):
+        asking._ask(lambda *_: None, lambda: None, lambda: ended.append(1))
+    assert ended and asking.is_over

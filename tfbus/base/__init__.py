@@ -1,0 +1,1 @@
+"""For all packages: errors and their words, names of frames, time, threads, signals, log, values."""

@@ -1,1 +1,0 @@
-"""Transforms out: broadcasters, and the streams that they send in."""

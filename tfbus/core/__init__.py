@@ -1,1 +1,0 @@
-"""Numbers: pose arithmetic, the history of one edge, paths; compiled where possible."""

@@ -1,1 +1,0 @@
-"""Transforms in: a listener fills a buffer with the streams of others."""

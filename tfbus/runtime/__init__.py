@@ -1,1 +1,0 @@
-"""Time, threads, signals, log and classes of values of one process."""

@@ -1,1 +1,0 @@
-"""Identities of a closed bus, and the rights of each."""

@@ -1,0 +1,1 @@
+"""Transforms out and in: broadcasters send streams, and a listener fills a buffer with them."""

@@ -1,0 +1,62 @@
+"""A buffer of a listener that sends on to another bus what it takes."""
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+
+from tfbus.base.errors import TransformException
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.insert_many import Permit
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped
+
+
+class PassingBuffer(Buffer):
+    """A buffer that passes on what it takes: `on_rows(rows, static, stream)`.
+
+    So another bus gets what a listener accepts: of the right epoch and publisher, and with the
+    names that a fleet gives. `leaves_out(stream)` is whether a stream is not wanted.
+    """
+
+    def __init__(
+        self,
+        cache_time_s: float = 10.0,
+        *,
+        on_rows: Callable[[Columns, bool, str], object],
+        leaves_out: Callable[[str], bool] = lambda _: False,
+    ) -> None:
+        super().__init__(cache_time_s)
+        self._on_rows = on_rows
+        self._leaves_out = leaves_out
+
+    def set_transforms(
+        self,
+        batch: TransformBatch | Columns | Iterable[TransformStamped],
+        *,
+        static: bool = False,
+        authority: str = "",
+        permit: Permit | None = None,
+    ) -> int:
+        """As of any buffer."""
+        if isinstance(batch, TransformBatch):
+            batch = Columns.of_batch(batch)
+        elif not isinstance(batch, Columns):
+            batch = Columns.of_transforms(batch)
+        if self._leaves_out(authority):
+            return batch.count
+        taken = super().set_transforms(batch, static=static, authority=authority, permit=permit)
+        if taken == batch.count:
+            self._on_rows(batch, static, authority)
+        elif taken:
+            self._on_rows(self._taken_of(batch), static, authority)
+        return taken
+
+    def _taken_of(self, rows: Columns) -> Columns:
+        """The rows of frames of which all are valid and held: rows are rarely refused."""
+        kept = []
+        for child in rows.children():
+            with suppress(TransformException):
+                parents = {each.frame_id for each in rows.only((child,))}
+                if parents == {self.frame(child).parent}:
+                    kept.append(child)
+        return rows.only(kept)

@@ -1,0 +1,577 @@
+"""Queries to the publishers of streams: descriptions, static transforms, and kept transforms.
+
+If many peers meet at once, the declaration of a queryable may be lost for good
+(eclipse-zenoh/zenoh#2516): no query reaches it by that link, also none of Zenoh's own. So each
+thing that a stream retains has two queryables, and queries alternate between them.
+
+Zenoh sends retained messages to those who join, and requests lost ones again. But where many peers
+meet at once, its request may precede the route to the publisher, or the publisher's queryable may
+be lost for good: then no answer comes, and nothing is sent again until something changes. A static
+transform is sent once, so here the descriptions of streams are the check.
+"""
+
+import logging
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from tfbus.base import scheduler
+from tfbus.base.bounded import Bounded
+from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.executor import Executor
+from tfbus.base.structs import Struct
+from tfbus.buffer.buffer import Buffer
+from tfbus.bus.query import Answer, AskUntil, Pauses
+from tfbus.bus.retained import ask_retained_later
+from tfbus.bus.session import Session
+from tfbus.streams.reception import StreamReception
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import FramesAsked
+from tfbus.wire.keys import (
+    description_selector,
+    kept_transforms_selector,
+    may_describe,
+    page_selector,
+    static_transforms_key_beside,
+)
+from tfbus.wire.pages import Page, decode_page, is_page
+
+ANSWER_WITHIN_S = 2.0
+# An answer by a slow path takes longer: from this turn on it is waited for.
+PATIENT_FROM_TURN = 4
+_LATE_ANSWER_WITHIN_S = 10.0
+
+
+def _answer_within_s(turn: int) -> float:
+    return ANSWER_WITHIN_S if turn < PATIENT_FROM_TURN else _LATE_ANSWER_WITHIN_S
+
+
+def ask_for_statics(
+    session: Session,
+    stream_key: str,
+    turn: int,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the static transforms of the stream of this token; `turn` counts from 0."""
+    key = static_transforms_key_beside(stream_key)
+    if turn % 2:
+        within_s = _answer_within_s(turn)
+        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, priority="urgent")
+    else:
+        ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
+
+
+def ask_for_description(
+    session: Session,
+    stream_key: str,
+    turn: int,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the description of the stream of this token; `turn` counts from 0."""
+    within_s = _answer_within_s(turn)
+    if turn % 2 == 0:
+        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=within_s)
+    else:
+        _ask_beside(session, stream_key, None, on_answer, on_end, within_s)
+
+
+def ask_who_lists(
+    session: Session,
+    stream_keys: str,
+    children: Iterable[str],
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the descriptions that list one of these child frames, of the streams whose tokens lie
+    within `stream_keys`. Publishers of earlier versions answer whatever they list.
+    """
+    payload = encode_message(FramesAsked(tuple(sorted(children))))
+    _ask_beside(session, stream_keys, payload, on_answer, on_end, ANSWER_WITHIN_S)
+
+
+def _ask_beside(
+    session: Session,
+    stream_key: str,
+    payload: bytes | None,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+    within_s: float,
+) -> None:
+    """Query descriptions at the keys of static transforms."""
+
+    def on_any_answer(answer: Answer) -> None:
+        # Earlier versions of tfbus answer with the static transforms, at their key.
+        if answer.refusal is not None or may_describe(answer.key):
+            on_answer(answer)
+
+    session.ask_later(
+        description_selector(static_transforms_key_beside(stream_key)),
+        payload,
+        on_any_answer,
+        on_end,
+        timeout_s=within_s,
+        answers_at=stream_key,
+        priority="urgent",
+    )
+
+
+# Of many streams some may not answer; those are asked one by one afterwards.
+_ALL_WITHIN_S = 1.0
+
+
+def ask_for_descriptions(
+    session: Session,
+    keys: str,
+    on_answer: Callable[[Answer], None],
+    on_end: Callable[[], None],
+) -> None:
+    """Query the descriptions of all streams whose tokens lie within `keys`, by one question."""
+    ask_retained_later(session, keys, on_answer, on_end, timeout_s=_ALL_WITHIN_S)
+
+
+_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
+_REQUESTS_BEFORE_WARNING = 7
+
+_STATICS = "static transforms"
+
+
+class StaticRecovery:
+    """Requests the static transforms that streams lack from their publishers.
+
+    It asks, and looks at what has come, on the executor's thread: one thing at a time, and never
+    in a callback of Zenoh, which may hold locks.
+    """
+
+    def __init__(self, session: Session, log: logging.Logger, executor: Executor) -> None:
+        self._session = session
+        self._log = log
+        self._executor = executor
+        self._asking: dict[str, AskUntil] = {}
+        self._closed = False
+
+    def check(self, key: str, stream: StreamReception) -> None:
+        """Ask while the stream of this token lacks static transforms, until it is gone."""
+        if stream.statics.are_lacking():
+            self._executor.submit(_STATICS, lambda: self._begin(key, stream))
+
+    def is_asking(self, stream: str) -> bool:
+        """Whether the static transforms of this stream are asked for."""
+        asking = self._asking.get(stream)
+        return asking is not None and not asking.is_over
+
+    def leave(self, stream: str) -> None:
+        """The static transforms of this stream are no longer read."""
+        asking = self._asking.pop(stream, None)
+        if asking is not None:
+            asking.close()
+
+    def close(self) -> None:
+        """Stop asking. Twice is fine."""
+        self._closed = True
+        for stream in list(self._asking):
+            self.leave(stream)
+
+    def _begin(self, key: str, stream: StreamReception) -> None:
+        if self._closed or self.is_asking(stream.name):
+            return
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None and not asking.is_over:
+                stream.statics.receive(answer.payload)
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_for_statics(self._session, key, turn, on_answer, on_end)
+
+        def on_over() -> None:
+            if self._asking.get(stream.name) is asking:
+                del self._asking[stream.name]
+
+        asking = self._asking[stream.name] = AskUntil(
+            self._executor,
+            _STATICS,
+            _PAUSES,
+            ask=ask,
+            is_settled=lambda: not stream.statics.are_lacking(),
+            on_unanswered=lambda turn: self._warn(stream.name, turn + 1),
+            on_over=on_over,
+        )
+        asking.start()
+
+    def _warn(self, stream: str, requests: int) -> None:
+        if requests == _REQUESTS_BEFORE_WARNING:
+            self._log.warning(
+                "Static transforms of stream %r are still missing after %d requests; retrying. If "
+                "they do not come, restart its publisher",
+                stream,
+                requests,
+            )
+
+
+_KEPT_WITHIN_S = 5.0
+# The route to a stream that was just met may not be open for questions yet.
+_HISTORY_PAUSES = Pauses((0.1, 0.4, 1.0))
+# Who has answered once has more.
+_GOING_ON_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0))
+
+# The first page is small: it takes about a round trip. One after a page that took hardly longer has
+# twice as many bytes, one after a page that took much longer half as many: what is sent now waits
+# for no more, as a link sends one thing after the other.
+_FIRST_PAGE = 4_000
+_LEAST_PAGE, _LARGEST_PAGE = 1_000, 1_000_000
+_HARDLY_S, _MUCH_S = 0.15, 0.4
+
+
+class PagesInTurn:
+    """Has at most a few pages asked for at once: of many, the next once one has come, or has not
+    come for a while.
+    """
+
+    def __init__(self, executor: Executor, most: int = 8, lost_after_s: float = 1.0) -> None:
+        self._executor = executor
+        self._most = most
+        self._lost_after_s = lost_after_s
+        self._lock = scheduler.Lock()
+        self._waiting: deque[Callable[[Callable[[], None]], None]] = deque()
+        self._open = 0
+
+    def take(self, ask: Callable[[Callable[[], None]], None]) -> None:
+        """Call `ask(on_end)` once it is its turn, which ends with `on_end()`."""
+        with self._lock:
+            if self._open >= self._most:
+                self._waiting.append(ask)
+                return
+            self._open += 1
+        self._begin(ask)
+
+    def _begin(self, ask: Callable[[Callable[[], None]], None]) -> None:
+        is_over = False
+
+        def end() -> None:
+            nonlocal is_over
+            with self._lock:
+                if is_over:
+                    return
+                is_over = True
+                lost.cancel()
+                following = self._waiting.popleft() if self._waiting else None
+                self._open -= following is None
+            if following is not None:
+                self._executor.submit("history", lambda: self._begin(following))
+
+        lost = self._executor.after(self._lost_after_s, end)
+        ask(end)
+
+
+class AskPages:
+    """Asks for kept messages, page by page, until the last has come, `close()`, or no answer does.
+
+    `selector()` asks for all of them, and is called for each page. `on_messages(page, sender_key)`
+    is called for each page, on Zenoh's thread, and `on_message(payload)` for each answer that is
+    none, as from earlier versions, which answer with all messages; without it only pages are
+    answers. `on_over()` is called once;
+    then `is_complete` says whether all have come, and `place` where to go on.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        executor: Executor,
+        selector: Callable[[], str],
+        *,
+        on_page: Callable[[Page, str], object],
+        on_message: Callable[[Answer], object] | None,
+        on_over: Callable[[], object],
+        turns: PagesInTurn,
+        place: str = "",
+        payload: bytes | None = None,
+    ) -> None:
+        self._session = session
+        self._executor = executor
+        self._selector = selector
+        self._on_page = on_page
+        self._on_message = on_message
+        self._on_over = on_over
+        self._turns = turns
+        self._payload = payload
+        self._bytes = _FIRST_PAGE
+        self._quickest_s = math.inf
+        self.place = place
+        self.is_complete = self.is_over = False
+        self._page: AskUntil | None = None
+
+    def start(self) -> None:
+        """Ask for the first page, on the calling thread."""
+        is_answered = False
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            self._turns.take(lambda end_turn: self._ask(on_answer, on_end, end_turn))
+
+        def on_answer(answer: Answer, took_s: float) -> None:
+            nonlocal is_answered
+            if answer.refusal is None and not self.is_over and self._page is asking:
+                is_answered = self._take(answer, took_s) or is_answered
+
+        def on_over() -> None:
+            if self.is_over or self._page is not asking:
+                return
+            if is_answered and not self.is_complete:
+                self.start()
+            else:
+                self.close()
+
+        asking = self._page = AskUntil(
+            self._executor,
+            "history",
+            _GOING_ON_PAUSES if self.place else _HISTORY_PAUSES,
+            ask=ask,
+            is_settled=lambda: is_answered,
+            on_unanswered=lambda turn: self._resize(0.5),
+            on_over=on_over,
+        )
+        asking.start()
+
+    def close(self) -> None:
+        """Ask no further. Twice is fine."""
+        if not self.is_over:
+            self.is_over = True
+            if self._page is not None:
+                self._page.close()
+            self._on_over()
+
+    def _ask(
+        self,
+        on_answer: Callable[[Answer, float], None],
+        on_end: Callable[[], None],
+        end_turn: Callable[[], None],
+    ) -> None:
+        asked_s = scheduler.monotonic()
+
+        def end() -> None:
+            end_turn()
+            on_end()
+
+        try:
+            self._session.ask_later(
+                page_selector(self._selector(), self._bytes, self.place),
+                self._payload,
+                lambda answer: on_answer(answer, scheduler.monotonic() - asked_s),
+                end,
+                timeout_s=_KEPT_WITHIN_S,
+                priority="background",
+            )
+        except BusError:  # the session is closed, or no further page is wanted
+            end_turn()
+        except BaseException:
+            end_turn()
+            self.close()
+            raise
+
+    def _take(self, answer: Answer, took_s: float) -> bool:
+        """Take an answer; whether it is one."""
+        if not is_page(answer.payload):
+            if self._on_message is None:
+                return False
+            # All messages come so, one by one.
+            self.is_complete = True
+            self._on_message(answer)
+            return True
+        try:
+            page = decode_page(answer.payload)
+        except DecodeError:
+            return False
+        if page.next and page.next == self.place:
+            return False  # it would come again for ever
+        self.place, self.is_complete = page.next, not page.next
+        self._quickest_s = min(self._quickest_s, took_s)
+        longer_s = took_s - self._quickest_s
+        self._resize(2.0 if longer_s < _HARDLY_S else 0.5 if longer_s > _MUCH_S else 1.0)
+        self._on_page(page, answer.key)
+        return True
+
+    def _resize(self, factor: float) -> None:
+        self._bytes = min(max(int(self._bytes * factor), _LEAST_PAGE), _LARGEST_PAGE)
+
+
+# Lookups of the past wait at most this long for a stream's history.
+_EXPECTED_WITHIN_S = 5.0
+
+# What was sent last before a link went silent may not have come: so much more is asked for.
+_OVERLAP_S = 3.0
+
+# Keys come from the bus: of at most as many it is known what is missing.
+_MOST_MISSING = 10_000
+
+
+class _Expected:
+    """The past of one stream while it may come: the count of open questions for it, and `end`,
+    which ends the buffer's wait for it.
+    """
+
+    def __init__(self, end: Callable[[], None]) -> None:
+        self.end = end
+        self.questions = 0
+
+
+class _Missing(Struct, frozen=False):
+    """A part of the past that is not there: all since a time by the monotonic clock, None for as
+    much as is wanted; from a place on that a page has named, if some has come before a cut.
+    """
+
+    since_s: float | None = None
+    place: str = ""
+
+
+class AskedHistory:
+    """Requests the last `history_s` seconds of streams, by pages; if that is 0 it does nothing.
+
+    Of a stream that was lost and is back it requests what is missing: what came of the former
+    questions stays, and so does what came by itself until the link was silent.
+
+    The first message of a stream often comes before its description, and so before the question.
+    Lookups with a timeout wait for its past from that message until the question is answered.
+    """
+
+    def __init__(
+        self, session: Session, buffer: Buffer, executor: Executor, history_s: float
+    ) -> None:
+        self._session = session
+        self._buffer = buffer
+        self._executor = executor
+        self._history_s = history_s
+        self._lock = scheduler.Lock()
+        self._closed = False
+        self._turns = PagesInTurn(executor)
+        # By key; and the streams that the keys are of.
+        self._asked: dict[str, AskPages | None] = {}
+        self._missing: Bounded[str, list[_Missing]] = Bounded(_MOST_MISSING)
+        self._streams: set[str] = set()
+        self._expected: dict[str, _Expected] = {}
+
+    def close(self) -> None:
+        """Expect nothing further. Twice is fine."""
+        self._closed = True
+        for stream, expected in list(self._expected.items()):
+            self._stop_expecting(stream, expected)
+
+    def meet(self, stream: str) -> None:
+        """A message on a new key of the stream has come."""
+        if stream not in self._streams:
+            self.expect(stream)
+
+    def expect(self, stream: str) -> None:
+        """From now on the stream's past may come: it is about to be asked for."""
+        if not self._history_s or self._closed or stream in self._expected:
+            return
+        made = _Expected(self._buffer.expect_past(stream))
+        with self._lock:
+            is_first = self._expected.setdefault(stream, made) is made
+        if is_first:
+            self._executor.after(_EXPECTED_WITHIN_S, lambda: self._stop_expecting(stream, made))
+        else:
+            made.end()
+
+    def keeps_nothing(self, stream: str) -> None:
+        """The stream says that it keeps no history."""
+        expected = self._expected.get(stream)
+        if expected is not None and not expected.questions:
+            self._stop_expecting(stream, expected)
+
+    def leave(self, keys: Iterable[str], stream: str, silent_s: float | None = None) -> None:
+        """Have the keys asked for again when the stream is back, or is read again: for all, or for
+        what is missing, if what came stays and none came for the last `silent_s` seconds.
+        """
+        for key in keys:
+            asking = self._asked.pop(key, None)
+            if asking is not None:
+                asking.close()
+            if silent_s is None:
+                self._missing.pop(key, None)
+            elif key in self._missing:
+                self._miss(key, silent_s)
+        self._streams.discard(stream)
+
+    def miss(self, key: str, stream: StreamReception, silent_s: float) -> None:
+        """Messages are missing on a key from the last seconds, though the stream was never lost."""
+        if key in self._missing and self._asked.get(key, ...) is None and not self._closed:
+            self._miss(key, silent_s)
+            self._begin(key, stream)
+
+    def _miss(self, key: str, silent_s: float) -> None:
+        missing = self._missing[key]
+        # Until all that was wanted at first has been asked for, it is still asked for.
+        if all(each.place for each in missing):
+            missing.append(_Missing(scheduler.monotonic() - silent_s - _OVERLAP_S))
+
+    def ask(self, key: str, stream: StreamReception) -> None:
+        """Ask for what was sent on a key, unless that was done."""
+        if not self._history_s or key in self._asked:
+            return
+        self._streams.add(stream.name)
+        self._missing.setdefault(key, [_Missing()])
+        self._begin(key, stream)
+
+    def _begin(self, key: str, stream: StreamReception) -> None:
+        """Ask for the first part that is missing on a key, and then for the next."""
+        self.expect(stream.name)
+        with self._lock:
+            expected = self._expected.get(stream.name)
+            if expected is not None:
+                expected.questions += 1
+        asking = self._asked[key] = self._asking(key, stream, expected)
+        asking.start()
+
+    def _asking(self, key: str, stream: StreamReception, expected: _Expected | None) -> AskPages:
+        """Asks until there is an answer; a stream that has sent nothing so far gives none."""
+        missing = self._missing[key]
+        first = missing[0]
+
+        def selector() -> str:
+            last_s = self._history_s
+            if first.since_s is not None:
+                last_s = min(last_s, scheduler.monotonic() - first.since_s)
+            return kept_transforms_selector(key, last_s)
+
+        def take(page: Page, _: str) -> None:
+            first.place = page.next
+            for message in page.messages:
+                stream.receive_kept(message.payload)
+
+        def on_over() -> None:
+            self._end_question(stream.name, expected)
+            if self._asked.get(key) is not asking:
+                return
+            # Also what a publisher does not answer for: it has sent nothing, or does not know.
+            del missing[:1]
+            self._asked[key] = None
+            if missing and not self._closed:
+                self._begin(key, stream)
+
+        asking = AskPages(
+            self._session,
+            self._executor,
+            selector,
+            on_page=take,
+            on_message=lambda answer: stream.receive_kept(answer.payload),
+            on_over=on_over,
+            turns=self._turns,
+            place=first.place,
+        )
+        return asking
+
+    def _end_question(self, stream: str, expected: _Expected | None) -> None:
+        if expected is None:
+            return
+        with self._lock:
+            expected.questions -= 1
+            is_last = not expected.questions
+        if is_last:
+            self._stop_expecting(stream, expected)
+
+    def _stop_expecting(self, stream: str, expected: _Expected) -> None:
+        with self._lock:
+            if self._expected.get(stream) is not expected:
+                return
+            del self._expected[stream]
+        expected.end()

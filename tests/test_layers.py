@@ -138,7 +138,8 @@ STARS: dict[str, set[str]] = {
         *("bus", "command", "geometry", "node", "recording", "robot", "streams", "wire"),
     },
     "foxglove": {
-        *("bag", "bus", "geometry", "node", "recording", "robot", "ros", "streams", "wire"),
+        *("bag", "bus", "command", "geometry", "node", "recording", "robot", "ros", "streams"),
+        "wire",
     },
     "ros.bridge": {"bus", "command", "geometry", "node", "ros", "streams", "wire"},
     "compat": {"buffer", "bus", "geometry", "node", "ros", "wire"},

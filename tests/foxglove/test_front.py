@@ -204,7 +204,7 @@ def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
 def test_one_that_others_reach_needs_its_token(server: Server) -> None:
     """Over TLS; wrong ones are refused and said, and after 10 from an address all are."""
     needs.module("cryptography")
-    from tfbus.bus.server_access import AccessToken, made_tls
+    from tfbus.command.server_access import AccessToken, made_tls
 
     reasons: list[str] = []
     token = AccessToken("correct horse")
@@ -235,7 +235,7 @@ def test_one_that_others_reach_needs_its_token(server: Server) -> None:
 def test_the_token_is_in_an_address_but_in_no_link(server: Server) -> None:
     """A link would carry it to Foxglove's site; one that was given is not printed."""
     needs.module("cryptography")
-    from tfbus.bus.server_access import AccessToken, made_tls
+    from tfbus.command.server_access import AccessToken, made_tls
 
     for token in (AccessToken(), AccessToken("correct horse")):
         serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)

@@ -3,12 +3,12 @@
 import pytest
 
 from tests import needs
-from tfbus.bus.server_access import AccessToken
+from tfbus.command.server_access import AccessToken
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 
-from tfbus.bus.server_access import made_tls  # noqa: E402 - needs it
+from tfbus.command.server_access import made_tls  # noqa: E402 - needs it
 from tfbus.view.server import Access, PageReply  # noqa: E402 - needs it
 
 TLS = made_tls("127.0.0.1")

@@ -1,1 +1,1 @@
-"""For all packages: errors and their words, names of frames, time, threads, signals, log, values."""
+"""For all packages: errors and their words, frame names, time, threads, signals, log, values."""

@@ -15,7 +15,7 @@ from tfbus.base.installation import install_command
 from tfbus.bus.settings import NodeSettings
 
 if TYPE_CHECKING:
-    from tfbus.bus.server_access import AccessToken, ServerTls
+    from tfbus.command.server_access import AccessToken, ServerTls
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -62,7 +62,7 @@ class ServerOptions:
         return Public(token, self._tls(settings), origin)
 
     def _token(self) -> "tuple[AccessToken, str]":
-        from tfbus.bus.server_access import AccessToken, read_token
+        from tfbus.command.server_access import AccessToken, read_token
 
         if self.token_file is not None:
             return read_token(self.token_file), str(self.token_file)
@@ -72,7 +72,7 @@ class ServerOptions:
             raise SettingsError(f"{self.variable}: {error}") from error
 
     def _tls(self, settings: NodeSettings) -> "ServerTls":
-        from tfbus.bus.server_access import made_tls, tls_of_files, tls_of_identity
+        from tfbus.command.server_access import made_tls, tls_of_files, tls_of_identity
 
         if self.certificate is not None:
             return tls_of_files(self.certificate, self.key)

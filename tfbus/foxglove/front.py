@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, quote
 from tfbus.base import scheduler
 from tfbus.base.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.base.errors import TfbusError
-from tfbus.bus.server_access import AccessToken, PageGate, ServerTls, machine_names
+from tfbus.command.server_access import AccessToken, PageGate, ServerTls, machine_names
 
 if TYPE_CHECKING:
     from tfbus.foxglove.server import Server  # websockets, which `tfbus foxglove --help` may lack

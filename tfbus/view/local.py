@@ -15,8 +15,8 @@ from tfbus.base.addresses import is_local
 from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.errors import InvalidArgumentException, TfbusError
 from tfbus.buffer.buffer import Buffer
-from tfbus.bus.server_access import AccessToken, made_tls
 from tfbus.command import install_command
+from tfbus.command.server_access import AccessToken, made_tls
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recording import Recording
 from tfbus.frames.snapshot import frame_tree

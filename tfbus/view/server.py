@@ -24,7 +24,7 @@ from websockets.http11 import Request, Response
 
 from tfbus.base.addresses import own_names
 from tfbus.base.errors import TfbusError
-from tfbus.bus.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
+from tfbus.command.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
 from tfbus.view.lane import in_lanes
 
 _FORM = """\

@@ -11,7 +11,7 @@ from tfbus.base.errors import SettingsError
 needs.module("cryptography")
 
 from tfbus.bus.keystore import Issued, make_for_server  # noqa: E402 - needs it
-from tfbus.bus.server_access import made_tls, tls_of_files  # noqa: E402 - needs it
+from tfbus.command.server_access import made_tls, tls_of_files  # noqa: E402 - needs it
 
 
 @pytest.fixture

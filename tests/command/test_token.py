@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tfbus.base.errors import SettingsError
-from tfbus.bus.server_access import AccessToken, read_token
+from tfbus.command.server_access import AccessToken, read_token
 
 
 def test_a_token_is_new_unless_it_is_given() -> None:

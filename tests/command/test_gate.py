@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from tfbus.bus.server_access import PageGate, machine_names
+from tfbus.command.server_access import PageGate, machine_names
 
 LOCAL = machine_names("127.0.0.1")
 LAN = frozenset({"0.0.0.0", "robot", "robot.lan"})

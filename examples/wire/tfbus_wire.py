@@ -14,6 +14,7 @@ import os
 import struct
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,13 +30,16 @@ MOST_VALUES = 1_000_000
 MOST_ROWS = 300_000  # Frames by numbers
 
 
-def open_session() -> zenoh.Session:
-    """A session by the file that ZENOH_CONFIG names, or one that finds its peers by multicast."""
+def open_session() -> closing[zenoh.Session]:
+    """A session by the file that ZENOH_CONFIG names, or one that finds its peers by multicast.
+
+    A session's own `with` raises at its end if another thread uses the session.
+    """
     if "ZENOH_CONFIG" in os.environ:
-        return zenoh.open(zenoh.Config.from_env())
+        return closing(zenoh.open(zenoh.Config.from_env()))
     config = zenoh.Config()
     config.insert_json5("timestamping/enabled", "true")  # How messages are sent
-    return zenoh.open(config)
+    return closing(zenoh.open(config))
 
 
 # ------------------------------------------------------------------------ Keys: Names in keys

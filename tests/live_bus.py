@@ -9,7 +9,7 @@ import sys
 import termios
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
@@ -79,13 +79,24 @@ class Process:
             lines = [*self.out, *self.err]
             return next((line for line in lines if re.search(pattern, line)), None)
 
-        try:
-            return eventually(found, within_s=timeout_s)
-        except AssertionError:
-            raise AssertionError(
-                f"{pattern!r} was not printed by {' '.join(self.command)}\n"
-                f"stdout: {self.out}\nstderr: {self.err}"
-            ) from None
+        code = self.wait_until(lambda: found() is not None, timeout_s=timeout_s)
+        line = found()
+        assert line is not None, (
+            f"{pattern!r} was not printed by {' '.join(self.command)}, which "
+            f"{'goes on' if code is None else f'ended with {code}'}\n"
+            f"stdout: {self.out}\nstderr: {self.err}"
+        )
+        return line
+
+    def wait_until(
+        self, condition: Callable[[], bool], *, timeout_s: float = DEADLINE_S
+    ) -> int | None:
+        """Wait until the condition holds, or the process has ended and all that it printed is
+        read: its exit code, None if it goes on.
+        """
+        with suppress(AssertionError):
+            eventually(lambda: condition() or self.popen.poll() is not None, within_s=timeout_s)
+        return None if self.popen.poll() is None else self.wait()
 
     def signal(self, number: int) -> None:
         """Send a signal to the process."""

@@ -1,6 +1,7 @@
 """A reader who follows a section of a page, and compares what it prints with what the page says."""
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 from tests.buses import eventually
@@ -96,13 +97,16 @@ class Reader:
         def missing() -> set[str]:
             return shown - {same(line, differ) for line in [*process.out, *process.err]}
 
-        try:
-            eventually(lambda: not missing())
-        except AssertionError:
-            raise AssertionError(
-                f"$ {command.line}\ndid not print: {sorted(missing())}\n"
-                f"but: {process.out}\n{process.err}"
-            ) from None
+        code = None
+        if isinstance(process, Process):
+            code = process.wait_until(lambda: not missing())
+        else:
+            with suppress(AssertionError):
+                eventually(lambda: not missing())
+        assert not missing(), (
+            f"$ {command.line}\n{'goes on' if code is None else f'ended with {code}'} and did not "
+            f"print: {sorted(missing())}\nbut: {process.out}\n{process.err}"
+        )
         return process
 
 

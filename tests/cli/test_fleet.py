@@ -200,6 +200,25 @@ def test_to_the_doctor_a_robot_that_boots_is_not_missing(robots: Bus) -> None:
     assert doctor.stop() == 0
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "doctor",
+        "doctor --watch",
+        "doctor --fleet --expect robot1",
+        "fleet",
+        "fleet --expect robot1",
+        "fleet --watch --expect robot1",
+        "fleet --watch --on-gone true",
+    ],
+)
+def test_a_grace_that_would_do_nothing_is_refused(bus: Bus, command: str) -> None:
+    """--grace is for robots of a roster that something would happen without: else a usage error."""
+    done = bus.run(*command.split(), "--grace", "20")
+    assert done.returncode == 2
+    assert "--grace is for" in done.stderr and "--expect" in done.stderr
+
+
 def test_the_doctor_notices_a_robot_that_goes(robots: Bus) -> None:
     """While it watches, a robot of the roster that is gone is a failure until it is back."""
     with robots.network.process("outside", "robot9"):

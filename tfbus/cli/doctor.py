@@ -30,7 +30,7 @@ from tfbus.cli.output import (
     warn,
     width,
 )
-from tfbus.command.options import grace_option, listening_options, roster_option
+from tfbus.command.options import check_grace, grace_option, listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.examination import (
@@ -141,6 +141,7 @@ def command(
         return
     if (exit_on_fail or on_fail) and not watch:
         raise click.UsageError("--exit-on-fail and --on-fail are for --watch")
+    check_grace(watch and roster, "--watch with --expect")
     if bag is not None:
         if watch:
             raise click.UsageError("--watch checks a bus; a recording does not change")

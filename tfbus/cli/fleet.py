@@ -24,7 +24,13 @@ from tfbus.cli.output import (
     screen,
     table,
 )
-from tfbus.command.options import grace_option, listening_options, period_option, roster_option
+from tfbus.command.options import (
+    check_grace,
+    grace_option,
+    listening_options,
+    period_option,
+    roster_option,
+)
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
@@ -90,6 +96,7 @@ def command(
     """
     if (on_gone or on_back) and not watch:
         raise click.UsageError("--on-gone and --on-back are for --watch")
+    check_grace((on_gone or on_back) and roster, "--expect with --on-gone or --on-back")
     if watch and bag is not None:
         raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
     robots = watch_of(fleet, roster)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 
 from tfbus.base.errors import SettingsError, TfbusError
 from tfbus.base.signals import forget_interrupt
@@ -300,6 +301,18 @@ def roster_option(function: F) -> F:
         help="The roster: names such as 'robot[1-30]', or a file with one a line; repeatable.",
     )
     return cast(F, option(command))
+
+
+def check_grace(is_used: object, needed: str) -> None:
+    """Refuse a `--grace` on the command line that would do nothing: it is for the `needed` options.
+
+    Raises click.UsageError.
+    """
+    source = click.get_current_context().get_parameter_source("grace_s")
+    if source is ParameterSource.COMMANDLINE and not is_used:
+        raise click.UsageError(
+            f"--grace is for {needed}: it says how long robots of the roster have to come"
+        )
 
 
 def grace_option(until: str) -> Callable[[F], F]:

@@ -14,6 +14,7 @@ import pytest
 import tfbus
 from tfbus.bus.keystore import Keystore
 from tfbus.bus.rights import Identity
+from tfbus.inspect import Watch
 from tfbus.messages import Vector3
 from tfbus.nodes import carrot
 from tfbus.testing import Network, Process, SimulationError
@@ -116,6 +117,33 @@ def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:
     assert 1.0 < network.run(until=lambda: not eye.sees("arm")) < 3.0
     network.go_on(arm)
     network.run(until=lambda: eye.sees("arm"))
+
+
+def test_a_listener_that_was_stopped_gives_others_time(network: Network) -> None:
+    """A process that did not run for a while takes nobody for gone or stale by that: neither at
+    once nor later, but the publisher and the node that left meanwhile, and them soon.
+    """
+    _tree(network, "robot", "arm")
+    left = _tree(network, "robot", "left")
+    network.host("base")
+    told: list[tuple[str, str]] = []
+
+    def watch() -> None:
+        with tfbus.Node("eye") as node, Watch(node) as bus:
+            told.extend((each.kind, each.name) for each in bus.changes())
+
+    eye = network.start("base", "eye", watch)
+    network.run(until=lambda: {("node came", "/arm"), ("frame appeared", "left")} <= {*told})
+    network.run(3.0)
+    told.clear()
+    network.stop(eye)
+    network.run(1.0)
+    network.kill(left)
+    network.run(9.0)
+    network.go_on(eye)
+    network.run(until=lambda: ("frame gone", "left") in told and ("node left", "/left") in told)
+    network.run(10.0)
+    assert [each for each in told if each[1] in ("arm", "/arm")] == []
 
 
 def test_a_host_whose_power_fails_is_gone_after_the_lease(network: Network) -> None:

@@ -10,6 +10,7 @@ from tfbus.base.clock import Timer
 from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import replace
 from tfbus.base.wording import printable
 from tfbus.bus.presence import read_node
@@ -44,7 +45,7 @@ class GraphWatch:
     tokens and descriptions; closed by `close()`.
 
     `on_change(name, description)` is called for each node, for each change of its description, and
-    with None as soon as it is gone. A node's counts of its buffers and delays, and which of its
+    with None as soon as it is gone, or after a pause of this process seconds later. A node's counts of its buffers and delays, and which of its
     streams have no listener, are no change; of nodes that share a name the last started counts.
     `on_nodes(descriptions)` is called with all nodes after each question, at least every second,
     changed or not. Calls come one at a time, on a thread of its own.
@@ -80,6 +81,10 @@ class GraphWatch:
         self._next_ask: tuple[float, Timer] | None = None
         self._has_answers = False
         self._executor = Executor("nodes", log)
+        self._pauses = own_pauses()
+        self._pauses.watch(self._executor)
+        # The nodes whose tokens were lost with the links of this process, perhaps.
+        self._leaving: set[str] = set()
         self._executor.submit("nodes", partial(self._ask_after, _EVERY_S))
         self._tokens = session.watch_living(self._key, self._on_token)
 
@@ -122,7 +127,11 @@ class GraphWatch:
         while self._news:
             key, alive = self._news.popitem()
             name = printable(full_name(key, self._session.settings.namespace))
-            if not alive:
+            self._leaving.discard(name)
+            if not alive and self._pauses.left_s():
+                self._leaving.add(name)
+                self._pauses.after(self._executor, 0.0, partial(self._end_unless_back, name))
+            elif not alive:
                 self._end(name)
             elif len(self._living) < _MOST_NODES:
                 self._begin(name, key)
@@ -137,6 +146,11 @@ class GraphWatch:
         self._asks = 0
         # Nodes that come together are asked together.
         self._ask_after(max(_PAUSES_S[0], self._asked_s + _APART_S - scheduler.monotonic()))
+
+    def _end_unless_back(self, name: str) -> None:
+        if name in self._leaving:
+            self._leaving.discard(name)
+            self._end(name)
 
     def _end(self, name: str) -> None:
         with self._lock:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from tfbus.base import scheduler
 from tfbus.base.clock import SYSTEM_CLOCK, Pace
 from tfbus.base.errors import TimeoutException
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.stamps import MOST_AHEAD_NS
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph_watch import GraphWatch
@@ -68,7 +69,8 @@ class Listening:
         streams = self.listener.streams()
         simulated = simulated_time(self._answers.nodes)
         buffer = self.buffer if has_frames else _NO_FRAMES
-        return frame_tree(buffer, streams, self.now_ns(), simulated)
+        was_paused = own_pauses().left_s() > 0.0
+        return frame_tree(buffer, streams, self.now_ns(), simulated, was_paused=was_paused)
 
     def ask_about_clocks(self) -> None:
         """Ask the nodes, of which some follow a simulated time, if ages of frames look as if."""

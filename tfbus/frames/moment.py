@@ -8,7 +8,7 @@ The state of a frame has one rule, by which all tools judge. The first that hold
   gone, and the conflict is mentioned with it.
 - *static*: it holds at all times.
 - *stale*: silent for longer than 1 s and than 3 of its own periods; if a single sample gives no
-  rate, for longer than 3 s.
+  rate, for longer than 3 s. None is stale shortly after a pause of this process itself.
 - *ahead*: its newest stamp is in the future, by the rule of `clocks`.
 - *dynamic*: its samples come.
 
@@ -110,9 +110,11 @@ def stale_after_s(frame: FrameInfo) -> float:
 
 
 def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
-    """Whether a dynamic frame has been silent for longer than its rate allows."""
+    """Whether a dynamic frame has been silent for longer than its rate allows, and this process
+    would have heard it.
+    """
     silence_s = silent_s(tree, frame)
-    return silence_s is not None and silence_s > stale_after_s(frame)
+    return silence_s is not None and silence_s > stale_after_s(frame) and not tree.was_paused
 
 
 def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:

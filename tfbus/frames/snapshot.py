@@ -71,7 +71,8 @@ class FrameTree:
     """All frames and all streams by name, as they were at `recorded_ns` (ns since the Unix epoch,
     by the listener's clock, which is simulated or the system's).
 
-    `simulated` says which publishers follow a simulated time, if the listener does not.
+    `simulated` says which publishers follow a simulated time, if the listener does not. If the
+    listener's process `was_paused`, silence and delays say nothing about others.
     """
 
     frames: Mapping[str, FrameInfo]
@@ -79,6 +80,7 @@ class FrameTree:
     recorded_ns: int
     is_simulated: bool = False
     simulated: SimulatedTime = NOT_SIMULATED
+    was_paused: bool = False
 
     @cached_property
     def trees(self) -> list[list[tuple[int, FrameInfo]]]:
@@ -174,7 +176,7 @@ class FrameTree:
         the clock that we follow and the publisher should; None if not.
         """
         # Who plays a recording with its old stamps publishes its clock.
-        if frame.static or self.simulated.clocks:
+        if frame.static or self.simulated.clocks or self.was_paused:
             return None
         stream = self.publisher(frame)
         if stream.delay_s is None or stream.last_delay_s is None:
@@ -331,6 +333,8 @@ def frame_tree(
     streams: Iterable[StreamInfo],
     recorded_ns: int,
     simulated: SimulatedTime = NOT_SIMULATED,
+    *,
+    was_paused: bool = False,
 ) -> FrameTree:
     """The knowledge of the buffer and its listener at the time `recorded_ns`, by the listener's
     clock.
@@ -341,7 +345,7 @@ def frame_tree(
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
     by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
     known = NOT_SIMULATED if is_simulated else simulated
-    return FrameTree(frames, by_name, recorded_ns, is_simulated, known)
+    return FrameTree(frames, by_name, recorded_ns, is_simulated, known, was_paused)
 
 
 def _shown(frame: FrameInfo, now_ns: int) -> FrameInfo:

@@ -454,9 +454,9 @@ class TransformListener:
             stream.reception.fall_silent()
             self._around.lines.info(
                 ("silent", state.name),
-                "Stream %s is silent: its link is lost, or it has ended; it is gone in %g s",
+                "Stream %s is silent: its link is lost, or it has ended; it is gone unless it is soon "
+                "back",
                 _name(state),
-                self._node.session.network.gone_after_s,
             )
         elif state.alive and not former.alive:
             stream.reception.arrive()

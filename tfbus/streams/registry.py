@@ -8,6 +8,7 @@ from collections.abc import Callable, Container, Iterable
 
 from tfbus.base import scheduler
 from tfbus.base.executor import Executor
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import Struct, field
 from tfbus.streams.info import MOST_GONE, StreamState
 from tfbus.streams.reception import DynamicReception, StaticReception, StreamReception
@@ -267,7 +268,7 @@ class UnlistedFrames:
             self._drop_later(stream)
 
     def _drop_later(self, stream: str) -> None:
-        self._executor.after(SILENT_S, lambda: self._drop_silent(stream))
+        own_pauses().after(self._executor, SILENT_S, lambda: self._drop_silent(stream))
 
     def _drop_silent(self, stream: str) -> None:
         since_s = scheduler.monotonic() - SILENT_S
@@ -323,7 +324,7 @@ class StillSending:
     def _recheck_later(self) -> None:
         if not self._is_waiting and self._back:
             self._is_waiting = True
-            self._executor.after(_RECHECKED_EVERY_S, self._recheck)
+            own_pauses().after(self._executor, _RECHECKED_EVERY_S, self._recheck)
 
     def _recheck(self) -> None:
         self._is_waiting = False

@@ -12,6 +12,7 @@ from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.names import is_printable
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import replace
 from tfbus.base.wording import printable, stamp_text
 from tfbus.bus.query import Answer, AskUntil, Pauses
@@ -72,9 +73,9 @@ class StreamWatch:
 
     `on_change(state)` is called after each change of one stream, one call at a time, on a thread
     of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
-    below are watched. On a network on which links are lost for a while a stream whose token is lost
-    is `silent` before it is gone; it is not gone as long as `is_heard(name, last_s)`, whether a
-    message of it came in the last seconds. Descriptions that cannot be read are counted in
+    below are watched. On a network on which links are lost for a while, and after a pause of this
+    process itself, a stream whose token is lost is `silent` before it is gone; it is not gone as
+    long as `is_heard(name, last_s)`, whether a message of it came in the last seconds. Descriptions that cannot be read are counted in
     `rejected` by their stream, and the first is logged.
 
     A token that comes back may be that of a new process, which the last description does not
@@ -143,6 +144,8 @@ class StreamWatch:
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
+        self._pauses = own_pauses()
+        self._pauses.watch(self._executor)
         self._wanted = (
             WantedStreams(session, self._executor, self._look_whether_wanted)
             if only_wanted
@@ -323,7 +326,8 @@ class StreamWatch:
         if came_s < latest_s:
             return
         self._news_s[key] = came_s
-        if not alive and self._gone_after_s and self._state(key).alive:
+        has_time = self._gone_after_s or self._pauses.left_s()
+        if not alive and has_time and self._state(key).alive:
             self._fall_silent(key, came_s)
             return
         self._change_token(key, alive, came_s)
@@ -331,7 +335,7 @@ class StreamWatch:
             self._check_end(key)
 
     def _fall_silent(self, key: str, came_s: float) -> None:
-        """A token is lost on a network that loses links: gone is what is not back in a while."""
+        """A token is lost, perhaps with a link: its stream is gone if it is not back in a while."""
         self._living.discard(key)
         self._end_questions(key)
         self._set(replace(self._state(key), silent=True))
@@ -341,12 +345,12 @@ class StreamWatch:
             state = self._state(key)
             if self._news_s.get(key) == came_s and state.silent and not self._closed:
                 if self._is_heard(state.name, self._gone_after_s):
-                    self._executor.after(self._gone_after_s, end)
+                    self._pauses.after(self._executor, self._gone_after_s, end)
                 else:
                     self._change_token(key, False, came_s)
                     self._check_end(key)
 
-        self._executor.after(self._gone_after_s, end)
+        self._pauses.after(self._executor, self._gone_after_s, end)
 
     def _check_end(self, key: str) -> None:
         """Ask whether a token that was reported gone is still there: the report may be about the

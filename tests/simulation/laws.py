@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # A publisher that is gone counts as gone after this time: the lease and what notices its end.
 GONE_WITHIN_S = 4.0
+# A listener that itself was stopped judges others this long after it goes on.
+JUDGES_AFTER_PAUSE_S = 5.0
 # One that is there counts as there after this time of calm, and all that it holds is known.
 LIVES_WITHIN_S = 10.0
 # Messages of one that has gone may come late: it is gone this long after the last of them.
@@ -295,7 +297,9 @@ class Laws:
             return
         died_s = max(self._died_s.get(each.number, now_s) for each in self._run.publishers[slot])
         running_s = self._running_s.get(part.process, now_s)
-        gone_for_s = now_s - max(died_s, running_s)
+        # After a pause of its own a listener gives others time.
+        judges_s = running_s + (JUDGES_AFTER_PAUSE_S if running_s > part.began_s else 0.0)
+        gone_for_s = now_s - max(died_s, judges_s)
         silent_for_s = now_s - self._heard[key][1]
         if (
             gone_for_s > GONE_WITHIN_S * self._patience

@@ -231,3 +231,27 @@ def test_a_recording_has_its_fleet(bus: Bus, tmp_path: Path) -> None:
     text = bus.run("fleet", "--bag", str(path), "--at", "+15s").stdout
     assert "gone 10" in text
     assert shown(bus, "--bag", str(path), "--at", "+3s", "--expect", "robot[2,10]")[0] == 0
+
+
+def test_a_command_that_was_stopped_listens_again(fleet: Bus) -> None:
+    """Robots that it did not hear while it was stopped are there, and it waits until it knows."""
+    program = fleet.start("fleet", "--json", "--period", "3", "--expect", "robot[2-3]")
+    fleet.network.run(2.0)
+    fleet.network.stop(program.process)
+    fleet.network.run(10.0)
+    fleet.network.go_on(program.process)
+    assert program.wait() == 0
+    robots = {each["name"]: each["state"] for each in json.loads(program.stdout)["robots"]}
+    assert robots == {"robot2": "there", "robot3": "there", "robot10": "there"}
+
+
+def test_a_watch_that_was_stopped_raises_no_alarm(fleet: Bus) -> None:
+    """The command of --on-gone does not run for robots that were not heard because of that."""
+    program = fleet.start("fleet", "--watch", "--json", "--expect", "robot[2-3]")
+    eventually(lambda: program.stdout.count('"there"') == 3)
+    fleet.network.stop(program.process)
+    fleet.network.run(10.0)
+    fleet.network.go_on(program.process)
+    fleet.network.run(15.0)
+    assert program.stdout.count('"state"') == 3
+    assert program.stop() == 0

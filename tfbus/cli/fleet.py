@@ -119,6 +119,9 @@ def command(
             raise KeyboardInterrupt
         moment = heard.moment()
         found = robots.robots(moment)
+        if any(each.state != "there" for each in found) and heard.catch_up():
+            moment = heard.moment()
+            found = robots.robots(moment)
         warn_if_starved([each.name for each in found if each.state != "there"])
         _show(found, moment, show_all, as_json, bool(roster))
 

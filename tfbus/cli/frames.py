@@ -102,6 +102,8 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, FleetPage(fleet), long)
             return
+        if any(frame.gone for frame in heard.tree().frames.values()):
+            heard.catch_up()
         heard.ask_nodes()
         moment = heard.moment()
         tree = moment.tree

@@ -40,6 +40,9 @@ _ANSWER_WITHIN_S = 1.0
 
 _NO_FRAMES = Buffer()
 
+# A process that pauses over and over waits for others so many times.
+_MOST_WAITS = 3
+
 # Samples that are so old are of another time, or nothing comes.
 _ODD_BEHIND_S = 2.0
 
@@ -71,6 +74,17 @@ class Listening:
         buffer = self.buffer if has_frames else _NO_FRAMES
         was_paused = own_pauses().left_s() > 0.0
         return frame_tree(buffer, streams, self.now_ns(), simulated, was_paused=was_paused)
+
+    def catch_up(self) -> bool:
+        """After a pause of this process wait until others have had the time again that they were
+        not heard, at most three times; whether it had to wait.
+        """
+        waits = 0
+        while waits < _MOST_WAITS and (left_s := own_pauses().left_s()):
+            waits += 1
+            if not self.node.wait(left_s, clock=SYSTEM_CLOCK):
+                raise KeyboardInterrupt
+        return waits > 0
 
     def ask_about_clocks(self) -> None:
         """Ask the nodes, of which some follow a simulated time, if ages of frames look as if."""

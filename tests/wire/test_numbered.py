@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from tests.builders import EPOCH_NS, STAMP_NS, description, examples, rows_of
 from tfbus.base.errors import DecodeError
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.wire.descriptions import encode_stream, read_description
 from tfbus.wire.numbered import FrameNumbers, origin_of
 from tfbus.wire.transform_bytes import NameTables, scan_message
@@ -104,6 +106,38 @@ def test_a_pose_that_does_not_fit_is_sent_as_it_is(values: list[float], is_short
     [found] = decoded(encoded(pose, (1,), is_short=is_short))
     if not abs(norm - 1) <= 0.01 or not np.isfinite(pose).all():
         assert found.tobytes() == pose.tobytes()
+
+
+@settings(max_examples=examples(200))
+@given(
+    st.one_of(st.lists(st.floats(), min_size=7, max_size=7), st.just([0.0, 0, 1, 0, 0, 0, 1])),
+    st.integers(0, 2**64 - 1),
+    st.integers(-(2**63), 2**63 - 1),
+    st.booleans(),
+)
+def test_a_transform_alone_has_the_bytes_of_a_message_of_one(
+    values: list[float], seq: int, stamp_ns: int, is_short: bool
+) -> None:
+    """Whatever its pose, number and stamp are; a stamp below zero is left to the other encoder."""
+    encoder = NumberedEncoder(EPOCH_NS, [1], ORIGINS[1].tobytes(), is_short=is_short)
+    stamp, pose = np.int64(stamp_ns).tobytes(), np.array(values, dtype=np.float64).tobytes()
+    expected = encoder.encode(seq, stamp, pose) if stamp_ns >= 0 else None
+    one = encoder.of_one("base", "arm")
+    assert one.encode_bytes(seq, ("base", "arm"), stamp_ns, pose) == expected
+    assert one.encode_bytes(seq, ("map", "arm"), stamp_ns, pose) is None
+
+
+@pytest.mark.parametrize("is_short", [False, True])
+def test_a_stamped_transform_has_the_bytes_of_its_columns(is_short: bool) -> None:
+    """Between its own frames; one between others is left to the other encoder."""
+    encoder = NumberedEncoder(EPOCH_NS, [1], ORIGINS[1].tobytes(), is_short=is_short)
+    one = encoder.of_one("base", "arm")
+    for x in (0.0, 0.1, 5.0, 1e3, 1e5, 1e7):
+        stamped = TransformStamped(STAMP_NS, "base", "arm", Transform((x, 0.0, 1.0)))
+        columns = Columns.of_transforms((stamped,))
+        expected = encoder.encode(9, columns.stamps_bytes(), columns.poses_bytes())
+        assert one.encode(9, stamped) == expected
+        assert one.encode(9, TransformStamped(STAMP_NS, "map", "arm", stamped.transform)) is None
 
 
 def test_a_frame_that_only_turns_takes_six_bytes_and_one_at_its_origin_none() -> None:

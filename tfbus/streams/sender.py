@@ -31,7 +31,6 @@ from tfbus.streams.retained import (
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import escape, transforms_key
 from tfbus.wire.numbered import FLOAT32, FLOAT64, check_poses, origin_of
-from tfbus.wire.transform_bytes import OneMessage
 from tfbus.wire.transforms import NumberedEncoder, TransformEncoder, in_order_of_messages
 
 
@@ -69,8 +68,23 @@ class StreamOptions:
         return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}{poses}"
 
 
+class EncoderOfOne(Protocol):
+    """Writes messages of one transform between the same frames."""
+
+    def encode(self, seq: int, transform: TransformStamped) -> bytes | None:
+        """The payload of one message; None for a transform that takes `Encoder.encode`."""
+
+    def encode_bytes(
+        self, seq: int, frames: tuple[str, ...], stamp_ns: int, pose: bytes
+    ) -> bytes | None:
+        """The same of a pose as columns have it."""
+
+
 class Encoder(Protocol):
     """Writes messages of the same rows."""
+
+    def of_one(self, frame_id: str, child_frame_id: str) -> EncoderOfOne:
+        """Writes the same messages, if they have one row, between these frames."""
 
     def encode(self, seq: int | None, stamps: bytes, poses: bytes) -> bytes:
         """The payload of one message, as of `TransformEncoder`."""
@@ -474,7 +488,7 @@ class _Single:
     `noted` is as in _Table. `sent_ns` is the newest stamp that was sent of the frame.
     """
 
-    message: OneMessage
+    message: EncoderOfOne
     noted: int
     stamp_row: int
     key: StreamKey
@@ -591,10 +605,9 @@ class TransformSender:
     def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
         """Send one transform, and remember what the next ones of its frames have in common."""
         table = self._send(columns)
-        encoder = table.parts[0].encoder
-        if _AS_ON_THE_WIRE and isinstance(encoder, TransformEncoder):
+        if _AS_ON_THE_WIRE:
             self._singles[frames[1]] = _Single(
-                OneMessage(frames[0], frames[1], *encoder.fixed),
+                table.parts[0].encoder.of_one(frames[0], frames[1]),
                 table.noted,
                 table.first_stamp_row,
                 table.parts[0].key,

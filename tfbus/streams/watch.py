@@ -75,8 +75,8 @@ class StreamWatch:
     of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
     below are watched. On a network on which links are lost for a while, and after a pause of this
     process itself, a stream whose token is lost is `silent` before it is gone; it is not gone as
-    long as `is_heard(name, last_s)`, whether a message of it came in the last seconds. Descriptions that cannot be read are counted in
-    `rejected` by their stream, and the first is logged.
+    long as `is_heard(name, last_s)`, whether a message of it came in the last seconds. Descriptions
+    that cannot be read are counted in `rejected` by their stream, and the first is logged.
 
     A token that comes back may be that of a new process, which the last description does not
     describe. So with each token the description is asked for, until one comes, readable or not; a

@@ -3,7 +3,7 @@ from tfbus.geometry cimport packed
 from tfbus.geometry.packed cimport octets_t
 from tfbus.geometry.columns cimport Columns
 from tfbus.geometry.transform cimport TransformStamped, child_name
-from tfbus.wire.numbered cimport FrameNumbers, NumberedRows
+from tfbus.wire.numbered cimport FrameNumbers, NumberedRows, pack_poses
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
 cdef int _V, _EPOCH, _SEQ, _STAMPS, _POSES, _FRAMES, _EDGES, _RUNS, _FORMS
@@ -76,3 +76,16 @@ cdef class OneMessage:
 
     cpdef bytes encode_bytes(self, object seq, tuple frames, long long stamp_ns, bytes pose)
     cpdef bytes encode(self, object seq, TransformStamped transform)
+
+@cython.final
+cdef class OneNumbered:
+    cdef str _frame_id, _child_frame_id
+    cdef bytes _head, _stamps, _forms, _poses, _origin
+    cdef bint _is_short
+    cdef object _pack
+    cdef dict _between
+
+    cpdef encode_bytes(self, object seq, tuple frames, long long stamp_ns, bytes pose)
+    cpdef encode(self, object seq, TransformStamped transform)
+    @cython.locals(form=bytes, short=bytes, between=bytes)
+    cdef _message(self, object seq, long long stamp_ns, bytes pose)

@@ -5,6 +5,7 @@ Compiled if there is a C compiler (`transform_bytes.pxd` has the C types).
 """
 
 import sys
+from collections.abc import Callable
 
 from tfbus.base import scheduler
 from tfbus.geometry import packed
@@ -12,7 +13,7 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.transform import TransformStamped, child_name
-from tfbus.wire.numbered import FrameNumbers
+from tfbus.wire.numbered import FrameNumbers, pack_poses
 
 try:
     import cython
@@ -366,18 +367,16 @@ def _are_edges(columns: Columns, count: int) -> bool:
 class OneMessage:
     """Writes messages that carry one transform, always between the same two frames.
 
-    `head`, `stamps` and `poses` are the constant bytes of a message: up to its number, from there
-    to its stamp, and from there to its pose.
+    Three parts are `fixed` in a message: up to its number, from there to its stamp, and from there
+    to its pose.
     """
 
     def __init__(
-        self, frame_id: str, child_frame_id: str, head: bytes, stamps: bytes, poses: bytes
+        self, frame_id: str, child_frame_id: str, fixed: tuple[bytes, bytes, bytes]
     ) -> None:
         self._frame_id = frame_id
         self._child_frame_id = child_frame_id
-        self._head = head
-        self._stamps = stamps
-        self._poses = poses
+        self._head, self._stamps, self._poses = fixed
 
     def encode_bytes(
         self, seq: int, frames: tuple[str, ...], stamp_ns: int, pose: bytes
@@ -414,3 +413,54 @@ class OneMessage:
                 packed.pose_bytes(transform._pose),
             )
         )
+
+
+class OneNumbered:
+    """As OneMessage, of version 2: with a number for the frames, and a pose less its `origin`.
+
+    Four parts are `fixed` in a message: up to its number, from there to its stamp, to its form, and
+    to the size of its pose, which `is_short` or compact. `pack` writes an integer that is 0 or
+    more.
+    """
+
+    def __init__(
+        self,
+        frame_id: str,
+        child_frame_id: str,
+        fixed: tuple[bytes, bytes, bytes, bytes],
+        origin: bytes,
+        is_short: bool,
+        pack: Callable[[int], bytes],
+    ) -> None:
+        self._frame_id = frame_id
+        self._child_frame_id = child_frame_id
+        self._head, self._stamps, self._forms, self._poses = fixed
+        self._origin = origin
+        self._is_short = is_short
+        self._pack = pack
+        # By their forms, which say the size of a pose.
+        self._between: dict[bytes, bytes] = {}
+
+    def encode_bytes(
+        self, seq: int, frames: tuple[str, ...], stamp_ns: int, pose: bytes
+    ) -> bytes | None:
+        """As `OneMessage.encode_bytes`; None for a stamp below zero, too."""
+        if frames[1] != self._child_frame_id or frames[0] != self._frame_id:
+            return None
+        return self._message(seq, stamp_ns, pose)
+
+    def encode(self, seq: int, transform: TransformStamped) -> bytes | None:
+        """As `OneMessage.encode`; None for a stamp below zero, too."""
+        if child_name(transform) != self._child_frame_id or transform._frame_id != self._frame_id:
+            return None
+        return self._message(seq, transform._stamp_ns, packed.pose_bytes(transform._pose))
+
+    def _message(self, seq: int, stamp_ns: int, pose: bytes) -> bytes | None:
+        if stamp_ns < 0:
+            return None
+        form, short = pack_poses(pose, 1, self._origin, self._is_short)
+        between = self._between.get(form)
+        if between is None:
+            between = self._between[form] = self._forms + form + self._poses + bytes([len(short)])
+        pack = self._pack
+        return b"".join((self._head, pack(seq), self._stamps, pack(stamp_ns), between, short))

@@ -45,8 +45,9 @@ class GraphWatch:
     tokens and descriptions; closed by `close()`.
 
     `on_change(name, description)` is called for each node, for each change of its description, and
-    with None as soon as it is gone, or after a pause of this process seconds later. A node's counts of its buffers and delays, and which of its
-    streams have no listener, are no change; of nodes that share a name the last started counts.
+    with None as soon as it is gone, or seconds later after a pause of this process. A node's counts
+    of its buffers and delays, and which of its streams have no listener, are no change; of nodes
+    that share a name the last started counts.
     `on_nodes(descriptions)` is called with all nodes after each question, at least every second,
     changed or not. Calls come one at a time, on a thread of its own.
 

@@ -454,8 +454,7 @@ class TransformListener:
             stream.reception.fall_silent()
             self._around.lines.info(
                 ("silent", state.name),
-                "Stream %s is silent: its link is lost, or it has ended; it is gone unless it is soon "
-                "back",
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in some seconds",
                 _name(state),
             )
         elif state.alive and not former.alive:

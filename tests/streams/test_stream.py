@@ -684,6 +684,32 @@ def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer:
             eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
 
 
+def test_a_dynamic_send_does_not_wait_for_a_static_one(sender: Node) -> None:
+    """What is retained waits for a full link; new frames and a new epoch are sent meanwhile."""
+    broadcaster, statics = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
+    broadcaster.send_transform(at(1.0, "base", stamp_ns=10 * S))
+    waits, has_room, sent = scheduler.Event(), scheduler.Event(), list[str]()
+
+    def put_on_a_full_link(_: bytes) -> None:
+        waits.set()
+        assert has_room.wait(DEADLINE_S)
+        sent.append("static")
+
+    with patch.object(statics._stream._static_publisher, "put", put_on_a_full_link):
+        thread = scheduler.Thread(
+            target=lambda: statics.send_transform(at(1.0, "mount")), daemon=True
+        )
+        thread.start()
+        assert waits.wait(DEADLINE_S)
+        broadcaster.send_transform(at(1.0, "arm", stamp_ns=10 * S))
+        broadcaster.send_transform(at(1.0, "base", stamp_ns=S))
+        sent.append("dynamic")
+        has_room.set()
+        thread.join(DEADLINE_S)
+        eventually(lambda: sent.count("static") == 2)
+    assert sent == ["dynamic", "static", "static"]
+
+
 def test_sets_of_static_transforms_are_numbered(sender: Node, receiver: Node) -> None:
     """The later one has the higher number, so that listeners tell them apart in any order."""
     numbers: list[int | None] = []

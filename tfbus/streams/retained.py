@@ -104,7 +104,7 @@ class FrameAnnouncer:
                         f"frame {child!r} of stream {self._stream!r} {_KINDS[not static]}"
                     )
         # Listeners remove a frame that is in one description and not in the next.
-        self._announce()
+        self.announce()
         with self._lock:
             for child in children:
                 self._edges.pop(child, None)
@@ -125,7 +125,7 @@ class FrameAnnouncer:
             self._is_due = True
             pause_s = min(len(self.described) / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
             pause_s -= scheduler.monotonic() - self._described_s
-        self._executor.after(max(after_s, pause_s), self._announce)
+        self._executor.after(max(after_s, pause_s), self.announce)
 
     def close(self) -> None:
         """Announce nothing from now on. Twice is fine."""
@@ -133,7 +133,8 @@ class FrameAnnouncer:
             self._is_closed = True
             self._publisher.close()
 
-    def _announce(self) -> None:
+    def announce(self) -> None:
+        """Send the description now, if it has changed; it may wait for the link."""
         with self._announcing:
             with self._lock:
                 if not self._is_due or self._is_closed:

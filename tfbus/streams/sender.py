@@ -650,6 +650,7 @@ class TransformSender:
 
     def remove(self, *children: str) -> None:
         """Take frames out until they are sent again. Errors as FrameAnnouncer.remove."""
+        self._frames.announce()
         with self._lock:
             self._frames.remove(*children, static=False)
             self._forget_tables()

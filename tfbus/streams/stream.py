@@ -79,7 +79,10 @@ class Stream:
         self._log = log
         self._lock = scheduler.Lock()
         self._sender: TransformSender | None = None
+        # No lock that a dynamic send takes is held while something retained is sent, which may wait
+        # for the link: `_sending_statics` has them leave in their order.
         self._static_lock = scheduler.Lock()
+        self._sending_statics = scheduler.Lock()
         self._last_epoch_s = -math.inf
         self._epochs_in_a_row = 0
         self._statics: dict[str, TransformStamped] = {}
@@ -165,15 +168,16 @@ class Stream:
         with self._static_lock:
             self._frames.add({child: (ts.frame_id, True) for child, ts in added.items()})
             self._statics |= added
-            self._send_statics()
+        self._send_statics()
 
     def remove_static(self, *children: str) -> None:
         """Take static transforms out of the stream. Errors as FrameAnnouncer.remove."""
+        self._frames.announce()
         with self._static_lock:
             self._frames.remove(*children, static=True)
             for child in children:
                 self._statics.pop(child, None)
-            self._send_statics()
+        self._send_statics()
 
     def _note_dynamic(self, edges: Edges) -> None:
         """Note that the stream sends these frames as dynamic; static ones of them become so.
@@ -191,15 +195,16 @@ class Stream:
         # Only after they were sent as dynamic, so that they are never missing.
         if self._sender is not None:
             self._sender.wait_sent()
-        with self._static_lock:
-            self._send_statics()
+        self._send_statics()
 
     def _send_statics(self) -> None:
-        rows = Columns.of_transforms(self._statics.values())
-        message = TransformMessage(rows, self._epoch_ns, self._statics_sent)
-        self._statics_sent += 1
-        self._static_payload = encode_transforms(message)
-        self._static_publisher.put(self._static_payload)
+        with self._sending_statics:
+            with self._static_lock:
+                rows = Columns.of_transforms(self._statics.values())
+                message = TransformMessage(rows, self._epoch_ns, self._statics_sent)
+                self._statics_sent += 1
+            self._static_payload = encode_transforms(message)
+            self._static_publisher.put(self._static_payload)
 
     def _on_static_query(self, query: Query) -> None:
         is_of_description = query.parameter("description") is not None
@@ -225,7 +230,7 @@ class Stream:
             self._epoch_ns = max(scheduler.time_ns(), self._epoch_ns + 1)
             self._statics_sent = 0
             if self._statics:
-                self._send_statics()
+                self._executor.submit("static transforms", self._resend_statics)
         self._log_epoch(child, back_ns)
         # Listeners hold back its messages until it comes.
         self._frames.announce_soon(_AT_ONCE_S)

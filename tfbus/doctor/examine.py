@@ -59,7 +59,7 @@ def examine(
     """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet;
     then for as long again, and so on, if a further examination is asked for: it counts from where
     the one before has ended. `roster` are the robots of the fleet that are expected, () for any;
-    in the first `grace_s` seconds they may be booting.
+    in the first `grace_s` seconds they may be booting. After a pause of this process it listens on.
 
     Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
     clock runs.
@@ -80,7 +80,10 @@ def examine(
             while True:
                 # Rates are compared with those by the stamps.
                 meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
-                listened_s = _listen(node, listen_s)
+                began_s = scheduler.monotonic()
+                _listen(node, listen_s)
+                heard.catch_up()
+                listened_s = scheduler.monotonic() - began_s
                 if before is not None:
                     answers = _ask(node.session, on_unreadable)
                 heard.set_answers(answers)
@@ -111,11 +114,9 @@ def _ask(session: Session, on_unreadable: Callable[[DecodeError], object]) -> De
     return answers
 
 
-def _listen(node: Node, listen_s: float) -> float:
-    start_s = scheduler.monotonic()
+def _listen(node: Node, listen_s: float) -> None:
     if not node.wait(listen_s, clock=SYSTEM_CLOCK):
         raise KeyboardInterrupt
-    return scheduler.monotonic() - start_s
 
 
 _PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")

@@ -117,6 +117,43 @@ def test_each_message_that_is_dropped_has_a_reason(bus: Bus) -> None:
     assert "nowhere" in it.subscription.last_drop
 
 
+def test_all_that_waited_for_one_transform_are_passed_on(bus: Bus) -> None:
+    """In order, however many come at once; a callback that is slower still misses the oldest."""
+    it = Filtered(bus, queue=50)
+    it.know(1 * S)
+    for second in (2, 3):
+        it.publish(*[pose_at(second * S + each) for each in range(50)])
+        it.know(second * S + 50)
+        eventually(lambda: it.subscription.waiting == 0)
+    eventually(lambda: len(it.got) == 100)
+    sent = [second * S + each for second in (2, 3) for each in range(50)]
+    assert [message.stamp_ns for message, _ in it.got] == sent
+    assert (it.subscription.dropped, +it.subscription.drops) == (0, {})
+
+
+def test_a_slow_callback_misses_the_oldest_of_what_it_has_not_taken(bus: Bus) -> None:
+    """Of messages that come one by one at most ten wait, and of a burst no more than the queue."""
+    it = Filtered(bus, queue=20)
+    begun = scheduler.Event()
+    ends = scheduler.Event()
+    it.node.create_timer(0.01, lambda: begun.set() or ends.wait())
+    eventually(begun.is_set)
+    it.know(1 * S)
+    it.publish(*[pose_at(1 * S) for _ in range(15)])
+    assert it.subscription.dropped == 5
+    ends.set()
+    eventually(lambda: len(it.got) == 10)
+
+
+@pytest.mark.parametrize("frame", ["/base", "b\nase", "b" * 300])
+def test_a_frame_that_cannot_be_is_no_frame(bus: Bus, frame: str) -> None:
+    """Its message is not said to be too old."""
+    it = Filtered(bus)
+    it.know(1 * S)
+    it.publish(pose_at(1 * S, frame))
+    assert it.subscription.drops == {"no frame": 1} and "frame_id" in it.subscription.last_drop
+
+
 def test_a_tolerance_waits_for_later_transforms_too(bus: Bus) -> None:
     """The message comes with that at its stamp once that of the tolerance later is known."""
     it = Filtered(bus, tolerance_s=0.5)

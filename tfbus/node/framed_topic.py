@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
@@ -19,6 +19,7 @@ from tfbus.base.errors import (
     TransformException,
 )
 from tfbus.base.executor import Executor
+from tfbus.base.names import mistake_in
 from tfbus.base.signals import StopSignals
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.pending import PendingLookup
@@ -181,12 +182,10 @@ class FramedSubscription(Subscription[M]):
         with self._order:
             return sorted({*self._queues, *self._dropped_of})[:_MOST_SOURCES]
 
-    def _hand_over(self, message: Any, count: int = 1) -> None:
+    def _receive(self, message: Any) -> None:
         frame = message.frame_id
-        with self._lock:
-            self.received += count
-        if not frame:
-            self._drop(message, NO_FRAME, "it has no frame_id")
+        if mistake := mistake_in(frame):
+            self._drop(message, NO_FRAME, f"its frame_id {mistake}")
             return
         with self._order:
             if self.closed:
@@ -204,7 +203,6 @@ class FramedSubscription(Subscription[M]):
             self._numbers += 1
             self._queues.setdefault(frame, deque()).append(_Waiting(self._numbers, message, lookup))
             self._poll(frame)
-            self._set_timer()
 
     def _until_ns(self, message: Any) -> int | None:
         """The latest time at which its transform is needed; None for a stamp of 0: any."""
@@ -219,9 +217,13 @@ class FramedSubscription(Subscription[M]):
 
     def _poll_all(self) -> None:
         with self._order:
-            for frame in list(self._queues):
-                self._poll(frame)
-            self._set_timer()
+            self._poll(*self._queues)
+
+    def _poll(self, *frames: str) -> None:
+        """Pass on the messages of these frames whose transform is known by now."""
+        known = [message for frame in frames for message in self._take_known(frame)]
+        self._hand_over(*known, most_beside=self.into.queue)
+        self._set_timer()
 
     def _set_timer(self) -> None:
         """Have one timer, for the message whose wait ends first: the first of its frame."""
@@ -239,8 +241,8 @@ class FramedSubscription(Subscription[M]):
             if left_s and not self.closed:
                 self._timer = self._executor.after(due_s - now_s, self._poll_all)
 
-    def _poll(self, frame: str) -> None:
-        """Pass on the messages of a frame whose transform is known by now, in their order."""
+    def _take_known(self, frame: str) -> Iterator[Any]:
+        """Take the messages of a frame whose transform is known by now, in their order."""
         queue = self._queues[frame]
         while queue:
             try:
@@ -249,7 +251,7 @@ class FramedSubscription(Subscription[M]):
             except TransformException as error:
                 self._drop(queue[0].message, _reason(error), str(error))
             else:
-                super()._hand_over(queue[0].message, 0)
+                yield queue[0].message
             queue.popleft().lookup.close()
         del self._queues[frame]
 

@@ -137,7 +137,9 @@ class Subscription(NodeEndpoint, Generic[M]):
         self._awaited = 0
         # Guards the counts, the pending messages, and that each of them has one delivery.
         self._lock = scheduler.Lock()
-        self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
+        self._pending: deque[M] = deque()
+        # So many more may wait of those that were handed over together.
+        self._beside = 0
         self._too_large = self._of_ros = 0
         self._parts = [_subscriber(session, topic, retained, self._on_message, self._on_too_large)]
 
@@ -226,21 +228,33 @@ class Subscription(NodeEndpoint, Generic[M]):
                 return
             warn_rejected(self._log_once, self, error)
             return
+        with self._lock:
+            self.received += 1
+        self._receive(message)
+
+    def _receive(self, message: M) -> None:
+        """Take a message, which has been counted."""
         self._hand_over(message)
 
-    def _hand_over(self, message: M, count: int = 1) -> None:
-        """Let the callback have a message, which counts as received."""
-        with self._lock:
-            self.received += count
-            full = len(self._pending) == PENDING_MESSAGES
-            self.dropped += full
-            self._pending.append(message)
-        if self._is_iterated:
-            self._wake()
-        elif full:
-            self._lane.dropped(self._what, PENDING_MESSAGES)
-        else:
-            self._lane.submit(self._what, self._deliver)
+    def _hand_over(self, *messages: M, most_beside: int = 0) -> None:
+        """Let the callback have messages. Those that come together do not drop each other, unless
+        more than `most_beside` wait that way.
+        """
+        for number, message in enumerate(messages):
+            with self._lock:
+                if number and self._beside < most_beside:
+                    self._beside += 1
+                full = len(self._pending) >= PENDING_MESSAGES + self._beside
+                if full:
+                    self._pending.popleft()
+                    self.dropped += 1
+                self._pending.append(message)
+            if self._is_iterated:
+                self._wake()
+            elif full:
+                self._lane.dropped(self._what, PENDING_MESSAGES)
+            else:
+                self._lane.submit(self._what, self._deliver)
 
     def _deliver_now(self) -> Any:
         message = self._next()
@@ -261,7 +275,10 @@ class Subscription(NodeEndpoint, Generic[M]):
 
     def _next(self) -> M | None:
         with self._lock:
-            return self._pending.popleft() if self._pending else None
+            if not self._pending:
+                return None
+            self._beside = max(self._beside - 1, 0)
+            return self._pending.popleft()
 
 
 def warn_rejected(log_once: LogOnce, topic: NodeEndpoint, error: DecodeError) -> None:

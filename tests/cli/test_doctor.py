@@ -10,6 +10,7 @@ import pytest
 
 from tests.builders import at
 from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
+from tests.live_bus import free_port
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -89,6 +90,19 @@ def test_people_get_a_page(bus: Bus) -> None:
     assert lines[-2].startswith("    Fix: stop one of")
     assert lines[-1] == "1 ok, 1 fail"
     assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.real
+def test_a_configuration_may_give_a_doctor_a_port_and_an_id(bus: Bus, tmp_path: Path) -> None:
+    """Its trial of scouting has others."""
+    config = tmp_path / "doctor.json5"
+    group = f"address: '224.0.0.224:{free_port()}', interface: 'lo'"
+    config.write_text(
+        f"{{id: 'd0c', listen: {{endpoints: ['tcp/127.0.0.1:{free_port()}']}},"
+        f" scouting: {{multicast: {{{group}}}}}}}"
+    )
+    done = bus.run("doctor", "--json", "--for", "0.5", "--only", "install", "--config", str(config))
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_screen_has_ten_sentences_of_a_check(bus: Bus) -> None:

@@ -557,6 +557,7 @@ class TestParameters:
         assert red.value == 255
         node.declare_parameter("rate", 1.0, minimum=0)
         assert "finite, not nan" in self.set(other, "rate", float("nan"))
+        assert "finite, not -inf" in self.set(other, "rate", "-1" + 400 * "0")
 
     def test_on_change_runs_on_the_nodes_thread_and_may_refuse(
         self, node: Node, other: Node

@@ -160,7 +160,9 @@ def _is_scouted(settings: NodeSettings) -> bool | None:
     if not has_scouting(settings):
         return None
     log = logging.getLogger(__name__)
-    with Session(replace(settings, connect=(), mode="peer"), log, scouting_s=0.01) as session:
+    alone = replace(settings, connect=(), mode="peer")
+    # The doctor's own node has the id of the configuration, and the ports.
+    with Session(alone, log, scouting_s=0.01, is_second=True) as session:
         own = session.id
         return own in scout(settings, _SCOUT_S, until=lambda zid, _: zid == own)
 

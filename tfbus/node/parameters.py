@@ -95,7 +95,7 @@ class Parameter:
         if isinstance(value, str) and self._type is not str:
             value = _read_text(value)
         if isinstance(value, int) and not isinstance(value, bool) and self._type is float:
-            value = float(value)
+            value = _as_float(value)
         if type(value) is not self._type or not _fits_the_wire(value):
             raise ParameterError(
                 f"{self.name!r} must be {_with_article(_TYPE_NAMES[self._type])}, not "
@@ -202,6 +202,14 @@ def _read_text(text: str) -> object:
     from tfbus.base.yaml_file import read_strangers_value
 
     return read_strangers_value(text)
+
+
+def _as_float(value: int) -> float:
+    """The integer as a float, infinite if it is too large for one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _shown(value: object) -> str:

@@ -280,3 +280,14 @@ def test_all_that_wait_have_one_timer(bus: Bus) -> None:
     assert executor.waiting()[1] == before + 1
     filtered.subscription.close()
     eventually(lambda: executor.waiting()[1] <= before)
+
+
+def test_a_node_keeps_nothing_of_a_closed_one(bus: Bus) -> None:
+    """However many a program makes and closes."""
+    node = bus.node("robot")
+    before = list(node.describers)
+    made = node.create_subscription(messages.PoseStamped, "poses", in_frame="odom", buffer=Buffer())
+    assert [each["topic"] for each in node.describe()["filters"]] == ["poses"]
+    made.close()
+    made.close()
+    assert node.describers == before and "filters" not in node.describe()

@@ -26,6 +26,7 @@ from tfbus.buffer.pending import PendingLookup
 from tfbus.bus.session import Session
 from tfbus.geometry.transform import check_frame_id
 from tfbus.node.endpoint import Lane
+from tfbus.node.surroundings import Describer
 from tfbus.node.topic import Subscription
 
 M = TypeVar("M")
@@ -118,6 +119,7 @@ class FramedSubscription(Subscription[M]):
         callback: Callable[[M, Any], Any] | None,
         into: InFrame,
         signals: StopSignals,
+        describers: list[Describer],
         *,
         retained: bool = False,
     ) -> None:
@@ -144,6 +146,8 @@ class FramedSubscription(Subscription[M]):
             signals=signals,
             retained=retained,
         )
+        self._describers = describers
+        describers.append(self.describe)
 
     @property
     def waiting(self) -> int:
@@ -154,6 +158,8 @@ class FramedSubscription(Subscription[M]):
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
         super().close()
+        with suppress(ValueError):
+            self._describers.remove(self.describe)
         with self._order:
             for queue in self._queues.values():
                 for each in queue:
@@ -164,8 +170,6 @@ class FramedSubscription(Subscription[M]):
 
     def describe(self) -> dict[str, list[Any]]:
         """The entry of the node's description."""
-        if self.closed:
-            return {}
         described = {
             "topic": self.name,
             "frame": self.into.frame,

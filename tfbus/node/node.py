@@ -376,9 +376,9 @@ class Node:
                 callback,
                 into,
                 self._signals,
+                self._info.describers,
                 retained=retained,
             )
-            self._info.describers.append(framed.describe)
             return self._info.add("subscribes", framed)
         return self._info.add(
             "subscribes",

@@ -177,6 +177,59 @@ def test_the_last_static_set_before_the_moment_holds(tmp_path: Path) -> None:
     assert found == [1.0, 2.0, 2.0]
 
 
+@pytest.mark.parametrize("is_split", [False, True])
+@pytest.mark.parametrize("seconds", [14.5, 19.5, 25.5, 33.5])
+def test_the_last_to_send_counts_whatever_files_repeat(
+    tmp_path: Path, seconds: float, is_split: bool
+) -> None:
+    """Of frames with two publishers, however long ago that was; a restarted publisher has what it
+    sends again.
+    """
+    base, arm, old, new = (publisher(name) for name in ("base", "arm", "old", "clock"))
+    again = publisher("old", 13.0)
+    path = write(
+        tmp_path / "run.mcap",
+        described(arm, 0.0, ("map", "cup", True)),
+        statics(arm, 0.1, ("map", "cup", 0.0)),
+        described(base, 1.0, ("map", "camera", True)),
+        statics(base, 1.0, ("map", "camera", 0.0)),
+        described(
+            arm, 3.0, ("map", "cup", True), ("odom", "camera", True), ("odom", "wheel", True)
+        ),
+        statics(
+            arm, 3.0, ("map", "cup", 0.0), ("odom", "camera", 0.0), ("odom", "wheel", 0.0), seq=1
+        ),
+        described(base, 5.0, ("map", "camera", True), ("map", "wheel", False)),
+        steadily(base, 5.0, 9.0, ("map", "wheel")),
+        described(old, 0.0, ("map", "flag", True)),
+        statics(old, 2.0, ("map", "flag", 0.0)),
+        gone(old, 12.0),
+        described(again, 13.1),
+        described(new, 0.0, ("map", "hand", False)),
+        steadily(new, 0.0, 40.0, ("map", "hand")),
+    )
+    paths = [path]
+    if is_split:
+        with RecordingReader(path) as whole:
+            in_force = whole.state_at(at(20.0)).items(at(20.0))
+            paths = [
+                write(tmp_path / "first.mcap", whole.items(None, at(20.0))),
+                write(tmp_path / "second.mcap", in_force, whole.items(at(20.0) + 1)),
+            ]
+    with RecordingReader(*paths) as reader:
+        seeking, going = RecordedFrames(reader), RecordedFrames(reader)
+        seeking.seek(at(seconds))
+        going.seek(at(0.0))
+        for second in range(1, 1 + int(seconds)):
+            going.advance(at(second))
+        for frames in (seeking, going):
+            found = {each.name: each for each in frames.buffer.all_frames()}
+            assert {name: found[name].authority for name in ("cup", "camera", "wheel", "flag")} == {
+                **{"cup": "arm", "camera": "arm", "wheel": "base", "flag": "old"}
+            }
+            assert [name for name, each in found.items() if each.gone] == ["flag"]
+
+
 def test_a_namespace_sees_its_own_streams_and_a_fleet_all(tmp_path: Path) -> None:
     """Names are as a listener there has them, and a hint says where others are."""
     path = write(

@@ -6,6 +6,7 @@ stale, are by the log times too: it makes no difference when the recording is lo
 """
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,7 +41,7 @@ from tfbus.recording.items import (
     TransformItem,
     Viewpoint,
 )
-from tfbus.recording.state import LastingStatics, Statics
+from tfbus.recording.state import BusState, LastingStatics, Statics
 from tfbus.streams.conflicts import Conflicts
 from tfbus.streams.info import StreamInfo, StreamState, stream_info
 from tfbus.streams.reception import DynamicReception, StreamReception
@@ -128,6 +129,8 @@ class RecordedFrames:
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)
         self._around = _RecordedHooks(self._conflicts, self._described_reception)
         self._full_names: dict[str, _HeardStream] = {}
+        # The static sets in force, which files repeat.
+        self._in_force = BusState()
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
         self._nodes: dict[str, NodeDescription] = {}
@@ -209,10 +212,17 @@ class RecordedFrames:
         return self._source.items(from_ns, to_ns, self._selection)
 
     def _last_of_the_silent(self, before_ns: int) -> list[Item]:
-        """The last messages of frames that are listed, or were, and of which there is none."""
+        """The last messages of frames that are listed, or were, and of which there is none, or none
+        of this stream where several list one: the last to send counts.
+        """
         found: list[Item] = []
+        claims = Counter(child for each in self._streams.values() for _, child, _ in each.claims)
         for name, stream in self._streams.items():
             missing = stream.listed - self._placed()
+            contested = {
+                child for _, child, static in stream.claims if claims[child] > 1 and not static
+            }
+            missing |= contested - self.buffer.sent_by(name).keys()
             if missing:
                 end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
                 found += self._last_messages(stream.full_name or name, missing, end_ns)
@@ -271,6 +281,10 @@ class RecordedFrames:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
+        if item.static:
+            if self._in_force.says(item):
+                return None
+            self._in_force.apply(item)
         if item.static and self._lasting is not None:
             item = self._lasting.widened(item)
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
@@ -561,6 +575,12 @@ class _HeardStream:
         description = self.state.description
         rows = () if description is None else description.frames
         return self._left.union(child for _, child, _ in rows)
+
+    @property
+    def claims(self) -> tuple[tuple[str, str, bool], ...]:
+        """The rows of frames that it lists now, none if its publisher is gone."""
+        description = self.state.description if self.state.alive else None
+        return () if description is None else description.frames
 
     def key(self, child: str) -> DynamicReception:
         """The reception of the key of a frame, "" for that of the whole stream."""

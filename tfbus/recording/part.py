@@ -3,7 +3,6 @@
 import os
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -148,12 +147,23 @@ class Part:
     @cached_property
     def index(self) -> Index:
         """Which transforms the chunks hold: of the file, or made by reading it once."""
+        return self._said_index or self._made_index()
+
+    @property
+    def static_changes(self) -> Iterator[tuple[int, RecordedStream]]:
+        """The log times at which streams got another static set, if the file says them."""
+        for channel, log_ns in self._said_index.changes if self._said_index else ():
+            if channel in self.stream_channels:
+                yield log_ns, self.stream_channels[channel].stream
+
+    @cached_property
+    def _said_index(self) -> Index | None:
         said = self.file.attachment(ATTACHMENT) if self.is_complete else None
-        if said is not None:
-            offsets = [chunk.offset for chunk in self.chunks]
-            with suppress(DecodeError):
-                return decode_index(said, offsets, self.stream_channels)
-        return self._made_index()
+        offsets = [chunk.offset for chunk in self.chunks]
+        try:
+            return None if said is None else decode_index(said, offsets, self.stream_channels)
+        except DecodeError:
+            return None
 
     def _made_index(self) -> Index:
         builder = IndexBuilder()

@@ -2,10 +2,11 @@
 
 import heapq
 import os
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
@@ -432,7 +433,9 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         )
 
     def _last_statics(self, names: set[str], log_ns: int) -> list[TransformItem]:
-        """Of each of these streams its last static set up to a log time."""
+        """Of each of these streams its last static set up to a log time, in the order in which they
+        came, each at the log time at which it did.
+        """
         found: dict[str, TransformItem] = {}
         for at in reversed(range(len(self._chunks))):
             chunk = self._chunks[at]
@@ -450,7 +453,30 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
             for name in last.keys() & names:
                 if name not in found or found[name].log_ns < last[name].log_ns:
                     found[name] = last[name]
-        return list(found.values())
+        came = [replace(item, log_ns=self._began_ns(item)) for item in found.values()]
+        return sorted(came, key=_log_ns)
+
+    def _began_ns(self, item: TransformItem) -> int:
+        """Since when a stream has had a static set, which may be repeated again and again."""
+        times = self._static_changes.get(item.stream.name, [])
+        at = bisect_right(times, item.log_ns)
+        return times[at - 1] if at else item.log_ns
+
+    @cached_property
+    def _static_changes(self) -> dict[str, list[int]]:
+        """When each stream got another static set, by its name. What a further file begins with is
+        none, as it repeats what is in force.
+        """
+        found: dict[str, list[int]] = {}
+        known: set[RecordedStream] = set()
+        for part in self._parts:
+            changes = list(part.static_changes)
+            first_ns = min((log_ns for log_ns, _ in changes), default=0)
+            for log_ns, stream in changes:
+                if log_ns > first_ns or stream not in known:
+                    found.setdefault(stream.name, []).append(log_ns)
+            known.update(stream for _, stream in changes)
+        return {name: sorted(times) for name, times in found.items()}
 
     def _last_retained(self, log_ns: int, selection: Selection) -> list[TopicItem]:
         """Of each retained topic that the selection takes its last message up to a log time."""

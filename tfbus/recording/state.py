@@ -20,7 +20,8 @@ MOST_GONE = 1000
 class BusState:
     """The state after the items that were taken.
 
-    `statics` are the static transforms by the name of their stream, `retained` the last messages of
+    `statics` are the static transforms by the name of their stream, those that changed last at the
+    end, `retained` the last messages of
     topics that are retained, `streams` and `nodes` the events that describe them; `gone` are the
     streams that have gone, whose frames are still shown: the last thousand. Of nodes that have gone
     the last thousand are known too.
@@ -37,7 +38,9 @@ class BusState:
     def apply(self, item: Item) -> None:
         """Apply an item; items come in order of their log times."""
         if isinstance(item, TransformItem):
-            if item.static:
+            if item.static and not self.says(item):
+                # Of two streams that set one frame the last to send counts.
+                self.statics.pop(item.stream.name, None)
                 self.statics[item.stream.name] = item
         elif isinstance(item, EventItem):
             self._apply_event(item)

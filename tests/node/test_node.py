@@ -381,6 +381,16 @@ class TestActions:
         assert not first.ended
         second.cancel()
 
+    def test_a_goal_without_a_callback_goes_on(
+        self, other: Node, handles: list[GoalHandle]
+    ) -> None:
+        """And the client, which cancels it, learns so."""
+        sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
+        (handle,) = eventually(lambda: handles)
+        assert not sent.cancel(timeout_s=DEADLINE_S)
+        handle.succeed(RotateAbsolute.Result(1))
+        assert sent.result(timeout_s=DEADLINE_S).status == "succeeded"
+
     @pytest.mark.parametrize("is_taken", [True, False])
     def test_a_coroutine_may_cancel(
         self, other: Node, handles: list[GoalHandle], *, is_taken: bool

@@ -73,7 +73,7 @@ class GoalHandle:
         self.active = True
         self._name = name
         self._query = query
-        self._on_cancel: Callable[[], object] = lambda: None
+        self._on_cancel: Callable[[], object] = lambda: False
         self._is_accepted = False
         # Guards the query: one thread may answer while another one ends it.
         self._lock = scheduler.RLock()
@@ -81,7 +81,7 @@ class GoalHandle:
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. If
-        it returns False, the goal goes on. It may be an `async def`.
+        it returns False, or without a callback, the goal goes on. It may be an `async def`.
         """
         check_callback("on_cancel(callback)", callback)
         self._on_cancel = callback

@@ -183,6 +183,7 @@ class StreamWatch:
     def _evict(self, name: str) -> None:
         """Forget a stream that is long gone."""
         state = self._states.pop(name)
+        self.rejected.pop(name, None)
         if self._wanted is not None:
             self._wanted.forget(state.key)
 

@@ -270,6 +270,25 @@ def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watchi
     )
 
 
+def test_what_was_counted_of_a_stream_is_forgotten_with_it(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many names a peer makes up."""
+    monkeypatch.setattr(watch, "MOST_GONE", 2)
+    watching, session = Watching(bus.node("watcher")), bus.node("sim").session
+    for number in range(5):
+        key = f"@tfbus/stream/made_up{number}"
+        token = session.token(key)
+        publisher = declare_retained_publisher(session, key)
+        count = watching.watch.rejected
+        put_until(
+            publisher, b"nonsense", lambda key=key, count=count: count[key.rpartition("/")[2]]
+        )
+        token.close()
+        eventually(lambda: watching.alive() == [])
+    assert watching.watch.rejected.keys() - {""} == {"made_up3", "made_up4"}
+
+
 @pytest.mark.real
 def test_publishers_that_join_later_are_described_too(bus: Bus) -> None:
     """A publisher whose link opens after the watch starts is known with its description."""
